@@ -1,0 +1,1 @@
+"""Speed, measured by hand and by `make bench`; never a timed test."""

@@ -1,0 +1,87 @@
+"""Run every benchmark and write docs/results/bench.json: `python -m benchmarks [WORD ...] [--threads N]`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+RESULT = HERE.parent / "docs" / "results" / "bench.json"
+
+
+def collect(words: list[str]) -> dict[str, Callable[[], float]]:
+    """Gather the cases of all bench_*.py whose file or case name holds one of the words (all without words)."""
+    found: dict[str, Callable[[], float]] = {}
+    for path in sorted(HERE.glob("bench_*.py")):
+        try:
+            cases = importlib.import_module(f"benchmarks.{path.stem}").cases()
+        except ImportError as error:
+            sys.stderr.write(f"{path.stem}: left out, {error}\n")
+            continue
+        for name, measure in cases.items():
+            if not words or any(word in f"{path.stem} {name}" for word in words):
+                found[name] = measure
+    return found
+
+
+def machine() -> dict[str, object]:
+    """Describe what the figures were measured on."""
+    import torch
+
+    facts: dict[str, object] = {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "torch_threads": torch.get_num_threads(),
+        "load_1min_before": round(os.getloadavg()[0], 2),
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+    }
+    if torch.cuda.is_available():
+        facts["gpu"] = torch.cuda.get_device_name()
+    return facts
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def main() -> int:
+    """Measure, print one line a case, and merge the figures into the result file."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("words", nargs="*", help="run only cases whose file or name holds one of these")
+    parser.add_argument("--out", type=Path, default=RESULT)
+    options = parser.parse_args()
+    facts = machine()
+    figures: dict[str, float] = {}
+    failed = False
+    for name, measure in collect(options.words).items():
+        try:
+            figures[name] = round(float(measure()), 4)
+        except Exception as error:
+            sys.stderr.write(f"{name}: failed, {type(error).__name__}: {error}\n")
+            failed = True
+            continue
+        sys.stdout.write(f"{name:56s} {figures[name]:12.4g}\n")
+        sys.stdout.flush()
+    kept: dict[str, float] = {}
+    if options.words and options.out.is_file():
+        kept = json.loads(options.out.read_text(encoding="utf-8"))["cases"]
+    command = "make bench" if not options.words else f"python -m benchmarks {' '.join(options.words)}"
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    result = {"command": command, "machine": facts, "cases": kept | figures}
+    options.out.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

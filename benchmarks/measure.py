@@ -1,0 +1,28 @@
+"""Medians of repeated measurements, and the figures they are compared with."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+
+
+def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2) -> float:
+    """Time a piece of work.
+
+    Args:
+        work: What to time; called `warm_up + repeats` times.
+        repeats: Number of timed calls.
+        warm_up: Calls before, for compilation and caches.
+
+    Returns:
+        Median wall time of one call [ms].
+    """
+    for _ in range(warm_up):
+        work()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return 1000 * statistics.median(times)

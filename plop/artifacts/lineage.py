@@ -1,0 +1,175 @@
+"""Lineage: which artifacts an artifact comes from, whether it is stale, and how two differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.manifest import content_files
+from plop.artifacts.store import Artifact, Store
+from plop.errors import PlopError
+
+Key = tuple[str, str]
+RawDigest = Callable[[Artifact, str, Path], str | None]
+"""(artifact, input name, raw path) -> digest of the content that is there now; None when nobody can tell."""
+
+
+def parents(artifact: Artifact) -> dict[str, Key]:
+    """Give the artifacts that were read, by input name; raw inputs are left out."""
+    return {name: (str(facts["stage"]), str(facts["fingerprint"]))
+            for name, facts in artifact.manifest.inputs.items() if "fingerprint" in facts}  # fmt: skip
+
+
+def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:
+    """Give an artifact and all it comes from, as far as it is among the known ones."""
+    seen: set[Key] = set()
+    todo = [artifact]
+    while todo:
+        current = todo.pop()
+        if current.key not in seen:
+            seen.add(current.key)
+            seen.update(key for key in parents(current).values() if key not in known)
+            todo += [known[key] for key in parents(current).values() if key in known]
+    return seen
+
+
+def raw_path(store: Store, artifact: Artifact, name: str) -> Path | None:
+    """Tell where a raw input was when the artifact was made."""
+    where = artifact.manifest.provenance.get("raw_paths", {}).get(name)
+    return None if where is None else store.workspace / where
+
+
+def stale_reasons(
+    store: Store, artifacts: list[Artifact], versions: Mapping[str, int], raw_digest: RawDigest
+) -> dict[Key, str]:
+    """Say why artifacts no longer show the present state of the workspace; current ones are left out.
+
+    An artifact is stale when its stage has a new version, a raw input has changed or gone, an input is
+    gone, was made again with another content, is stale itself, or was replaced by a more recent artifact
+    of the same stage and environment.
+
+    Args:
+        store: The workspace.
+        artifacts: All artifacts, least recently used first.
+        versions: Version of each stage as the code has it now.
+        raw_digest: Digest of a raw input as it is now.
+    """
+    by_key = {a.key: a for a in artifacts}
+    newest: dict[tuple[str, str], Artifact] = {(a.key[0], a.manifest.environment): a for a in artifacts}
+    reasons: dict[Key, str] = {}
+    visited: set[Key] = set()
+
+    def visit(artifact: Artifact) -> None:
+        if artifact.key in visited:
+            return
+        visited.add(artifact.key)
+        for key in parents(artifact).values():
+            if key in by_key:
+                visit(by_key[key])
+        reason = own_reason(artifact)
+        if reason:
+            reasons[artifact.key] = reason
+
+    def own_reason(artifact: Artifact) -> str | None:
+        manifest = artifact.manifest
+        version = versions.get(manifest.stage)
+        if version is not None and version != manifest.stage_version:
+            return f"the stage is now version {version}, this is of version {manifest.stage_version}"
+        for name, facts in manifest.inputs.items():
+            if "fingerprint" in facts:
+                reason = _input_reason(name, facts, by_key, newest, reasons)
+            else:
+                reason = _raw_reason(store, artifact, name, facts, raw_digest)
+            if reason:
+                return reason
+        return None
+
+    for artifact in artifacts:
+        visit(artifact)
+    return reasons
+
+
+def _input_reason(
+    name: str,
+    facts: Mapping[str, Any],
+    by_key: Mapping[Key, Artifact],
+    newest: Mapping[tuple[str, str], Artifact],
+    reasons: Mapping[Key, str],
+) -> str | None:
+    key = (str(facts["stage"]), str(facts["fingerprint"]))
+    source = by_key.get(key)
+    if source is None:
+        return f"its {name} {key[0]}@{key[1][:8]} is gone"
+    if source.content != facts["content"]:
+        return f"its {name} {source.address} was made again and differs"
+    if key in reasons:
+        return f"its {name} {source.address} is stale"
+    latest = newest[(key[0], source.manifest.environment)]
+    if latest.content != source.content and not _differ_in_seed_only(latest, source):
+        return f"its {name} {source.address} was replaced by {latest.address}"
+    return None
+
+
+def _differ_in_seed_only(one: Artifact, two: Artifact) -> bool:
+    """Two seeds of the same thing stand side by side; neither replaces the other."""
+    a, b = one.manifest, two.manifest
+    seedless = [{key: value for key, value in m.config.items() if key != "seed"} for m in (a, b)]
+    return a.config != b.config and seedless[0] == seedless[1] and a.inputs == b.inputs
+
+
+def _raw_reason(
+    store: Store, artifact: Artifact, name: str, facts: Mapping[str, Any], raw_digest: RawDigest
+) -> str | None:
+    path = raw_path(store, artifact, name)
+    if path is None:
+        return None
+    if not path.exists():
+        return None  # raw data may be unplugged once it has been ingested
+    try:
+        now = raw_digest(artifact, name, path)
+    except (PlopError, OSError) as error:
+        return f"its {name} folder cannot be read: {error}"
+    return None if now in (None, facts["content"]) else f"the files in its {name} folder have changed"
+
+
+def first_difference(store: Store, one: Artifact, two: Artifact) -> str | None:
+    """Name the first thing, from the raw data on, in which two artifacts differ; None when they are equal."""
+    a, b = one.manifest, two.manifest
+    pair = f"{one.address} and {two.address}"
+    if a.stage != b.stage:
+        return f"{pair} are of different stages: {a.stage}, {b.stage}"
+    for name in sorted(a.inputs.keys() | b.inputs.keys()):
+        difference = _input_difference(store, one, two, name)
+        if difference:
+            return difference
+    if a.stage_version != b.stage_version:
+        return f"{pair}: stage version {a.stage_version}, {b.stage_version}"
+    for key in sorted(a.config.keys() | b.config.keys()):
+        left, right = a.config.get(key, "(absent)"), b.config.get(key, "(absent)")
+        if left != right:
+            return f"{pair}: setting {a.stage}.{key} = {left!r}, {right!r}"
+    left_files, right_files = content_files(a), content_files(b)
+    for name in sorted(left_files.keys() | right_files.keys()):
+        if left_files.get(name) != right_files.get(name):
+            where = "in both" if name in left_files and name in right_files else "only in one"
+            return f"{pair}: same settings and inputs, but {name} differs ({where}): the stage is not deterministic"
+    return None
+
+
+def _input_difference(store: Store, one: Artifact, two: Artifact, name: str) -> str | None:
+    a, b = one.manifest.inputs.get(name), two.manifest.inputs.get(name)
+    pair = f"{one.address} and {two.address}"
+    if a is None or b is None:
+        return f"{pair}: only {(two if a is None else one).address} was given an input {name}"
+    if a["content"] == b["content"]:
+        return None
+    if "fingerprint" not in a or "fingerprint" not in b:
+        sources = ", ".join(str(facts.get("name", facts.get("stage"))) for facts in (a, b))
+        return f"{pair}: the raw input {name} differs ({sources})"
+    if a["stage"] != b["stage"]:
+        return f"{pair}: {name} comes from {a['stage']}, {b['stage']}"
+    left, right = store.get(a["stage"], a["fingerprint"]), store.get(b["stage"], b["fingerprint"])
+    if left is None or right is None or left.key == right.key:
+        return f"{pair}: {name} = {a['stage']}@{a['fingerprint'][:8]}, {b['stage']}@{b['fingerprint'][:8]}"
+    return first_difference(store, left, right)

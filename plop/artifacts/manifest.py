@@ -1,0 +1,98 @@
+"""The manifest: what an artifact is, how it was made and what it holds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from plop.errors import PlopError
+
+MANIFEST_SCHEMA = 1
+"""Raised when older code could no longer read the manifest."""
+
+MANIFEST_NAME = "manifest.json"
+
+LOGS = ("tensorboard/", "logs/")
+"""Folders of a payload that hold clocks and hosts: kept and verified, but no part of the content."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Everything that is known of one artifact, stored as manifest.json beside its payload."""
+
+    stage: str
+    fingerprint: str
+    """Hash of stage, stage version, configuration and input contents; the artifact's address."""
+    stage_version: int
+    config: dict[str, Any]
+    """Resolved configuration, seed included."""
+    inputs: dict[str, dict[str, Any]]
+    """Per input: {"stage", "fingerprint", "content"} for an artifact, {"name", "content"} for a raw path."""
+    files: dict[str, str] = field(default_factory=dict)
+    """Payload: relative path -> sha256 of the content."""
+    summary: dict[str, Any] = field(default_factory=dict)
+    """Figures, table and warnings of the stage."""
+    provenance: dict[str, Any] = field(default_factory=dict)
+    """Versions, seconds taken, time of day, raw paths: facts that are not part of the fingerprint."""
+    schema: int = MANIFEST_SCHEMA
+    sizes: dict[str, int] = field(default_factory=dict)
+    """Payload: relative path -> bytes, the cheap half of a check."""
+    environment: str = ""
+    """What the artifact is about, e.g. "prism-jelly"; handed down from the inputs."""
+
+    @property
+    def address(self) -> str:
+        """Short address for people, e.g. `train@3f9a1c04`."""
+        return f"{self.stage}@{self.fingerprint[:8]}"
+
+
+def content_files(manifest: Manifest) -> dict[str, str]:
+    """Give the files that make up the content: all but the logs."""
+    return {name: digest for name, digest in manifest.files.items() if not name.startswith(LOGS)}
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write manifest.json into an artifact's folder."""
+    text = json.dumps(asdict(manifest), indent=1, sort_keys=True)
+    (folder / MANIFEST_NAME).write_text(text + "\n", encoding="utf-8")
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read manifest.json from an artifact's folder.
+
+    Raises:
+        PlopError: It is missing, damaged, or written by a newer plop.
+    """
+    path = folder / MANIFEST_NAME
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        schema = int(facts["schema"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise PlopError(
+            "The artifact's manifest cannot be read.",
+            where=path,
+            expected="the manifest.json that plop wrote",
+            found=f"{type(error).__name__}: {error}",
+            fix=f"Remove the folder {folder.name} and run its stage again.",
+        ) from error
+    if schema > MANIFEST_SCHEMA:
+        raise PlopError(
+            "The artifact was written by a newer plop.",
+            where=path,
+            expected=f"manifest schema {MANIFEST_SCHEMA} or older",
+            found=f"manifest schema {schema}",
+            fix="Update plop, or make the artifact again with this version.",
+        )
+    known = {f.name for f in fields(Manifest)}
+    try:
+        manifest = Manifest(**{key: value for key, value in facts.items() if key in known})
+    except TypeError as error:
+        raise PlopError("The artifact's manifest is incomplete.", where=path, found=str(error),
+                        fix=f"Remove the folder {folder.name} and run its stage again.") from error  # fmt: skip
+    for name in manifest.files:
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+            raise PlopError("The artifact's manifest names a file outside its folder.", where=path,
+                            expected="relative paths", found=name, fix="Do not use this artifact.")  # fmt: skip
+    return manifest

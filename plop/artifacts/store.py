@@ -1,0 +1,237 @@
+"""The store: artifacts of one workspace, found by address, added whole or not at all.
+
+artifacts/<stage>/<fingerprint>/            manifest.json and the payload
+artifacts/<stage>/.partial-<fingerprint>/   scratch folder of a run that goes on or was killed
+artifacts/names.json                        names given with --name
+artifacts/journal.jsonl                     what was made or asked for, in order
+artifacts/.cache/, artifacts/.locks/        may be removed when nothing runs
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+
+from plop.artifacts.digest import DigestCache, content_digest, file_digest
+from plop.artifacts.journal import Event, Journal
+from plop.artifacts.lock import locked
+from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
+from plop.errors import PlopError
+
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """One finished artifact."""
+
+    path: Path
+    """Its folder: the payload with manifest.json in it."""
+    manifest: Manifest
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Stage and fingerprint."""
+        return self.manifest.stage, self.manifest.fingerprint
+
+    @property
+    def address(self) -> str:
+        """Short address, e.g. `train@3f9a1c04`."""
+        return self.manifest.address
+
+    @property
+    def content(self) -> str:
+        """Digest of the payload without its logs, as the manifest gives it."""
+        return content_digest(content_files(self.manifest))
+
+
+class Store:
+    """The artifacts below one workspace folder."""
+
+    def __init__(self, workspace: str | Path = ".") -> None:
+        self.workspace = Path(workspace).resolve()
+        self.root = self.workspace / "artifacts"
+        self.cache = DigestCache(self.root / ".cache" / "digests.json")
+        self.journal = Journal(self.root / "journal.jsonl")
+
+    def lock_path(self, stage: str, fingerprint: str) -> Path:
+        """Give the lock file of one fingerprint."""
+        return self.root / ".locks" / f"{stage}-{fingerprint}"
+
+    def final_path(self, stage: str, fingerprint: str) -> Path:
+        """Give the folder where an artifact lives once it is whole."""
+        return self.root / stage / fingerprint
+
+    def get(self, stage: str, fingerprint: str) -> Artifact | None:
+        """Give an artifact by its full fingerprint, None when it is not there."""
+        folder = self.final_path(stage, fingerprint)
+        return Artifact(folder, read_manifest(folder)) if folder.is_dir() else None
+
+    def artifacts(self, *stages: str) -> list[Artifact]:
+        """List the readable artifacts of the stages (of all without arguments), least recently used first."""
+        found = []
+        for folder in self._folders(stages):
+            try:
+                found.append(Artifact(folder, read_manifest(folder)))
+            except PlopError:
+                continue  # `unreadable` reports it; one bad artifact must not block the others
+        order = self.journal.order()
+        return sorted(found, key=lambda a: (order.get(a.key, -1), str(a.manifest.provenance.get("made", ""))))
+
+    def unreadable(self) -> dict[Path, PlopError]:
+        """List artifacts whose manifest is missing, damaged or too new."""
+        problems = {}
+        for folder in self._folders(()):
+            try:
+                read_manifest(folder)
+            except PlopError as error:
+                problems[folder] = error
+        return problems
+
+    def _folders(self, stages: tuple[str, ...]) -> list[Path]:
+        if not self.root.is_dir():
+            return []
+        roots = [self.root / name for name in stages] if stages else sorted(self.root.iterdir())
+        return [folder for root in roots if _visible_folder(root)
+                for folder in sorted(root.iterdir()) if _visible_folder(folder)]  # fmt: skip
+
+    def find(self, address: str) -> Artifact:
+        """Resolve `train@3f9a1c`, `train@latest` or a name.
+
+        Raises:
+            PlopError: Nothing fits, or several do.
+        """
+        if "@" not in address:
+            names = self.names()
+            if address not in names:
+                raise self._unknown(address, list(names))
+            address = names[address]
+        stage, _, prefix = address.partition("@")
+        if prefix == "latest":
+            known = self.artifacts(stage)
+            if not known:
+                raise PlopError(f"There is no artifact of `{stage}` in this workspace.", where=self.root,
+                                fix=f"Run `plop {stage}` first, or choose the workspace with -w.")  # fmt: skip
+            return known[-1]
+        fits = [folder for folder in self._folders((stage,)) if prefix and folder.name.startswith(prefix)]
+        if len(fits) == 1:
+            return Artifact(fits[0], read_manifest(fits[0]))
+        if fits:
+            raise PlopError("The address fits several artifacts.", where=address, expected="a longer prefix",
+                            found=", ".join(f"{stage}@{folder.name}" for folder in fits))  # fmt: skip
+        raise self._unknown(address, [a.address for a in self.artifacts()])
+
+    def _unknown(self, address: str, known: list[str]) -> PlopError:
+        close = get_close_matches(address, known, n=3) or known[-5:]
+        return PlopError(
+            f"There is no artifact {address!r} in this workspace.",
+            where=self.root,
+            expected="stage@prefix, stage@latest or a name given with --name",
+            found=f"nothing; perhaps {', '.join(close)}" if close else "nothing",
+            fix="`plop status` lists what is there; -w chooses another workspace.",
+        )
+
+    def names(self) -> dict[str, str]:
+        """Give all names: name -> full address."""
+        path = self.root / "names.json"
+        if not path.exists():
+            return {}
+        try:
+            return {str(k): str(v) for k, v in json.loads(path.read_text(encoding="utf-8")).items()}
+        except (OSError, ValueError, AttributeError) as error:
+            raise PlopError("The names of artifacts cannot be read.", where=path, found=str(error),
+                            fix="Remove the file; artifacts stay and can be named again.") from error  # fmt: skip
+
+    def set_name(self, name: str, artifact: Artifact) -> None:
+        """Name an artifact; a name that was used before moves to the new one."""
+        check_name(name)
+        with locked(self.root / ".locks" / "names"):
+            names = self.names() | {name: "@".join(artifact.key)}
+            draft = self.root / "names.json.tmp"
+            draft.write_text(json.dumps(names, indent=1, sort_keys=True), encoding="utf-8")
+            os.replace(draft, self.root / "names.json")
+
+    def scratch(self, stage: str, fingerprint: str, *, fresh: bool = False) -> Path:
+        """Give the scratch folder of a fingerprint, with what a killed run left unless `fresh`. Hold its lock."""
+        folder = self.root / stage / f".partial-{fingerprint}"
+        set_aside = self.root / stage / f".old-{fingerprint}"
+        final = self.final_path(stage, fingerprint)
+        if set_aside.exists():  # killed inside `commit`: either the new one is in place, or the old one goes back
+            if final.exists():
+                shutil.rmtree(set_aside)
+            else:
+                os.replace(set_aside, final)
+        if fresh and folder.exists():
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    def commit(self, scratch: Path, manifest: Manifest) -> Artifact:
+        """Turn a scratch folder into an artifact: hash the payload, write the manifest, rename. Hold its lock.
+
+        Hidden entries and `*.tmp` files belong to the run and are dropped.
+        """
+        _drop_traces(scratch)
+        files, sizes = {}, {}
+        for path in sorted(scratch.rglob("*")):
+            if path.is_symlink():
+                raise PlopError("A stage left a link in its payload.", where=path, expected="files and folders")
+            if path.is_file() and path != scratch / MANIFEST_NAME:
+                name = path.relative_to(scratch).as_posix()
+                _flush(path)
+                files[name], sizes[name] = file_digest(path), path.stat().st_size
+        whole = replace(manifest, files=files, sizes=sizes)
+        write_manifest(scratch, whole)
+        _flush(scratch / MANIFEST_NAME)
+        final = self.final_path(manifest.stage, manifest.fingerprint)
+        set_aside = final.with_name(f".old-{manifest.fingerprint}")
+        if final.exists():
+            os.replace(final, set_aside)
+        os.replace(scratch, final)
+        shutil.rmtree(set_aside, ignore_errors=True)
+        return Artifact(final, whole)
+
+    def record(self, artifact: Artifact, seconds: float | None) -> None:
+        """Make an artifact the latest of its stage; a journal that cannot be written is no error."""
+        try:
+            self.journal.append(Event(*artifact.key, seconds))
+        except OSError:
+            return
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that could be mistaken for an address or a path.
+
+    Raises:
+        PlopError: It could.
+    """
+    if not NAME_PATTERN.fullmatch(name) or name == "latest":
+        raise PlopError("This cannot be the name of an artifact.", where=name,
+                        expected="letters, digits, '.', '_' and '-', beginning with a letter or digit")  # fmt: skip
+
+
+def _visible_folder(path: Path) -> bool:
+    return path.is_dir() and not path.name.startswith(".")
+
+
+def _drop_traces(scratch: Path) -> None:
+    for path in sorted(scratch.rglob("*")):
+        if path.name.startswith(".") or path.suffix == ".tmp":
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    """Wait until a file is on the disk, so that a power cut cannot leave a finished artifact without content."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

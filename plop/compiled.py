@@ -1,0 +1,75 @@
+"""How numba kernels are compiled, and how they share the cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import count
+from typing import Any
+
+import numba
+import torch
+
+FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
+"""Allowed floating-point freedoms; NaN and infinity keep their meaning."""
+PARTS_PER_THREAD = 4
+"""Shares of work per thread: enough that a thread slowed down by other programs gets fewer of them."""
+
+Step = tuple[Callable[..., None], tuple[Any, ...]]
+"""A kernel and its arguments after (part, parts)."""
+CROWDED = 1.5
+"""Programs that want to run, per core, above which a single thread is faster: helpers would wait for their turn."""
+
+_pools: dict[int, ThreadPoolExecutor] = {}
+os.register_at_fork(after_in_child=_pools.clear)
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function to machine code on its first call; cached on disk, runs without the interpreter lock.
+
+    The cache notices changes of the file a kernel is in, not of files it calls into, so a kernel calls
+    only functions of its own file.
+    """
+    return numba.njit(fastmath=FAST, error_model="numpy", cache=True, nogil=True)(function)
+
+
+def _threads() -> int:
+    """Give torch's number of threads, or 1 where other programs keep the cores busy; results do not depend on it."""
+    crowded = os.getloadavg()[0] > CROWDED * (os.cpu_count() or 1)
+    return 1 if crowded else torch.get_num_threads()
+
+
+def run_parallel(steps: Sequence[Step], *, parts: int | None = None) -> None:
+    """Run kernels share by share on as many threads as torch uses, at most; returns when all is done.
+
+    A thread takes a share, runs every step on it, and takes the next one; so step 2 must need only the same
+    share of what step 1 wrote. Plain threads, not numba's `prange`: that needs a threading layer (open3d
+    brings a TBB too old for it), its OpenMP layer changes torch's number of threads and forbids forks, and
+    its barriers wait for threads that other programs have pushed aside.
+
+    Args:
+        steps: Kernels f(part, parts, *args) that release the interpreter lock.
+        parts: Number of shares; PARTS_PER_THREAD for each thread when absent.
+    """
+    threads = _threads()
+    parts = parts or (PARTS_PER_THREAD * threads if threads > 1 else 1)
+    shares = count()
+
+    def work() -> None:
+        while (part := next(shares)) < parts:
+            for function, arguments in steps:
+                function(part, parts, *arguments)
+
+    helpers = min(threads, parts) - 1
+    if helpers < 1:
+        return work()
+    if helpers not in _pools:
+        _pools[helpers] = ThreadPoolExecutor(helpers, thread_name_prefix="kernels")
+    pool = _pools[helpers]
+    started = [pool.submit(work) for _ in range(helpers)]
+    work()
+    started = [future for future in started if not future.cancel()]
+    wait(started)
+    for future in started:
+        future.result()

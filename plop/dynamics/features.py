@@ -1,0 +1,111 @@
+"""What a particle tells the network about itself (PLOP, Eq. 16-17).
+
+`paper`: opacity, log-volume (the paper's det(S S^T) spans ten decades), motion of the last step and a flag
+that it exists. `contact` adds what decides the motion near a tool: the place relative to the tool, the tool's
+motion at this place, the side of the cut, and the height above the table.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from plop.dynamics.frames import StepFrame
+from plop.dynamics.interface import ParticleState, ToolStep
+from plop.geometry.rigid import matrix_to_quat, rotation_vector_from_quat
+
+FeatureSet = Literal["paper", "contact"]
+OBJECT_FEATURES: dict[str, int] = {"paper": 9, "contact": 23}
+TOOL_FEATURES = 8
+
+
+def tool_rotation_vector(action: ToolStep) -> Tensor:
+    """Rotation of the tool over the step as a rotation vector in the world, shape [3] [rad]."""
+    turn = action.next_world_from_tool[:3, :3] @ action.world_from_tool[:3, :3].T
+    return rotation_vector_from_quat(matrix_to_quat(turn))
+
+
+def rigid_displacement(points: Tensor, action: ToolStep) -> Tensor:
+    """Displacement that world points would have if they moved with the tool, shape [N, 3] [m]."""
+    change = action.next_world_from_tool @ torch.linalg.inv(action.world_from_tool)
+    return points @ change[:3, :3].T + change[:3, 3] - points
+
+
+def object_features(
+    state: ParticleState, action: ToolStep, frame: StepFrame, *, length_m: float, motion_m: float, kind: FeatureSet
+) -> Tensor:
+    """Encode the object's particles.
+
+    Args:
+        state: The particles.
+        action: The tool's motion in this step.
+        frame: The frame in which the network sees the step.
+        length_m: Size of the object, unit of places [m].
+        motion_m: Typical motion in a step, unit of displacements [m].
+        kind: Which features.
+
+    Returns:
+        Features of order 1, shape [N, OBJECT_FEATURES[kind]].
+    """
+    gaussians = state.gaussians
+    log_volume = gaussians.scales.clamp_min(1e-9).log().sum(-1, keepdim=True) - 3 * torch.log(
+        torch.tensor(length_m / 30)
+    )
+    flag = torch.full_like(log_volume, float(state.has_history))
+    columns = [
+        gaussians.opacities[:, None],
+        log_volume / 3,
+        frame.vectors_in(state.last_translation) / motion_m,
+        frame.vectors_in(state.last_rotation) * frame.handedness * 10,
+        flag,
+    ]
+    if kind == "contact":
+        columns += _contact_features(gaussians.means, state.side, action, frame, length_m, motion_m)
+    return torch.cat(columns, dim=-1)
+
+
+def _contact_features(
+    means: Tensor, side: Tensor, action: ToolStep, frame: StepFrame, length_m: float, motion_m: float
+) -> list[Tensor]:
+    pose = action.world_from_tool.to(means)
+    center = pose[:3, :3] @ action.tool.center.to(means) + pose[:3, 3]
+    axes = pose[:3, :3] @ action.tool.axes.to(means)
+    local = (means - center) @ axes
+    half = action.tool.half_extent.to(means)
+    outside = (local.abs() - half).clamp_min(0) * local.sign()
+    gap = frame.vectors_in(outside @ axes.T)
+    place = frame.points_in(means)
+    # The side is told along the frame's x axis, so that it means the same in a mirrored frame.
+    normal_x = frame.vectors_in(axes[:, 0])[0].sign()
+    moved = frame.vectors_in(rigid_displacement(means, action))
+    distance = outside.norm(dim=-1, keepdim=True)
+    return [
+        place / length_m,
+        gap / length_m,
+        torch.exp(-distance / (0.1 * length_m)),
+        torch.exp(-distance / (0.03 * length_m)),
+        moved / motion_m,
+        (side * normal_x)[:, None],
+        (center[2] - half.max() - frame.origin[2]).expand(len(means), 1) / length_m,
+        (means[:, 2:] - center[2:]) / length_m,
+    ]
+
+
+def tool_features(points: Tensor, action: ToolStep, frame: StepFrame, *, motion_m: float) -> Tensor:
+    """Encode points of the tool: presence, its motion and its rotation in this step.
+
+    Args:
+        points: World points of the tool, shape [M, 3] [m].
+        action: The step.
+        frame: The frame in which the network sees it.
+        motion_m: Unit of displacements [m].
+
+    Returns:
+        Shape [M, TOOL_FEATURES].
+    """
+    ones = points.new_ones(len(points), 1)
+    moved = frame.vectors_in(rigid_displacement(points, action)) / motion_m
+    turn = frame.vectors_in(tool_rotation_vector(action).to(points)) * frame.handedness * 10
+    return torch.cat([ones, moved, turn.expand(len(points), 3), ones * action.dt_s * 10], dim=-1)

@@ -1,0 +1,55 @@
+"""A grid that follows the object: its box, padded to the stride of the network.
+
+Grids whose nodes lie at whole multiples of the spacing in the frame of the tool see the tool always
+at the same place in a cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class GridBox:
+    """Where the nodes of a batch of grids lie."""
+
+    origin: Tensor
+    """Position of node (0, 0, 0) of each grid, shape [B, 3] [m]."""
+    spacing_m: float
+    shape: tuple[int, int, int]
+    """Nodes along x, y, z: the same for the whole batch, multiples of the stride."""
+
+    @property
+    def size(self) -> int:
+        """Nodes of one grid."""
+        return self.shape[0] * self.shape[1] * self.shape[2]
+
+
+def fit_grid(
+    positions: Tensor, batch: Tensor, batches: int, spacing_m: float, *, stride: int, room: int = 2
+) -> GridBox:
+    """Lay one grid around the particles of each batch entry.
+
+    Args:
+        positions: Particles, shape [N, 3] [m].
+        batch: Entry of each particle, shape [N], int64.
+        batches: Number of entries B.
+        spacing_m: Distance of two nodes [m].
+        stride: The shape is padded to a multiple of this.
+        room: Cells kept free around the particles.
+
+    Returns:
+        Grids of a common shape, origins at whole multiples of the spacing.
+    """
+    cells = (positions.detach() / spacing_m).floor()
+    low = cells.new_full((batches, 3), torch.inf)
+    high = -low
+    index = batch[:, None].expand(-1, 3)
+    low = low.scatter_reduce(0, index, cells, "amin") - room
+    high = high.scatter_reduce(0, index, cells, "amax") + room + 1
+    extent = (high - low).amax(0) + 1
+    padded = [int(-(-int(n) // stride) * stride) for n in extent]
+    return GridBox(low * spacing_m, spacing_m, (padded[0], padded[1], padded[2]))

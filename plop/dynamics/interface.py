@@ -1,0 +1,71 @@
+"""One way to predict, whatever predicts: the learned model, a baseline, the physics engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from plop.gaussians.state import Gaussians
+from plop.geometry.tool import ToolGeometry
+
+
+@dataclass(frozen=True)
+class ParticleState:
+    """What a dynamics model carries from frame to frame."""
+
+    gaussians: Gaussians
+    last_translation: Tensor
+    """Motion of each mean over the last step, shape [N, 3] [m]; zero at the first frame."""
+    last_rotation: Tensor
+    """Rotation vector of each Gaussian over the last step, world frame, shape [N, 3] [rad]."""
+    side: Tensor
+    """Side of the cut on which a Gaussian lies, shape [N], -1, 0 (no blade has passed yet) or 1."""
+    has_history: bool
+    """False at the first frame, where the motion of the last step means nothing."""
+
+    def select(self, index: Tensor) -> ParticleState:
+        """Take a subset of the Gaussians with everything that belongs to them."""
+        return ParticleState(self.gaussians.select(index), self.last_translation[index], self.last_rotation[index],
+                             self.side[index], self.has_history)  # fmt: skip
+
+    def detach(self) -> ParticleState:
+        """Copy without gradient history."""
+        return ParticleState(self.gaussians.detach(), self.last_translation.detach(), self.last_rotation.detach(),
+                             self.side, self.has_history)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ToolStep:
+    """The action of one step: the tool's pose before and after."""
+
+    tool: ToolGeometry
+    world_from_tool: Tensor
+    """Pose at the start of the step, shape [4, 4]."""
+    next_world_from_tool: Tensor
+    """Pose at its end, shape [4, 4]."""
+    dt_s: float
+    """Duration of the step [s]."""
+    table_z_m: float | None
+    """Height of the table [m], None when there is none."""
+
+
+class DynamicsModel(Protocol):
+    """Predict the next state: prediction, opacity update, merging and splitting (PLOP, Eq. 13)."""
+
+    def step(
+        self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
+    ) -> ParticleState:
+        """Advance one frame; the number of Gaussians may change.
+
+        `generator` draws whatever is random (the displacement of a split).
+        """
+        ...
+
+
+def at_rest(gaussians: Gaussians) -> ParticleState:
+    """Start a rollout from Gaussians without history."""
+    zeros = torch.zeros_like(gaussians.means)
+    return ParticleState(gaussians, zeros, zeros, zeros[:, 0], has_history=False)

@@ -1,0 +1,60 @@
+"""Resampling: merge Gaussians of low opacity, split long ones (PLOP, Sec. III-F)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from plop.dynamics.interface import ParticleState
+from plop.gaussians.merge import merge
+from plop.gaussians.split import split
+
+
+@dataclass(frozen=True)
+class ResamplingConfig:
+    """When Gaussians merge and split."""
+
+    enabled: bool = True
+    """Off: the set of Gaussians never changes (the comparison in docs/results.md)."""
+    merge_below: float = 0.05
+    """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor [-]."""
+    split_above: float = 4.0
+    """Ratio tau_s of longest to shortest axis above which a Gaussian splits [-]."""
+    form: Literal["moments", "paper"] = "moments"
+    """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28 as printed."""
+    max_count: int = 20000
+    """No split beyond this many Gaussians."""
+
+
+def resample(
+    state: ParticleState, config: ResamplingConfig, *, generator: torch.Generator | None = None
+) -> ParticleState:
+    """Apply R^m, then R^s; motion and side follow the lineage.
+
+    Args:
+        state: Predicted state with updated opacities.
+        config: Thresholds.
+        generator: Draws the displacement of the splits.
+
+    Returns:
+        The resampled state; the same object when nothing merges or splits.
+    """
+    if not config.enabled:
+        return state
+    merged, kept = merge(state.gaussians, config.merge_below, form=config.form)
+    if len(kept) != len(state.gaussians):
+        state = replace(state.select(kept), gaussians=merged)
+    divided, parents = split(
+        state.gaussians, config.split_above, form=config.form, generator=generator, max_count=config.max_count
+    )
+    if len(parents) != len(state.gaussians):
+        state = replace(state.select(parents), gaussians=divided)
+    return state
+
+
+def effective_sample_size(opacities: Tensor) -> Tensor:
+    """Count the Gaussians that matter: (sum w)^2 / sum w^2 of the opacities, in [1, N]."""
+    return opacities.sum().square() / opacities.square().sum().clamp_min(1e-12)

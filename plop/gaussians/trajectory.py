@@ -1,0 +1,167 @@
+"""Trajectory files: Gaussians over time in one HDF5 file, any number of them in each frame.
+
+Layout (schema 1; metres, world frame):
+
+    /                               attributes: schema, units="m"
+    /<group>/<frame>/means          [N, 3] float32    also quats [N, 4] wxyz, scales [N, 3], opacities [N]
+    /<group>/<frame>/ids            [N] int64, lineage: the ancestor at frame 0
+    /<group>/<frame>/sh             [N, K, 3] float32, only where it differs from the frame before;
+                                    elsewhere the attribute sh_frame names the frame that holds it
+    /<group>/<frame>/extra/<name>   whatever else was given for this frame
+
+Groups are kinds of states, e.g. "states" of a rollout, "predicted" and "updated" of a filter.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from plop.errors import PlopError
+from plop.gaussians.state import Gaussians
+
+TRAJECTORY_SCHEMA = 1
+_FIELDS = ("means", "quats", "scales", "opacities")
+
+
+class TrajectoryWriter:
+    """Write a trajectory; use as a context manager. The file appears when the block ends without error."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._temporary = self.path.with_name(self.path.name + ".tmp")
+        self._file = h5py.File(self._temporary, "w", track_order=False)
+        self._file.attrs["schema"] = TRAJECTORY_SCHEMA
+        self._file.attrs["units"] = "m"
+        self._last_sh: dict[str, tuple[int, Tensor]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if kind is None:
+            os.replace(self._temporary, self.path)
+        else:
+            self._temporary.unlink(missing_ok=True)
+
+    def append(self, group: str, frame: int, gaussians: Gaussians, **extra: Tensor | np.ndarray) -> None:
+        """Add one frame to a group.
+
+        Args:
+            group: Kind of state, e.g. "states".
+            frame: Index of the recording's frame; each may be written once a group.
+            gaussians: N Gaussians.
+            extra: Further arrays of this frame, any shape.
+
+        Raises:
+            PlopError: The frame is there already.
+        """
+        if f"{group}/{frame}" in self._file:
+            raise PlopError("A frame was written twice.", where=f"{self.path}:/{group}/{frame}")
+        gaussians = gaussians.detach().to("cpu")
+        node = self._file.create_group(f"{group}/{frame}")
+        for name in _FIELDS:
+            _store(node, name, getattr(gaussians, name).float().numpy())
+        _store(node, "ids", gaussians.ids.long().numpy())
+        self._store_sh(node, group, frame, gaussians.sh.float())
+        for name, values in extra.items():
+            array = values.detach().cpu().numpy() if isinstance(values, Tensor) else np.asarray(values)
+            _store(node, f"extra/{name}", array)
+
+    def _store_sh(self, node: h5py.Group, group: str, frame: int, sh: Tensor) -> None:
+        last = self._last_sh.get(group)
+        if last is not None and torch.equal(last[1], sh):
+            node.attrs["sh_frame"] = last[0]
+            return
+        _store(node, "sh", sh.numpy())
+        self._last_sh[group] = (frame, sh.clone())
+
+
+def _store(node: h5py.Group, name: str, array: np.ndarray) -> None:
+    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if array.size else {}
+    node.create_dataset(name, data=array, track_times=False, **packing)
+
+
+class Trajectory:
+    """Read a trajectory, one frame at a time; use as a context manager or call `close`."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise PlopError("There is no such trajectory.", where=self.path, expected="an HDF5 trajectory",
+                            found="no file", fix="Run the stage that writes it, or correct the path.")  # fmt: skip
+        try:
+            self._file = h5py.File(self.path, "r")
+        except OSError as error:
+            raise PlopError("The trajectory cannot be opened.", where=self.path, expected="a complete HDF5 file",
+                            found=str(error), fix="Run the stage that writes it again.") from error  # fmt: skip
+        schema = int(self._file.attrs.get("schema", -1))
+        if schema != TRAJECTORY_SCHEMA:
+            self._file.close()
+            raise PlopError("The trajectory has another schema.", where=self.path,
+                            expected=f"schema {TRAJECTORY_SCHEMA}", found=f"schema {schema}",
+                            fix="Update plop." if schema > TRAJECTORY_SCHEMA else "Write it again.")  # fmt: skip
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def groups(self) -> list[str]:
+        """Kinds of states in the file, sorted."""
+        return sorted(self._file)
+
+    def frames(self, group: str) -> list[int]:
+        """Frames of a group, ascending; empty for an unknown group."""
+        return sorted(int(frame) for frame in self._file[group]) if group in self._file else []
+
+    def read(self, group: str, frame: int) -> Gaussians:
+        """Read one frame's Gaussians in float32.
+
+        Raises:
+            PlopError: There is no such frame, or it is incomplete.
+        """
+        node = self._node(group, frame)
+        holder = self._node(group, int(node.attrs["sh_frame"])) if "sh_frame" in node.attrs else node
+        arrays = {name: torch.from_numpy(self._array(node, name)) for name in (*_FIELDS, "ids")}
+        return Gaussians(sh=torch.from_numpy(self._array(holder, "sh")), **arrays)
+
+    def extra(self, group: str, frame: int, name: str) -> Tensor:
+        """Read what was stored beside one frame's Gaussians.
+
+        Raises:
+            PlopError: There is nothing of this name.
+        """
+        return torch.from_numpy(self._array(self._node(group, frame), f"extra/{name}"))
+
+    def _node(self, group: str, frame: int) -> h5py.Group:
+        if f"{group}/{frame}" not in self._file:
+            frames = self.frames(group)
+            known = f"frames {frames[0]} to {frames[-1]}" if frames else f"one of the groups {', '.join(self.groups)}"
+            raise PlopError("The trajectory has no such frame.", where=f"{self.path}:/{group}/{frame}",
+                            expected=known, found=f"frame {frame}")  # fmt: skip
+        return self._file[f"{group}/{frame}"]
+
+    def _array(self, node: h5py.Group, name: str) -> np.ndarray:
+        if name not in node:
+            raise PlopError("The trajectory is incomplete.", where=f"{self.path}:{node.name}/{name}",
+                            expected="this array", found=", ".join(node))  # fmt: skip
+        return np.asarray(node[name][()])

@@ -1,0 +1,220 @@
+"""Find calibration boards in images and calibrate intrinsics (OpenCV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from plop.errors import PlopError
+
+IMAGE_KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+MIN_CORNERS = 6
+"""Fewer corners of a ChArUco board than this are not used."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat calibration board."""
+
+    kind: str
+    """"chessboard", "charuco", or "marker" (one ArUco tag)."""
+    columns: int = 0
+    """Squares along x; of a chessboard the inner corners are one fewer."""
+    rows: int = 0
+    """Squares along y."""
+    square_m: float = 0.0
+    """Edge of a square; of a marker its own edge [m]."""
+    marker_m: float = 0.0
+    """Edge of the ArUco markers in a ChArUco board [m]."""
+    dictionary: str = "DICT_4X4_50"
+    """OpenCV's name of the ArUco dictionary."""
+    marker_id: int = 0
+    """Of a single marker."""
+
+    def check(self) -> None:
+        """Raise a PlopError when the description cannot be."""
+        if self.kind not in ("chessboard", "charuco", "marker"):
+            raise PlopError("The kind of board is unknown.", expected="chessboard, charuco or marker", found=self.kind)
+        if self.kind != "marker" and (self.columns < 3 or self.rows < 3):
+            raise PlopError("The board has too few squares.", expected="at least 3 x 3 squares",
+                            found=f"{self.columns} x {self.rows}")  # fmt: skip
+        if not 0 < self.square_m < 1:
+            raise PlopError("A square of the board has an impossible size.", expected="metres, below 1",
+                            found=f"{self.square_m}", fix="Give metres, not millimetres.")  # fmt: skip
+        if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
+            raise PlopError("The markers of a ChArUco board are smaller than its squares.",
+                            expected=f"0 < marker < {self.square_m} m", found=f"{self.marker_m} m")  # fmt: skip
+        if self.kind != "chessboard" and not hasattr(cv2.aruco, self.dictionary):
+            raise PlopError("The ArUco dictionary is unknown.", expected="a name as OpenCV's DICT_4X4_50",
+                            found=self.dictionary)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Corners of the board in one image."""
+
+    object_points: np.ndarray
+    """[N, 3] float32, on the board, z = 0 [m]"""
+    image_points: np.ndarray
+    """[N, 2] float32 [px], OpenCV's convention: pixel centres at integers"""
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """The result of calibrating a camera."""
+
+    matrix: np.ndarray
+    """K, shape [3, 3] [px], OpenCV's convention: pixel centres at integers"""
+    distortion: np.ndarray
+    """k1, k2, p1, p2, k3"""
+    rms_px: float
+    """Root mean square reprojection error over all corners [px]."""
+    width: int
+    height: int
+    used: list[str]
+    """Images in which the board was found."""
+    missed: list[str]
+    """Images in which it was not."""
+
+    @property
+    def half_integer_matrix(self) -> np.ndarray:
+        """K in plop's convention (pixel centres at half-integers), shape [3, 3] [px]."""
+        out = self.matrix.copy()
+        out[:2, 2] += 0.5
+        return out
+
+
+def find_board(image: np.ndarray, board: Board) -> Corners | None:
+    """Find a board in an image.
+
+    Args:
+        image: Grey [H, W] or colour [H, W, 3], uint8.
+        board: What to look for.
+
+    Returns:
+        Its corners, refined below a pixel; None when it is not there.
+    """
+    board.check()
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    finder = {"chessboard": _chessboard, "charuco": _charuco, "marker": _marker}[board.kind]
+    return finder(grey, board)
+
+
+def _chessboard(grey: np.ndarray, board: Board) -> Corners | None:
+    size = (board.columns - 1, board.rows - 1)
+    found, corners = cv2.findChessboardCorners(grey, size)
+    if not found:
+        return None
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.001)
+    corners = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), criteria)
+    grid = np.zeros((size[0] * size[1], 3), np.float32)
+    grid[:, :2] = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2) * board.square_m
+    return Corners(grid, corners.reshape(-1, 2))
+
+
+def _dictionary(board: Board) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+
+
+def _charuco(grey: np.ndarray, board: Board) -> Corners | None:
+    pattern = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_m, board.marker_m, _dictionary(board))
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(pattern).detectBoard(grey)
+    if ids is None or len(ids) < MIN_CORNERS:
+        return None
+    grid = pattern.getChessboardCorners()[ids.reshape(-1)]
+    return Corners(np.asarray(grid, np.float32), corners.reshape(-1, 2).astype(np.float32))
+
+
+def _marker(grey: np.ndarray, board: Board) -> Corners | None:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    corners, ids, _ = cv2.aruco.ArucoDetector(_dictionary(board), parameters).detectMarkers(grey)
+    for corner, found in zip(corners, [] if ids is None else ids.reshape(-1), strict=True):
+        if found == board.marker_id:
+            half = board.square_m / 2
+            square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]], np.float32)
+            return Corners(square, corner.reshape(4, 2).astype(np.float32))
+    return None
+
+
+def board_pose(corners: Corners, matrix: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, float]:
+    """Place a board before the camera.
+
+    Args:
+        corners: Of one image.
+        matrix: K, shape [3, 3], pixel centres at integers [px].
+        distortion: OpenCV's coefficients.
+
+    Returns:
+        cam_from_board, shape [4, 4] [m], and the root mean square reprojection error [px].
+
+    Raises:
+        PlopError: No pose fits the corners.
+    """
+    flag = cv2.SOLVEPNP_IPPE_SQUARE if len(corners.object_points) == 4 else cv2.SOLVEPNP_IPPE
+    found, rotation, translation = cv2.solvePnP(corners.object_points, corners.image_points, matrix, distortion,
+                                                flags=flag)  # fmt: skip
+    if not found:
+        raise PlopError("No pose of the board fits its corners.", found=f"{len(corners.object_points)} corners")
+    rotation, translation = cv2.solvePnPRefineLM(corners.object_points, corners.image_points, matrix, distortion,
+                                                 rotation, translation)  # fmt: skip
+    drawn, _ = cv2.projectPoints(corners.object_points, rotation, translation, matrix, distortion)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rotation)[0], translation.reshape(3)
+    error = np.linalg.norm(drawn.reshape(-1, 2) - corners.image_points, axis=1)
+    return pose, float(np.sqrt(np.mean(error**2)))
+
+
+def read_images(folder: Path) -> dict[str, np.ndarray]:
+    """Read all images of a folder in the order of their names, colour BGR uint8.
+
+    Raises:
+        PlopError: There is no folder, no image, or one is damaged.
+    """
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_KINDS) if folder.is_dir() else []
+    if not paths:
+        raise PlopError("There are no images.", where=folder, expected=f"files {', '.join(IMAGE_KINDS)}",
+                        found="none" if folder.is_dir() else "no such folder")  # fmt: skip
+    images = {}
+    for path in paths:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise PlopError("An image cannot be read.", where=path, expected="a whole image file",
+                            fix="Copy it again or delete it.")  # fmt: skip
+        images[path.name] = image
+    return images
+
+
+def calibrate_intrinsics(images: dict[str, np.ndarray], board: Board, *, where: str | Path = "") -> Intrinsics:
+    """Calibrate a camera from images of a board (Zhang 2000, as in OpenCV's calibrateCamera).
+
+    Args:
+        images: Name -> image, all of one size, uint8.
+        board: The board in them; not a single marker.
+        where: Folder, named in errors.
+
+    Raises:
+        PlopError: Sizes differ, or the board is found in fewer than three images.
+    """
+    sizes = {image.shape[:2] for image in images.values()}
+    if len(sizes) != 1:
+        raise PlopError("Images of one camera have different sizes.", where=where, expected="one size",
+                        found=", ".join(f"{w}x{h}" for h, w in sorted(sizes)) or "no image")  # fmt: skip
+    found = {name: find_board(image, board) for name, image in images.items()}
+    usable: Sequence[Corners] = [corners for corners in found.values() if corners is not None]
+    if len(usable) < 3:
+        raise PlopError("The board is found in too few images.", where=where, expected="at least 3 images",
+                        found=f"{len(usable)} of {len(images)}",
+                        fix=f"Check kind, squares ({board.columns} x {board.rows}) and dictionary of the board, "
+                            "and that the whole board is sharp.")  # fmt: skip
+    height, width = sizes.pop()
+    rms, matrix, distortion, _, _ = cv2.calibrateCamera([c.object_points for c in usable],
+                                                        [c.image_points for c in usable], (width, height),
+                                                        None, None)  # fmt: skip
+    used = [name for name, corners in found.items() if corners is not None]
+    return Intrinsics(matrix, distortion.reshape(-1), float(rms), width, height, used,
+                      [name for name in images if name not in used])  # fmt: skip

@@ -1,0 +1,129 @@
+"""Rigid transforms on numpy arrays and quaternions on torch tensors.
+
+A transform `world_from_cam` is a 4x4 matrix that takes camera coordinates to
+world coordinates: X_world = world_from_cam @ X_cam. Quaternions are wxyz.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+
+def invert_rigid(transform: np.ndarray) -> np.ndarray:
+    """Invert rigid transforms without a general matrix inverse.
+
+    Args:
+        transform: Rigid 4x4 matrices, shape [..., 4, 4], translation in metres.
+
+    Returns:
+        Inverse transforms, shape [..., 4, 4].
+    """
+    rotation = np.swapaxes(transform[..., :3, :3], -1, -2)
+    out = np.zeros_like(transform)
+    out[..., :3, :3] = rotation
+    out[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation, transform[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def transform_points(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Move points by one rigid transform.
+
+    Args:
+        transform: Shape [4, 4].
+        points: Shape [..., 3], metres.
+
+    Returns:
+        Moved points, shape [..., 3], metres.
+    """
+    return points @ transform[:3, :3].T + transform[:3, 3]
+
+
+def pose_from_quat_wxyz(position: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
+    """Build 4x4 poses from positions [..., 3] (metres) and quaternions [..., 4] (wxyz)."""
+    quat = np.asarray(quat_wxyz, dtype=np.float64)
+    out = np.zeros((*quat.shape[:-1], 4, 4))
+    xyzw = quat[..., [1, 2, 3, 0]].reshape(-1, 4)
+    out[..., :3, :3] = Rotation.from_quat(xyzw).as_matrix().reshape(*quat.shape[:-1], 3, 3)
+    out[..., :3, 3] = position
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def pose_from_euler_xyz(pose6: np.ndarray) -> np.ndarray:
+    """Build 4x4 poses from [x, y, z, a, b, c]: metres and extrinsic xyz Euler angles in radians.
+
+    This is DROID's convention for camera and flange poses.
+    """
+    pose6 = np.asarray(pose6, dtype=np.float64)
+    out = np.zeros((*pose6.shape[:-1], 4, 4))
+    rotation = Rotation.from_euler("xyz", pose6[..., 3:].reshape(-1, 3)).as_matrix()
+    out[..., :3, :3] = rotation.reshape(*pose6.shape[:-1], 3, 3)
+    out[..., :3, 3] = pose6[..., :3]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def quat_to_matrix(quats: Tensor) -> Tensor:
+    """Turn quaternions (wxyz, any length but zero) into rotation matrices, [..., 4] -> [..., 3, 3]."""
+    w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return torch.stack(rows, dim=-1).reshape(*quats.shape[:-1], 3, 3)
+
+
+def matrix_to_quat(matrices: Tensor) -> Tensor:
+    """Turn rotation matrices into unit quaternions wxyz with w >= 0, [..., 3, 3] -> [..., 4]; no gradient."""
+    flat = matrices.detach().cpu().double().reshape(-1, 3, 3).numpy()
+    xyzw = Rotation.from_matrix(flat).as_quat() if len(flat) else np.zeros((0, 4))
+    wxyz = torch.from_numpy(xyzw[:, [3, 0, 1, 2]])
+    wxyz = torch.where(wxyz[:, :1] < 0, -wxyz, wxyz)
+    return wxyz.to(matrices).reshape(*matrices.shape[:-2], 4)
+
+
+def quat_multiply(left: Tensor, right: Tensor) -> Tensor:
+    """Compose rotations: the result rotates by `right` first, then by `left`; shapes [..., 4], wxyz."""
+    lw, lx, ly, lz = left.unbind(-1)
+    rw, rx, ry, rz = right.unbind(-1)
+    return torch.stack(
+        [
+            lw * rw - lx * rx - ly * ry - lz * rz,
+            lw * rx + lx * rw + ly * rz - lz * ry,
+            lw * ry - lx * rz + ly * rw + lz * rx,
+            lw * rz + lx * ry - ly * rx + lz * rw,
+        ],
+        dim=-1,
+    )
+
+
+def quat_conjugate(quats: Tensor) -> Tensor:
+    """Invert unit quaternions, [..., 4] -> [..., 4], wxyz."""
+    return quats * quats.new_tensor([1.0, -1.0, -1.0, -1.0])
+
+
+def quat_from_rotation_vector(vectors: Tensor) -> Tensor:
+    """Turn rotation vectors (axis times angle, radians) into unit quaternions, [..., 3] -> [..., 4].
+
+    Smooth at zero: sin(a/2)/a is replaced by its series below 1e-4 rad.
+    """
+    squared = vectors.square().sum(-1, keepdim=True)
+    safe = squared.clamp_min(1e-12).sqrt()
+    small = squared < 1e-8
+    factor = torch.where(small, 0.5 - squared / 48, torch.sin(safe / 2) / safe)
+    real = torch.where(small, 1 - squared / 8, torch.cos(safe / 2))
+    return torch.nn.functional.normalize(torch.cat([real, factor * vectors], dim=-1), dim=-1)
+
+
+def rotation_vector_from_quat(quats: Tensor) -> Tensor:
+    """Turn unit quaternions into rotation vectors with angle in [0, pi], [..., 4] -> [..., 3]."""
+    quats = torch.where(quats[..., :1] < 0, -quats, quats)
+    length = quats[..., 1:].norm(dim=-1, keepdim=True)
+    angle = 2 * torch.atan2(length, quats[..., :1])
+    factor = torch.where(length < 1e-7, torch.full_like(length, 2.0), angle / length.clamp_min(1e-12))
+    return factor * quats[..., 1:]

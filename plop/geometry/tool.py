@@ -1,0 +1,91 @@
+"""The tool as a rigid body: its mesh, its distance field and, for a blade, its mid-surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial import ConvexHull
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class ToolGeometry:
+    """A rigid tool described in its own frame."""
+
+    vertices: Tensor
+    """Mesh vertices, shape [V, 3] [m]."""
+    faces: Tensor
+    """Triangles, shape [F, 3], int64."""
+    center: Tensor
+    """Middle of the bounding box along the principal axes, shape [3] [m]."""
+    axes: Tensor
+    """Principal axes as columns, shortest extent first, shape [3, 3]; column 0 is a blade's normal."""
+    half_extent: Tensor
+    """Half the extent along each axis, ascending, shape [3] [m]."""
+    outline: Tensor
+    """Convex outline of the tool seen along column 0, counter-clockwise in (axes 1, 2), shape [K, 2] [m]."""
+
+    @classmethod
+    def from_mesh(cls, vertices: np.ndarray, faces: np.ndarray) -> ToolGeometry:
+        """Measure a mesh: principal axes from its convex hull, outline from its projection.
+
+        Args:
+            vertices: Shape [V, 3], metres.
+            faces: Shape [F, 3].
+        """
+        vertices = np.asarray(vertices, dtype=np.float64)
+        hull = vertices[ConvexHull(vertices).vertices]
+        _, _, rows = np.linalg.svd(hull - hull.mean(0), full_matrices=False)
+        spans = np.ptp(hull @ rows.T, axis=0)
+        axes = rows[np.argsort(spans)].T
+        if np.linalg.det(axes) < 0:
+            axes[:, 2] *= -1
+        local = vertices @ axes
+        low, high = local.min(0), local.max(0)
+        flat = (local - (low + high) / 2)[:, 1:]
+        outline = flat[ConvexHull(flat).vertices]
+        tensors = (vertices, axes @ ((low + high) / 2), axes, (high - low) / 2, outline)
+        vert, center, axis, half, line = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
+        return cls(vert, torch.as_tensor(np.asarray(faces), dtype=torch.int64), center, axis, half, line)
+
+    def to_blade(self, points_tool: Tensor) -> Tensor:
+        """Express points of the tool's frame along its principal axes, shape [..., 3] -> [..., 3] [m].
+
+        Coordinate 0 is the signed distance to the mid-plane of a blade.
+        """
+        return (points_tool - self.center.to(points_tool)) @ self.axes.to(points_tool)
+
+    def inside_outline(self, points: Tensor, margin_m: float) -> Tensor:
+        """Tell which points (axes 1, 2; shape [..., 2]) lie inside the outline widened by the margin [m]."""
+        corners = self.outline.to(points)
+        edge = corners.roll(-1, 0) - corners
+        outward = torch.stack([edge[:, 1], -edge[:, 0]], -1) / edge.norm(dim=-1, keepdim=True)
+        distance = ((points[..., None, :] - corners) * outward).sum(-1)
+        return (distance <= margin_m).all(-1)
+
+    def surface_points(self, count: int) -> Tensor:
+        """Spread points over the surface by area, the same ones each time.
+
+        Args:
+            count: Number of points.
+
+        Returns:
+            Points in the tool's frame, shape [count, 3] [m].
+        """
+        corners = self.vertices[self.faces]
+        area = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=-1)
+        place = (torch.arange(count) + 0.5) / count
+        face = torch.searchsorted((area.cumsum(0) / area.sum()).contiguous(), place.to(area)).clamp_max(len(area) - 1)
+        # Two irrational steps give an even, repeatable spread inside the triangles (R2 sequence).
+        step = torch.arange(count, dtype=torch.float64)
+        u, v = (0.5 + 0.7548776662466927 * step) % 1, (0.5 + 0.5698402909980532 * step) % 1
+        root = u.sqrt()
+        weights = torch.stack([1 - root, root * (1 - v), root * v], dim=-1).to(corners)
+        return (corners[face] * weights[..., None]).sum(1)
+
+    def to(self, device: torch.device | str) -> ToolGeometry:
+        """Copy on another device."""
+        names = ("vertices", "faces", "center", "axes", "half_extent", "outline")
+        return ToolGeometry(*(getattr(self, name).to(device) for name in names))

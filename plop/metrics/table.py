@@ -1,0 +1,152 @@
+"""Tables of results over environments, from the scores.json files of `plop eval`.
+
+    {"environments": {"prism-jelly": {"plop": {"cd_mm": {"mean", "low", "high", "n"}, ...,
+                                               "end": {"cd_mm": {...}, ...},
+                                               "start": {...}},
+                                      "persistence": ..., "rigid": ...}, ...}, ...}
+
+The scores right under a method are means over the predicted frames of the test episodes;
+"end" holds the last frame, "start" the given frame 0, which is the floor.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from plop.errors import PlopError
+from plop.metrics.bootstrap import bootstrap_interval
+from plop.metrics.frame import HIGHER_IS_BETTER, mean_defined
+
+COLUMNS = {"cd_mm": ("CD [mm]", 2), "emd_mm": ("EMD [mm]", 2), "hd_mm": ("HD [mm]", 1), "ssim": ("SSIM", 3),
+           "psnr_db": ("PSNR [dB]", 2), "lpips": ("LPIPS", 3), "j_score": ("J", 3), "f_score": ("F", 3),
+           "truth_rms_mm": ("nodes [mm]", 2)}  # fmt: skip
+"""Columns of a printed table: heading and digits."""
+_BEGIN, _END = "<!-- {name}:begin -->", "<!-- {name}:end -->"
+
+Scores = Mapping[str, Path | Sequence[Path]]
+
+
+def collect(
+    scores: Scores, *, command: str = "", versions: Mapping[str, str] | None = None, seeds: Sequence[int] = ()
+) -> dict[str, Any]:
+    """Gather the scores of several environments.
+
+    Args:
+        scores: Per environment its scores.json, or one per training seed; seeds are averaged
+            within each episode, so that episodes stay the units of the interval.
+        command: Command that made them.
+        versions: Versions of the software.
+        seeds: Seeds of the runs.
+
+    Returns:
+        The content of docs/results/disect.json.
+
+    Raises:
+        PlopError: A file is missing or is not scores.json.
+    """
+    environments: dict[str, Any] = {}
+    conventions: dict[str, str] = {}
+    for environment, paths in scores.items():
+        reports = [_read(path) for path in ([paths] if isinstance(paths, Path) else paths)]
+        conventions |= reports[0]["conventions"]
+        environments[environment] = _environment(reports)
+    facts = {"command": command, "versions": dict(versions or {}), "seeds": list(seeds), "conventions": conventions}
+    return facts | {"environments": environments, "mean": _mean_improvement(environments)}
+
+
+def to_markdown(results: Mapping[str, Any], *, part: str = "episode") -> str:
+    """Print a table, environment by environment, as "mean [low, high]".
+
+    Args:
+        results: From `collect`.
+        part: "episode", "end" or "start".
+
+    Returns:
+        A Markdown table; a dash is undefined or unavailable.
+    """
+    rows = [(name, method, entry if part == "episode" else entry[part])
+            for name, methods in results["environments"].items() for method, entry in methods.items()]  # fmt: skip
+    shown = [metric for metric in COLUMNS if any(row[2].get(metric) for row in rows)]
+    lines = ["| " + " | ".join(["environment", "method", "n", *(COLUMNS[metric][0] for metric in shown)]) + " |"]
+    lines.append("|---|---|---|" + "---|" * len(shown))
+    for name, method, entry in rows:
+        count = max((cell["n"] for cell in map(entry.get, shown) if cell), default=0)
+        cells = [_cell(entry.get(metric), COLUMNS[metric][1]) for metric in shown]
+        lines.append("| " + " | ".join([name, method, str(count), *cells]) + " |")
+    return "\n".join(lines)
+
+
+def replace_between_markers(page: str, name: str, text: str) -> str:
+    """Put text between the markers of this name in a page; raises a PlopError without them."""
+    begin, end = _BEGIN.format(name=name), _END.format(name=name)
+    if page.count(begin) != 1 or page.count(end) != 1 or page.index(begin) > page.index(end):
+        raise PlopError("The page has no place for this table.", expected=f"{begin} ... {end}, once",
+                        found=f"{page.count(begin)} and {page.count(end)} of them")  # fmt: skip
+    return page[: page.index(begin) + len(begin)] + f"\n{text}\n" + page[page.index(end) :]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        report = json.loads(path.read_text())
+        if {"methods", "episodes", "conventions"} <= report.keys():
+            return report
+        found = f"keys {', '.join(report)}"
+    except (OSError, ValueError, AttributeError) as error:
+        found = str(error)
+    raise PlopError("These are not scores.", where=path, expected="scores.json of `plop eval`", found=found,
+                    fix="Run `plop eval`.")  # fmt: skip
+
+
+def _environment(reports: list[dict[str, Any]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for method, parts in reports[0]["methods"].items():
+        per_part = {
+            part: {metric: _interval(reports, method, part, metric) for metric in metrics}
+            for part, metrics in parts.items()
+        }
+        table[method] = per_part.pop("episode") | per_part
+    return table
+
+
+def _interval(reports: list[dict[str, Any]], method: str, part: str, metric: str) -> dict | None:
+    names = list(dict.fromkeys(name for report in reports for name in report["episodes"]))
+    values = [
+        mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names
+    ]  # fmt: skip
+    found = bootstrap_interval(values, seed=reports[0].get("seed", 0))
+    return None if found is None else asdict(found)
+
+
+def _score(report: dict[str, Any], name: str, method: str, part: str, metric: str) -> float | None:
+    return report["episodes"].get(name, {}).get(method, {}).get(part, {}).get(metric)
+
+
+def _mean_improvement(environments: Mapping[str, Any]) -> dict[str, Any]:
+    """Average over environments how far each method's error is below persistence's [%]."""
+    out: dict[str, Any] = {}
+    for part in ("episode", "end"):
+        gains: dict[str, dict[str, list[float]]] = {}
+        for methods in environments.values():
+            for method, entry in methods.items():
+                for metric in COLUMNS.keys() - HIGHER_IS_BETTER:
+                    cells = [(e if part == "episode" else e[part]).get(metric) for e in (entry, methods["persistence"])]
+                    if method != "persistence" and all(cells) and cells[1]["mean"] > 0:
+                        gain = 100 * (1 - cells[0]["mean"] / cells[1]["mean"])
+                        gains.setdefault(method, {}).setdefault(metric, []).append(gain)
+        out[part] = {
+            method: {metric: round(sum(values) / len(values), 2) for metric, values in sorted(found.items())}
+            for method, found in gains.items()
+        }
+    return {"better_than_persistence_percent": out}
+
+
+def _cell(interval: Mapping[str, Any] | None, digits: int) -> str:
+    if interval is None:
+        return "-"
+    if interval["low"] is None:
+        return f"{interval['mean']:.{digits}f}"
+    return f"{interval['mean']:.{digits}f} [{interval['low']:.{digits}f}, {interval['high']:.{digits}f}]"

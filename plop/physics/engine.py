@@ -1,0 +1,204 @@
+"""The engine's running state: particles sorted along x, the grid around them, one time step after the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from plop.physics import grid, tool_contact, toughness, transfer
+from plop.physics.config import EngineConfig
+from plop.physics.material import Material
+from plop.physics.particles import Particles
+from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
+
+_MARGIN = 3
+"""Free cells between the particles and the end of the grid."""
+_MAX_NODES = 30_000_000
+_PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius")
+
+
+class UnstableStepError(Exception):
+    """A step in which a particle ran away; carries the reason."""
+
+
+def stable_step_s(material: Material, config: EngineConfig, speed_m_s: float = 0.0) -> float:
+    """Give the longest time step that waves, viscosity and motion allow [s].
+
+    A pressure wave and the fastest body cross `courant` cells a step; an explicit viscous step obeys
+    dt <= 0.1 dx^2 density / viscosity.
+    """
+    if config.dt_s is not None:
+        return config.dt_s
+    step = config.courant * config.dx_m / (material.wave_speed_m_s + speed_m_s)
+    if material.viscosity_pa_s > 0:
+        step = min(step, 0.1 * config.dx_m**2 * material.density_kg_m3 / material.viscosity_pa_s)
+    return step
+
+
+class Engine:
+    """Particles and grid of one run; `plop.physics.solver.simulate` is the way in."""
+
+    def __init__(self, particles: Particles, material: Material, tool: ToolMotion | None, config: EngineConfig) -> None:
+        self.material, self.tool, self.config = material, tool, config
+        count = len(particles)
+        self.x = np.array(particles.positions, np.float32)
+        self.v = _given(particles.velocities, np.zeros((count, 3)))
+        self.c = _given(particles.affine, np.zeros((count, 3, 3)))
+        self.f = _given(particles.F, np.tile(np.eye(3), (count, 1, 1)))
+        self.volume = np.array(particles.volumes, np.float32)
+        self.mass = (self.volume * material.density_kg_m3).astype(np.float32)
+        self.radius = _given(particles.radii, 0.5 * np.cbrt(self.volume))
+        sides = np.zeros(count) if particles.sides is None else np.asarray(particles.sides)
+        self.side, self.fixed = (sides < 0).astype(np.int64), sides != 0
+        self.cut = np.zeros(count, bool) if particles.passed is None else np.array(particles.passed, bool)
+        self.number = np.arange(count)
+        self.steps, self.halvings = 0, 0
+        self._travelled, self._room = np.inf, 0
+        self._constants()
+        self._base_step_s = stable_step_s(material, config, self._highest_speed())
+
+    def _constants(self) -> None:
+        """Hold what the kernels need in their own number type."""
+        material, config, tool = self.material, self.config, self.tool
+        self._shape = None if tool is None else ToolShape.from_mesh(tool.vertices, tool.faces,
+                                                                    thin_below_m=1.5 * config.dx_m)  # fmt: skip
+        self._kind = int(ToolKind.NONE if self._shape is None else self._shape.kind)
+        self._faces = np.zeros((1, 4), np.float32) if self._shape is None else self._shape.faces
+        self._thickness = np.zeros(4, np.float32) if self._shape is None else self._shape.thickness
+        self._elastic = (int(material.law), np.float32(material.shear_pa), np.float32(material.lame_pa),
+                         np.float32(material.viscosity_pa_s))  # fmt: skip
+        self._friction = np.array([material.table_friction, material.tool_friction, material.cut_friction], np.float32)
+        self._gravity = np.array(config.gravity_m_s2, np.float32)
+        table = -np.inf if config.table_z_m is None else config.table_z_m + 1e-6
+        self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)
+        self._density = np.float32(material.density_kg_m3)
+
+    def _highest_speed(self) -> float:
+        speed = float(np.linalg.norm(self.v, axis=1).max())
+        if self.tool is not None and len(self.tool.times) > 1:
+            path = np.linalg.norm(np.diff(self.tool.world_from_tool[:, :3, 3], axis=0), axis=1)
+            speed = max(speed, float((path / np.diff(self.tool.times)).max()))
+        return speed
+
+    @property
+    def longest_step_s(self) -> float:
+        """Longest time step taken [s]."""
+        return self._base_step_s / 2**self.halvings
+
+    def save(self) -> dict[str, Any]:
+        """Copy what `advance` changes."""
+        return {name: getattr(self, name).copy() for name in _PER_PARTICLE}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back to a saved state."""
+        for name, value in saved.items():
+            setattr(self, name, value.copy())
+        self._travelled = np.inf
+
+    def advance(self, start_s: float, end_s: float) -> np.ndarray:
+        """Advance from one time to the next in equal steps.
+
+        Returns:
+            Mean force on the object from table and tool, shape [2, 3] [N].
+
+        Raises:
+            UnstableStepError: A particle moved too far, lost its volume or is no number any more.
+        """
+        count = max(1, int(np.ceil((end_s - start_s) / self.longest_step_s - 1e-6)))
+        dt = (end_s - start_s) / count
+        poses = np.zeros((count, 6, 3), np.float32)
+        if self.tool is not None and self._shape is not None:
+            poses = kernel_poses(self._shape, self.tool, start_s + dt * (np.arange(count) + 0.5))
+        impulse = np.zeros((2, 3))
+        for pose in poses:
+            impulse += self._step(pose, dt)
+        return impulse / (end_s - start_s)
+
+    def _step(self, pose: np.ndarray, dt: float) -> np.ndarray:
+        if self._travelled > 0.9 * self.config.dx_m:
+            self._place_grid()
+        step, tool = np.float32(dt), (self._kind, pose, self._faces, self._thickness)
+        decay = np.float32(np.exp(-self.material.damping_per_s * dt))
+        if self._kind == ToolKind.BLADE:
+            tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, pose, self._faces, self._thickness,
+                                    np.float32(self.config.band_cells * self._dx), self._bounds)  # fmt: skip
+        transfer.stress_p2g(self.x, self.v, self.c, self.f, self.mass, self.volume, self.side, self.cut, self._bounds,
+                            self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic,
+                            self._chunk_grid, self._chunk_uncut)  # fmt: skip
+        transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
+        impulse = np.zeros((2, 3))
+        if self._shape is not None and self._kind == ToolKind.BLADE and self.material.toughness_j_m2 > 0:
+            impulse[1] = toughness.resist_cut(
+                self._grid, self._uncut, self._origin, self._dims, self._inv_dx, step, pose, self._shape.edges,
+                np.float32(self.material.toughness_j_m2), self._density)  # fmt: skip
+        tool_contact.contact_gaps(self.x, self.radius, self.side, self.cut, self._origin, self._dims, self._inv_dx,
+                                  self._table, *tool, self._gaps)  # fmt: skip
+        grid.grid_velocities(self._grid, self._uncut, self._origin, self._dims, self._dx, step, self._gravity,
+                                self._table, self.config.table_cone == "pyramid", self._friction, *tool, self._density,
+                                self._gaps, self._velocity, self._impulses)  # fmt: skip
+        transfer.g2p(self.x, self.v, self.c, self.f, self.side, self._bounds, self._origin, self._dims, self._inv_dx,
+                     step, self._velocity, self._report)  # fmt: skip
+        self.steps += 1
+        self._check(dt)
+        return impulse + self._impulses.sum(0, dtype=np.float64)
+
+    def _check(self, dt: float) -> None:
+        fastest, smallest = float(self._report[:, 0].max()), float(self._report[:, 1].min())
+        if not (np.isfinite(fastest) and np.isfinite(smallest)):
+            raise UnstableStepError("a speed that is not a number")
+        moved = float(np.sqrt(fastest)) * dt
+        if moved > 0.5 * self.config.dx_m:
+            raise UnstableStepError(f"{np.sqrt(fastest):.3g} m/s, {moved / self.config.dx_m:.2g} cells in one step")
+        if smallest <= 0:
+            raise UnstableStepError("a particle that turned inside out")
+        self._travelled += moved
+
+    def _place_grid(self) -> None:
+        """Sort the particles along x and lay the grid around them, its nodes at multiples of dx above the table."""
+        dx, chunks = self.config.dx_m, self.config.chunks
+        base = np.array([0.0, 0.0, self.config.table_z_m or 0.0])
+        low = np.floor((self.x.min(0) - base) / dx).astype(np.int64) - _MARGIN
+        high = np.ceil((self.x.max(0) - base) / dx).astype(np.int64) + _MARGIN
+        self._origin, self._dims = (base + low * dx).astype(np.float32), high - low + 1
+        nodes = int(np.prod(self._dims))
+        if nodes > _MAX_NODES:
+            raise UnstableStepError(f"particles spread over {nodes / 1e6:.0f} million cells")
+        cell = ((self.x - self._origin) * self._inv_dx).astype(np.int64)
+        order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
+        for name in _PER_PARTICLE:
+            setattr(self, name, np.ascontiguousarray(getattr(self, name)[order]))
+        self._bounds = np.linspace(0, len(self.x), chunks + 1).astype(np.int64)
+        column = cell[order, 0]
+        parts = [column[a:b] for a, b in zip(self._bounds[:-1], self._bounds[1:], strict=True)]
+        self._planes = np.array([[max(part[0] - 2, 0), min(part[-1] + 4, self._dims[0])] if len(part) else [0, 0]
+                                 for part in parts])  # fmt: skip
+        self._travelled = 0.0
+        if nodes > self._room:
+            self._allocate(nodes * 5 // 4)
+        self._impulses = np.zeros((int(self._dims[0]), 2, 3), np.float32)
+
+    def _allocate(self, room: int) -> None:
+        chunks, self._room = self.config.chunks, room
+        self._chunk_grid = np.zeros((chunks, room, 8), np.float32)
+        self._chunk_uncut = np.zeros((chunks, room), np.float32)
+        self._grid, self._uncut = np.zeros((room, 8), np.float32), np.zeros(room, np.float32)
+        self._gaps, self._velocity = np.zeros((room, 3), np.float32), np.zeros((room, 2, 4), np.float32)
+        self._report = np.zeros((chunks, 2), np.float32)
+
+    def snapshot(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Copy positions, deformation gradients and signed sides in the caller's order."""
+        back = np.argsort(self.number)
+        signed = np.where(self.cut, 1 - 2 * self.side, 0).astype(np.int8)
+        return self.x[back], self.f[back], signed[back]
+
+    def state(self) -> Particles:
+        """Copy the whole state in the caller's order; a run can go on from it."""
+        back = np.argsort(self.number)
+        sides = np.where(self.cut | self.fixed, 1 - 2 * self.side, 0)
+        return Particles(self.x[back], self.volume[back], self.v[back], self.f[back], sides[back], self.radius[back],
+                         self.c[back], self.cut[back])  # fmt: skip
+
+
+def _given(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:
+    return np.array(otherwise if values is None else values, np.float32)

@@ -1,0 +1,93 @@
+"""Fill closed surfaces with particles."""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from plop.errors import PlopError
+
+
+def fill_surface(
+    vertices: np.ndarray, faces: np.ndarray, spacing_m: float, *, samples: int = 4, least_share: float = 0.1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Put one particle into every lattice cell that a closed surface encloses.
+
+    A cell that the surface crosses gets a particle at the middle of its inner part, with that part's volume.
+
+    Args:
+        vertices: Shape [V, 3], metres.
+        faces: Triangles of a closed surface, shape [F, 3].
+        spacing_m: Edge of a cell; fitted to the bounding box [m].
+        samples: Points per cell and axis that measure the inner part.
+        least_share: Cells with a smaller share inside are left empty; the others make up for their volume.
+
+    Returns:
+        Positions [N, 3] [m] and volumes [N] [m^3].
+
+    Raises:
+        PlopError: Nothing is inside.
+    """
+    low, high = vertices.min(0), vertices.max(0)
+    counts = np.maximum(1, np.round((high - low) / spacing_m)).astype(int)
+    step = (high - low) / counts
+    corner = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
+    inner = (np.stack(np.meshgrid(*[np.arange(samples)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / samples
+    points = low + (corner[:, None] + inner) * step
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+                        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)))  # fmt: skip
+    inside = scene.compute_occupancy(o3d.core.Tensor.from_numpy(points.astype(np.float32)), nsamples=3).numpy() > 0.5
+    share = inside.mean(1)
+    keep = share >= least_share
+    if not keep.any():
+        raise PlopError("The surface encloses no particle.", expected=f"a closed surface thicker than {spacing_m:g} m",
+                        found=f"a box of {(high - low).round(4).tolist()} m", fix="Lower the spacing.")  # fmt: skip
+    positions = (points[keep] * inside[keep][..., None]).sum(1) / inside[keep].sum(1)[:, None]
+    return positions, share[keep] * step.prod() * (share.sum() / share[keep].sum())
+
+
+def particle_volumes(positions: np.ndarray, *, samples: int = 2, reach: float = 0.8) -> tuple[np.ndarray, float]:
+    """Share the space that a cloud of particles fills among them.
+
+    Sample points that lie within `reach` spacings of a particle belong to the nearest one.
+
+    Args:
+        positions: Shape [N, 3], N >= 2, metres.
+        samples: Sample points per spacing and axis.
+        reach: How far the material of a particle reaches [spacings].
+
+    Returns:
+        Volumes [N] [m^3] and the spacing: the cube root of the median volume [m].
+    """
+    tree = cKDTree(positions)
+    nearest = tree.query(positions, k=2)[0][:, 1]
+    spacing = float(np.cbrt(np.median(np.maximum(nearest, 1e-6) ** 3)))
+    # random points have a nearest neighbour at 0.55, points of a lattice at 1 cube root of the volume of each
+    box = np.ptp(positions, axis=0) + spacing
+    spacing = float(np.clip(spacing, np.cbrt(box.prod() / len(positions)) / 3, np.cbrt(box.prod() / len(positions))))
+    axes = [np.arange(low - spacing, high + spacing, spacing / samples)
+            for low, high in zip(positions.min(0), positions.max(0), strict=True)]  # fmt: skip
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    owner = tree.query(points, distance_upper_bound=reach * spacing)[1]
+    counts = np.bincount(owner[owner < len(positions)], minlength=len(positions))
+    volumes = np.maximum(counts, 0.25) * (spacing / samples) ** 3
+    return volumes, float(np.cbrt(np.median(volumes)))
+
+
+def surface_parts(faces: np.ndarray, count: int) -> np.ndarray:
+    """Number the connected parts of a surface.
+
+    Args:
+        faces: Triangles, shape [F, 3].
+        count: Number of vertices.
+
+    Returns:
+        Part of every vertex, shape [count].
+    """
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1]

@@ -1,0 +1,53 @@
+"""The material points that the engine moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.errors import PlopError
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Where the material is and how it moves; N particles."""
+
+    positions: np.ndarray
+    """[N, 3] [m]."""
+    volumes: np.ndarray
+    """Rest volume, [N] [m^3]; a tiny volume makes a tracer that follows and does not act."""
+    velocities: np.ndarray | None = None
+    """[N, 3] [m/s]; at rest when absent."""
+    F: np.ndarray | None = None
+    """Deformation gradient, [N, 3, 3]; the identity when absent."""
+    sides: np.ndarray | None = None
+    """Side of the cut each particle will be on, [N]: +1 where the blade's normal points, -1 behind it, 0 when
+    the blade itself decides as it passes; all 0 when absent."""
+    radii: np.ndarray | None = None
+    """Distance from a particle to the end of its material, [N] [m]: 0 for particles on the surface;
+    half the cube root of the volume when absent."""
+    affine: np.ndarray | None = None
+    """Local velocity gradient, [N, 3, 3] [1/s]; zero when absent."""
+    passed: np.ndarray | None = None
+    """Whether a blade has passed, [N] bool; none when absent."""
+
+    def __post_init__(self) -> None:
+        positions, volumes = np.asarray(self.positions), np.asarray(self.volumes)
+        if positions.ndim != 2 or positions.shape[1] != 3 or volumes.shape != (len(positions),) or not len(positions):
+            raise PlopError("The particles cannot be used.", where="particles", expected="shapes [N, 3] and [N]",
+                            found=f"{positions.shape}, {volumes.shape}")  # fmt: skip
+        if not np.isfinite(positions).all() or not (np.isfinite(volumes) & (volumes > 0)).all():
+            raise PlopError("The particles cannot be used.", where="particles",
+                            expected="finite positions and positive volumes", found="others")  # fmt: skip
+        if np.ptp(positions, axis=0).max() > 10:
+            raise PlopError("The object is too large.", where="particles", expected="metres, at most 10 m across",
+                            found=f"{np.ptp(positions, axis=0).max():g}", fix="Are these millimetres?")  # fmt: skip
+        for name in ("velocities", "F", "sides", "radii", "affine", "passed"):
+            value = getattr(self, name)
+            if value is not None and (len(value) != len(positions) or not np.isfinite(value).all()):
+                raise PlopError("The particles cannot be used.", where=f"particles.{name}",
+                                expected=f"{len(positions)} finite rows", found=f"{len(value)} rows")  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.positions)

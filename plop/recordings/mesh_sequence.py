@@ -1,0 +1,241 @@
+"""A mesh sequence: the raw recording of a simulator, one animated surface and one moving tool.
+
+    <name>.npz   times [T] s, vertices [T, V, 3] m, faces [F, 3], tool_vertices [K, 3] m in the tool's
+                 frame, tool_faces [G, 3], world_from_tool [T, 4, 4]; optional: rest_vertices [V, 3] m
+                 (the first frame when absent), cut_faces [F] bool (faces that the cut makes), and
+                 truth_<key>: whatever else only the simulator knows
+    <name>.json  {"schema": 1, "environment", "source", "table_z_m" (null = no table), "facts": {...}}
+
+World frame: metres, right-handed, z up. Faces are counter-clockwise seen from outside.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop.errors import PlopError
+
+MESH_SEQUENCE_SCHEMA = 1
+_TRUTH = "truth_"
+
+
+@dataclass(frozen=True)
+class MeshSequence:
+    """One simulated episode."""
+
+    name: str
+    environment: str
+    times: np.ndarray
+    """Time of every frame, shape [T], float64, strictly increasing [s]."""
+    vertices: np.ndarray
+    """Surface of the object over time, shape [T, V, 3] [m]."""
+    faces: np.ndarray
+    """Triangles, shape [F, 3], int64, counter-clockwise seen from outside."""
+    tool_vertices: np.ndarray
+    """Shape [K, 3], in the tool's frame [m]."""
+    tool_faces: np.ndarray
+    """Shape [G, 3], int64."""
+    world_from_tool: np.ndarray
+    """Pose of the tool at every frame, shape [T, 4, 4]."""
+    table_z_m: float | None = 0.0
+    """Height of the table [m]; None when there is none."""
+    rest_vertices: np.ndarray | None = None
+    """Material position of every vertex, shape [V, 3] [m]; the first frame when absent."""
+    cut_faces: np.ndarray | None = None
+    """Faces that the cut makes, bool, shape [F]; none when absent."""
+    source: str = "mesh"
+    """What made the episode."""
+    truth: dict[str, np.ndarray] = field(default_factory=dict)
+    """Anything else that only the simulator knows; goes to `/truth/<key>` of the recording."""
+    facts: dict[str, Any] = field(default_factory=dict)
+    """Parameters of the simulator, JSON types only."""
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Material position of every vertex, shape [V, 3] [m]."""
+        return self.vertices[0] if self.rest_vertices is None else self.rest_vertices
+
+    @property
+    def is_cut_face(self) -> np.ndarray:
+        """Faces that the cut makes, bool, shape [F]."""
+        return np.zeros(len(self.faces), bool) if self.cut_faces is None else self.cut_faces
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+def write_mesh_sequence(folder: str | Path, sequence: MeshSequence) -> Path:
+    """Write `<name>.npz` and `<name>.json`, the JSON last; the same sequence gives the same bytes.
+
+    Args:
+        folder: Where to write; made when it does not exist.
+        sequence: The episode.
+
+    Returns:
+        Path of the npz file.
+
+    Raises:
+        PlopError: The sequence contradicts itself (lengths, indices, NaN).
+    """
+    check_mesh_sequence(sequence, sequence.name)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, Any] = {
+        "times": np.asarray(sequence.times, np.float64),
+        "vertices": np.asarray(sequence.vertices, np.float32),
+        "faces": np.asarray(sequence.faces, np.int32),
+        "tool_vertices": np.asarray(sequence.tool_vertices, np.float64),
+        "tool_faces": np.asarray(sequence.tool_faces, np.int32),
+        "world_from_tool": np.asarray(sequence.world_from_tool, np.float64),
+        "rest_vertices": np.asarray(sequence.rest, np.float32),
+        "cut_faces": np.asarray(sequence.is_cut_face, bool),
+        **{_TRUTH + key: np.asarray(value) for key, value in sorted(sequence.truth.items())},
+    }
+    path = folder / f"{sequence.name}.npz"
+    scratch = path.with_name(path.name + ".tmp")
+    with scratch.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    os.replace(scratch, path)
+    side = {"schema": MESH_SEQUENCE_SCHEMA, "environment": sequence.environment, "source": sequence.source,
+            "table_z_m": sequence.table_z_m, "facts": sequence.facts}  # fmt: skip
+    scratch = path.with_suffix(".json.tmp")
+    scratch.write_text(json.dumps(side, indent=1, sort_keys=True))
+    os.replace(scratch, path.with_suffix(".json"))
+    return path
+
+
+@dataclass(frozen=True)
+class MeshSequenceEntry:
+    """One mesh sequence in a folder, not read yet."""
+
+    name: str
+    environment: str
+    path: Path
+    """Path of the npz file."""
+
+
+def list_mesh_sequences(folder: Path) -> list[MeshSequenceEntry]:
+    """List the mesh sequences of a folder by name, reading only their JSON files.
+
+    One whose JSON is missing or damaged is listed under the environment that its name tells, so
+    that reading it, and nothing else, fails.
+
+    Raises:
+        PlopError: There are none.
+    """
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        raise PlopError("There are no mesh sequences here.", where=folder, expected="<name>.npz and <name>.json",
+                        found="no .npz file", fix="Give the folder that the simulator wrote.")  # fmt: skip
+    return [MeshSequenceEntry(path.stem, _environment_of(path.with_suffix(".json")), path) for path in paths]
+
+
+def _environment_of(path: Path) -> str:
+    try:
+        return str(_read_side(path)["environment"])
+    except PlopError:
+        return re.sub(r"_\d+$", "", path.stem)
+
+
+def read_mesh_sequence(path: str | Path) -> MeshSequence:
+    """Read `<name>.npz` and the `<name>.json` beside it.
+
+    Args:
+        path: Path of the npz file.
+
+    Raises:
+        PlopError: A file is missing or truncated, a key is absent, or the content contradicts itself.
+    """
+    path = Path(path)
+    side = _read_side(path.with_suffix(".json"))
+    arrays = _read_arrays(path)
+    truth = {key.removeprefix(_TRUTH): value for key, value in arrays.items() if key.startswith(_TRUTH)}
+    sequence = MeshSequence(
+        name=path.stem,
+        environment=side["environment"],
+        times=arrays["times"].astype(np.float64),
+        vertices=arrays["vertices"].astype(np.float64),
+        faces=arrays["faces"].astype(np.int64),
+        tool_vertices=arrays["tool_vertices"].astype(np.float64),
+        tool_faces=arrays["tool_faces"].astype(np.int64),
+        world_from_tool=arrays["world_from_tool"].astype(np.float64),
+        table_z_m=side.get("table_z_m"),
+        rest_vertices=arrays["rest_vertices"].astype(np.float64) if "rest_vertices" in arrays else None,
+        cut_faces=arrays["cut_faces"].astype(bool) if "cut_faces" in arrays else None,
+        source=side.get("source", "mesh"),
+        truth=truth,
+        facts=side.get("facts", {}),
+    )
+    check_mesh_sequence(sequence, path)
+    return sequence
+
+
+def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
+    """Raise PlopError where a sequence contradicts itself; `where` is named in the message."""
+    frames, count = len(sequence.times), np.shape(sequence.vertices)[1] if np.ndim(sequence.vertices) == 3 else -1
+    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
+        "times": (sequence.times, (frames,)),
+        "vertices": (sequence.vertices, (frames, count, 3)),
+        "world_from_tool": (sequence.world_from_tool, (frames, 4, 4)),
+        "rest_vertices": (sequence.rest, (count, 3)),
+        "faces": (sequence.faces, (len(sequence.faces), 3)),
+        "cut_faces": (sequence.is_cut_face, (len(sequence.faces),)),
+        "tool_vertices": (sequence.tool_vertices, (len(sequence.tool_vertices), 3)),
+        "tool_faces": (sequence.tool_faces, (len(sequence.tool_faces), 3)),
+    }
+    for key, (value, shape) in shapes.items():
+        if np.shape(value) != shape or 0 in shape:
+            raise PlopError("The arrays of this episode do not fit together.", where=f"{where}: {key}",
+                            expected=f"shape {shape}, no dimension empty", found=f"shape {np.shape(value)}",
+                            fix="Record or export this episode again.")  # fmt: skip
+        if not np.isfinite(value).all():
+            raise PlopError("This episode holds NaN or infinite values.", where=f"{where}: {key}",
+                            expected="finite numbers", found=f"{int((~np.isfinite(value)).sum())} others",
+                            fix="The simulation probably blew up: simulate it again or leave it out.")  # fmt: skip
+    if (np.diff(sequence.times) <= 0).any():
+        raise PlopError("Time does not increase.", where=f"{where}: times", expected="strictly increasing seconds",
+                        found=f"a step of {np.diff(sequence.times).min():g} s")  # fmt: skip
+    for key, faces, limit in (("faces", sequence.faces, count),
+                              ("tool_faces", sequence.tool_faces, len(sequence.tool_vertices))):  # fmt: skip
+        if faces.min() < 0 or faces.max() >= limit:
+            raise PlopError("A face points at a vertex that does not exist.", where=f"{where}: {key}",
+                            expected=f"indices 0..{limit - 1}", found=f"{faces.min()}..{faces.max()}")  # fmt: skip
+
+
+def _read_side(path: Path) -> dict[str, Any]:
+    try:
+        side = json.loads(path.read_text())
+        if not isinstance(side["environment"], str):
+            raise TypeError("environment is not a text")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise PlopError("The episode's JSON file is missing or unreadable.", where=path,
+                        expected='{"environment": ..., "table_z_m": ...}', found=str(error),
+                        fix="Record or export this episode again.") from error  # fmt: skip
+    if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
+        raise PlopError("The episode comes from a newer version.", where=path,
+                        expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",
+                        fix="Update plop.")  # fmt: skip
+    return side
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise PlopError("The episode's npz file is missing or damaged.", where=path, expected="a complete npz file",
+                        found=str(error), fix="Copy or export this episode again.") from error  # fmt: skip
+    needed = ("times", "vertices", "faces", "tool_vertices", "tool_faces", "world_from_tool")
+    missing = [key for key in needed if key not in arrays]
+    if missing:
+        raise PlopError("The episode's npz file is incomplete.", where=path, expected=", ".join(needed),
+                        found=f"no {', '.join(missing)}", fix="Export this episode again.")  # fmt: skip
+    return arrays

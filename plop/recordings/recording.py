@@ -1,0 +1,205 @@
+"""The recording: one episode of multi-view RGB-D video and tool motion, in one HDF5 file.
+
+Layout (schema 1; lengths in metres, times in seconds, world frame right-handed, z up):
+
+    /                      attributes: schema, name, source, environment, units="m, s",
+                           world_frame="right-handed, z up", table_z_m (NaN when there is no table)
+    /frames/time_s         [T] float64, strictly increasing
+    /cameras/<id>/rgb      [T, H, W, 3] uint8
+    /cameras/<id>/depth_m  [T, H, W] float32 along the optical axis, 0 = not measured
+    /cameras/<id>/mask     [T, H, W] uint8, see MaskLabel
+    /cameras/<id>/intrinsics       [3, 3] float64 [px]
+    /cameras/<id>/world_from_cam   [T, 4, 4] float64 (a fixed camera repeats its pose)
+    /tool/mesh/vertices    [V, 3] float64 in the tool's frame; /tool/mesh/faces [F, 3] int64
+    /tool/world_from_tool  [T, 4, 4] float64
+    /scan/<id>/...         optional: the same keys as a camera, frames of a scan before the interaction
+    /truth/...             optional: what only a simulator knows; never read for training
+
+Images are stored one frame a chunk, so that one frame is read without the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import h5py
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.cameras import Camera
+
+RECORDING_SCHEMA = 1
+
+
+class MaskLabel(IntEnum):
+    """What a pixel of a mask shows."""
+
+    BACKGROUND = 0
+    OBJECT = 1
+    TOOL = 2
+    UNKNOWN = 255
+    """Not decided: ignored by losses and scores."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One frame of one camera."""
+
+    camera: Camera
+    rgb: np.ndarray
+    """[H, W, 3] uint8"""
+    depth_m: np.ndarray
+    """[H, W] float32, 0 = not measured"""
+    mask: np.ndarray
+    """[H, W] uint8, MaskLabel"""
+
+    @property
+    def object_mask(self) -> np.ndarray:
+        """Pixels that show the object, bool, shape [H, W]."""
+        return self.mask == MaskLabel.OBJECT
+
+    @property
+    def tool_mask(self) -> np.ndarray:
+        """Pixels that show the tool, bool, shape [H, W]."""
+        return self.mask == MaskLabel.TOOL
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh."""
+
+    vertices: np.ndarray
+    """[V, 3] float64 [m]"""
+    faces: np.ndarray
+    """[F, 3] int64, counter-clockwise seen from outside"""
+
+
+class Recording:
+    """Read one recording lazily; use as a context manager. `/truth` cannot be reached from here."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise PlopError("There is no such recording.", where=self.path, expected="an HDF5 recording",
+                            found="no file", fix="Run `plop ingest` first, or correct the path.")  # fmt: skip
+        try:
+            self._file = h5py.File(self.path, "r")
+        except OSError as error:
+            raise PlopError("The recording cannot be opened.", where=self.path, expected="a complete HDF5 file",
+                            found=str(error), fix="Run `plop ingest` again for this episode.") from error  # fmt: skip
+        self._nodes: dict[tuple[str, str], dict[str, h5py.Dataset]] = {}
+        try:
+            self._check()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _check(self) -> None:
+        schema = int(self._file.attrs.get("schema", -1))
+        if schema != RECORDING_SCHEMA:
+            fix = "Update plop." if schema > RECORDING_SCHEMA else "Run `plop ingest` again."
+            raise PlopError("The recording has another schema.", where=self.path,
+                            expected=f"schema {RECORDING_SCHEMA}", found=f"schema {schema}", fix=fix)  # fmt: skip
+        for key in ("frames/time_s", "cameras", "tool/world_from_tool"):
+            if key not in self._file:
+                raise PlopError("The recording is incomplete.", where=f"{self.path}:/{key}", expected="this key",
+                                found="nothing", fix="Run `plop ingest` again for this episode.")  # fmt: skip
+        frames = len(self._file["frames/time_s"])
+        lengths = {f"cameras/{name}/rgb": len(group["rgb"]) for name, group in self._file["cameras"].items()}
+        lengths["tool/world_from_tool"] = len(self._file["tool/world_from_tool"])
+        for key, length in lengths.items():
+            if length != frames:
+                raise PlopError("The recording's lengths do not match.", where=f"{self.path}:/{key}",
+                                expected=f"{frames} frames, as in /frames/time_s", found=f"{length} frames",
+                                fix="Run `plop ingest` again for this episode.")  # fmt: skip
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def name(self) -> str:
+        """Name of the episode."""
+        return str(self._file.attrs["name"])
+
+    @property
+    def environment(self) -> str:
+        """Name of the environment that the episode belongs to, e.g. "prism-jelly"."""
+        return str(self._file.attrs["environment"])
+
+    @property
+    def table_z_m(self) -> float | None:
+        """Height of the table [m], None when there is none."""
+        height = float(self._file.attrs.get("table_z_m", np.nan))
+        return None if np.isnan(height) else height
+
+    @property
+    def time_s(self) -> np.ndarray:
+        """Time of every frame, shape [T] [s]."""
+        return self._file["frames/time_s"][:]
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Names of the cameras, sorted."""
+        return sorted(self._file["cameras"])
+
+    @property
+    def scan_names(self) -> list[str]:
+        """Names of the cameras that scanned before the interaction, sorted; often empty."""
+        return sorted(self._file["scan"]) if "scan" in self._file else []
+
+    def __len__(self) -> int:
+        return len(self._file["frames/time_s"])
+
+    def camera(self, name: str, frame: int, *, group: str = "cameras") -> Camera:
+        """Give a camera's calibration at one frame; `group` is "cameras" or "scan"."""
+        node = self._node(group, name)
+        height, width = node["rgb"].shape[1:3]
+        return Camera(name, width, height, node["intrinsics"][:], node["world_from_cam"][frame])
+
+    def view(self, name: str, frame: int, *, group: str = "cameras") -> View:
+        """Read one frame of one camera; `group` is "cameras" or "scan"."""
+        node = self._node(group, name)
+        return View(self.camera(name, frame, group=group), node["rgb"][frame], node["depth_m"][frame],
+                    node["mask"][frame])  # fmt: skip
+
+    def mask(self, name: str, frame: int) -> np.ndarray:
+        """Read only the mask of one frame, shape [H, W], uint8, MaskLabel."""
+        return self._node("cameras", name)["mask"][frame]
+
+    def scan_length(self, name: str) -> int:
+        """Number of frames of a scanning camera."""
+        return len(self._node("scan", name)["rgb"])
+
+    @property
+    def tool_mesh(self) -> Mesh:
+        """The tool in its own frame."""
+        return Mesh(self._file["tool/mesh/vertices"][:], self._file["tool/mesh/faces"][:])
+
+    @property
+    def world_from_tool(self) -> np.ndarray:
+        """Pose of the tool at every frame, shape [T, 4, 4]."""
+        return self._file["tool/world_from_tool"][:]
+
+    def _node(self, group: str, name: str) -> dict[str, h5py.Dataset]:
+        """Give a camera's datasets; opened once, since opening costs as much as reading one frame."""
+        if (group, name) in self._nodes:
+            return self._nodes[group, name]
+        if group not in ("cameras", "scan") or group not in self._file or name not in self._file[group]:
+            known = ", ".join(self.scan_names if group == "scan" else self.camera_names)
+            raise PlopError("There is no such camera.", where=f"{self.path}:/{group}/{name}", expected=known,
+                            found=name)  # fmt: skip
+        self._nodes[group, name] = dict(self._file[group][name].items())
+        return self._nodes[group, name]

@@ -1,0 +1,54 @@
+"""A set of recordings: what `ingest` (and `calibrate`) write.
+
+episodes/<name>.h5     one recording each
+episodes.json          {"environment", "train": [names], "test": [names], "skipped": {name: reason}}
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from plop.errors import PlopError
+from plop.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class RecordingSet:
+    """Names and split of the episodes in one folder."""
+
+    folder: Path
+    environment: str
+    train: list[str]
+    test: list[str]
+    skipped: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """All usable episodes, train first."""
+        return [*self.train, *self.test]
+
+    def path(self, name: str) -> Path:
+        """Path of one episode's recording."""
+        return self.folder / "episodes" / f"{name}.h5"
+
+    def open(self, name: str) -> Recording:
+        """Open one episode."""
+        return Recording(self.path(name))
+
+    def save(self) -> None:
+        """Write episodes.json."""
+        facts = asdict(self)
+        del facts["folder"]
+        (self.folder / "episodes.json").write_text(json.dumps(facts, indent=1, sort_keys=True))
+
+    @classmethod
+    def load(cls, folder: Path) -> RecordingSet:
+        """Read episodes.json from an artifact's folder."""
+        path = folder / "episodes.json"
+        try:
+            return cls(folder=folder, **json.loads(path.read_text()))
+        except (OSError, ValueError, TypeError) as error:
+            raise PlopError("This is not a set of recordings.", where=path, expected="episodes.json of `plop ingest`",
+                            found=str(error), fix="Run `plop ingest` again.") from error  # fmt: skip

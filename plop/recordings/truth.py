@@ -1,0 +1,109 @@
+"""What only a simulator knows, for scoring. Nothing that trains, fits or filters may import this module."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from plop.errors import PlopError
+from plop.recordings.recording import Mesh
+
+
+class Truth:
+    """Read `/truth` of one recording lazily; use as a context manager."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        try:
+            self._file = h5py.File(self.path, "r")
+        except OSError as error:
+            raise PlopError("The recording cannot be opened.", where=self.path, expected="a complete HDF5 file",
+                            found=str(error), fix="Run `plop ingest` again for this episode.") from error  # fmt: skip
+        if "truth/surface_vertices_m" not in self._file:
+            self._file.close()
+            raise PlopError("This recording holds no truth.", where=f"{self.path}:/truth",
+                            expected="a recording of a simulator", found="nothing",
+                            fix="Score this recording by its images only.")  # fmt: skip
+
+    @staticmethod
+    def is_in(path: str | Path) -> bool:
+        """Tell whether a recording holds the truth."""
+        with h5py.File(path, "r") as file:
+            return "truth/surface_vertices_m" in file
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return len(self._file["truth/surface_vertices_m"])
+
+    @property
+    def has_nodes(self) -> bool:
+        """Tell whether the simulator's volume nodes are known, besides its surface."""
+        return "truth/nodes_m" in self._file
+
+    def nodes_m(self, frame: int, *, real_only: bool = True) -> np.ndarray:
+        """Give the nodes of the volume mesh at one frame, shape [N, 3] [m].
+
+        Args:
+            frame: Index of the frame.
+            real_only: Leave out nodes that the simulator duplicates for a cut (virtual nodes).
+        """
+        nodes = self._file["truth/nodes_m"][frame].astype(np.float64)
+        return nodes[self.node_is_real] if real_only else nodes
+
+    @property
+    def node_is_real(self) -> np.ndarray:
+        """Nodes that are not virtual, bool, shape [N]; all of them where the simulator has no virtual nodes."""
+        if "truth/node_is_real" not in self._file:
+            return np.ones(self._file["truth/nodes_m"].shape[1], bool)
+        return self._file["truth/node_is_real"][:]
+
+    @property
+    def tets(self) -> np.ndarray:
+        """Tetrahedra over all nodes, virtual ones included, shape [M, 4], int64."""
+        return self._file["truth/tets"][:]
+
+    @property
+    def rest_nodes_m(self) -> np.ndarray:
+        """All nodes at rest, virtual ones included, shape [N, 3] [m]."""
+        return self._file["truth/rest_nodes_m"][:].astype(np.float64)
+
+    def surface(self, frame: int) -> Mesh:
+        """Give the closed surface at one frame; its faces are the same in every frame."""
+        vertices = self._file["truth/surface_vertices_m"][frame].astype(np.float64)
+        return Mesh(vertices, self._file["truth/surface_faces"][:])
+
+    @property
+    def rest_surface_vertices_m(self) -> np.ndarray:
+        """Material position of every surface vertex, shape [V, 3] [m]."""
+        return self._file["truth/surface_rest_vertices_m"][:].astype(np.float64)
+
+    @property
+    def surface_is_cut(self) -> np.ndarray:
+        """Faces that the cut makes, bool, shape [F]."""
+        return self._file["truth/surface_is_cut"][:]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Parameters of the simulator."""
+        return json.loads(self._file["truth"].attrs.get("facts", "{}"))
+
+
+def write_without_truth(source: str | Path, target: str | Path) -> None:
+    """Copy a recording without `/truth`, to hand it out or to prove that a result does not depend on it."""
+    with h5py.File(source, "r") as old, h5py.File(target, "w") as new:
+        new.attrs.update(old.attrs)
+        for key in old:
+            if key != "truth":
+                old.copy(key, new)

@@ -1,0 +1,124 @@
+"""Predicted views in one HDF5 file, with the same keys as the cameras of a recording.
+
+Layout (schema 1):
+
+    /                      attributes: schema, name (of the episode), environment, units="m"
+    /cameras/<id>/rgb      [T, H, W, 3] uint8, over black
+    /cameras/<id>/depth_m  [T, H, W] float32 along the optical axis [m], 0 where nothing is
+    /cameras/<id>/mask     [T, H, W] uint8, see plop.recordings.recording.MaskLabel
+
+One frame a chunk, gzip level 1. Cameras themselves are those of the recording.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import h5py
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.cameras import Camera
+from plop.recordings.recording import View
+
+VIEW_FILE_SCHEMA = 1
+
+
+class ViewWriter:
+    """Write predicted views frame by frame; the file appears when the block ends without error."""
+
+    def __init__(self, path: Path, *, name: str, environment: str, frames: int) -> None:
+        self.path = path
+        self.frames = frames
+        self._scratch = path.with_name(path.name + ".tmp")
+        self._file = h5py.File(self._scratch, "w")
+        self._file.attrs.update(schema=VIEW_FILE_SCHEMA, name=name, environment=environment, units="m")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if kind is None:
+            os.replace(self._scratch, self.path)
+        else:
+            self._scratch.unlink(missing_ok=True)
+
+    def write_frame(self, frame: int, views: list[View]) -> None:
+        """Write all cameras of one frame."""
+        for view in views:
+            arrays = {"rgb": view.rgb, "depth_m": view.depth_m.astype(np.float32), "mask": view.mask}
+            for key, array in arrays.items():
+                self._dataset(f"cameras/{view.camera.name}/{key}", array)[frame] = array
+
+    def _dataset(self, path: str, like: np.ndarray) -> h5py.Dataset:
+        if path not in self._file:
+            self._file.create_dataset(path, (self.frames, *like.shape), like.dtype, chunks=(1, *like.shape),
+                                      compression="gzip", compression_opts=1, shuffle=True,
+                                      track_times=False)  # fmt: skip
+        return self._file[path]
+
+
+class ViewFile:
+    """Read predicted views lazily; use as a context manager."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise PlopError("There are no predicted views.", where=path, expected="images.h5 of `plop rollout`",
+                            found="no file", fix="Run `plop rollout` for this episode, with images.")  # fmt: skip
+        try:
+            self._file = h5py.File(path, "r")
+        except OSError as error:
+            raise PlopError("The predicted views cannot be opened.", where=path, expected="a complete HDF5 file",
+                            found=str(error), fix="Run `plop rollout` again.") from error  # fmt: skip
+        schema = int(self._file.attrs.get("schema", -1))
+        if schema != VIEW_FILE_SCHEMA or "cameras" not in self._file:
+            self._file.close()
+            raise PlopError("The predicted views have another schema.", where=path,
+                            expected=f"schema {VIEW_FILE_SCHEMA}", found=f"schema {schema}",
+                            fix="Run `plop rollout` again, with this version.")  # fmt: skip
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return min((len(group["rgb"]) for group in self._file["cameras"].values()), default=0)
+
+    @property
+    def name(self) -> str:
+        """Name of the episode."""
+        return str(self._file.attrs["name"])
+
+    @property
+    def environment(self) -> str:
+        """Name of the environment."""
+        return str(self._file.attrs["environment"])
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Names of the cameras, sorted."""
+        return sorted(self._file["cameras"])
+
+    def view(self, camera: Camera, frame: int) -> View:
+        """Read one frame of one camera."""
+        if camera.name not in self._file["cameras"]:
+            raise PlopError("The predicted views lack a camera.", where=self.path, expected=camera.name,
+                            found=", ".join(self.camera_names), fix="Roll out on the same recordings.")  # fmt: skip
+        group = self._file["cameras"][camera.name]
+        size = (camera.height, camera.width)
+        if group["mask"].shape[1:] != size:
+            raise PlopError("The predicted views have another size.", where=f"{self.path}:/cameras/{camera.name}",
+                            expected=f"{size[0]}x{size[1]} px", found=f"{group['mask'].shape[1:]}",
+                            fix="Roll out on the same recordings.")  # fmt: skip
+        return View(camera, group["rgb"][frame], group["depth_m"][frame], group["mask"][frame])

@@ -1,0 +1,1 @@
+"""Show recordings, Gaussians and trajectories in a 3D viewer."""

@@ -1,0 +1,95 @@
+"""The front door: every command, in the order of the pipeline."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from plop.errors import PlopError
+from plop_cli.commands import add_commands
+from plop_cli.console import Console
+from stages import PIPELINE, StageRef
+
+app = typer.Typer(
+    name="plop",
+    help="Recordings of a robot cutting a soft object in; a learned, scored dynamics model out.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+ingest = typer.Typer(help="Turn raw data into recordings.", no_args_is_help=True, add_completion=False,
+                     rich_markup_mode="rich", pretty_exceptions_enable=False)  # fmt: skip
+
+STAGES = "Stages, in order"
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+"""A stage parses its own arguments once it is imported, its --help included."""
+
+
+def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
+    def command(context: typer.Context) -> None:
+        from plop_cli.stage_command import run_stage_command
+
+        run_stage_command(ref, list(context.args))
+
+    owner.command(name, help=ref.help, context_settings=PASS_ON, rich_help_panel=STAGES,
+                  add_help_option=False)(command)  # fmt: skip
+
+
+@app.command("ingest", context_settings=PASS_ON, add_help_option=False, rich_help_panel=STAGES)
+def _ingest(context: typer.Context) -> None:
+    """Turn raw data into recordings: disect, mesh or droid."""
+    code = ingest(list(context.args), prog_name="plop ingest", standalone_mode=False)
+    raise typer.Exit(code if isinstance(code, int) else 0)
+
+
+for _ref in PIPELINE:
+    if _ref.name == "ingest":
+        _add(ingest, _ref.command.split()[1], _ref)
+    else:
+        _add(app, _ref.command, _ref)
+
+
+add_commands(app)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; return its exit code: 0 fine, 1 a problem, 2 wrong usage, 130 interrupted."""
+    given = sys.argv[1:] if arguments is None else arguments
+    console = Console(as_json="--json" in given)
+    try:
+        code = app(given, prog_name="plop", standalone_mode=False)
+    except PlopError as error:
+        if "--debug" in given:
+            raise
+        console.error(error)
+        return 1
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except Exception as error:
+        code = _unexpected(console, error, debug="--debug" in given)
+    if code == INTERRUPTED:
+        console.warn("interrupted; finished pieces are kept, and the same command goes on from there")
+    return code if isinstance(code, int) else 0
+
+
+def _unexpected(console: Console, error: Exception, *, debug: bool) -> int:
+    show, code = getattr(error, "show", None), getattr(error, "exit_code", None)
+    if show is not None and code is not None:  # wrong usage, as Typer reports it
+        if console.as_json:
+            console.error(PlopError(str(getattr(error, "message", error))))
+        else:
+            show()
+        return int(code)
+    if type(error).__name__ == "Abort":
+        return INTERRUPTED
+    if debug:
+        raise error
+    console.error(PlopError("Something unexpected went wrong.", found=f"{type(error).__name__}: {error}",
+                            fix="Run the command again with --debug and report what it shows."))  # fmt: skip
+    return 1

@@ -1,0 +1,111 @@
+"""Several stages in a row on one environment, each fed by those before it."""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.store import Store
+from plop.errors import PlopError
+from plop_cli.console import Console, format_seconds
+from plop_cli.execute import Outcome, execute
+from plop_cli.inputs import LEFT_OUT, ORDER
+from plop_cli.settings import resolve
+from plop_cli.settings_file import SETTINGS_FILE, parse_assignments, read_settings_file, settings_by_command
+from stages import PIPELINE, stage_ref
+from stages.contract import Stage
+
+COMMANDS = [ref.command for ref in PIPELINE]
+AFTER_INGEST = ("calibrate", "fuse", "fit-init", "train", "rollout", "eval")
+
+Layers = list[tuple[str, Mapping[str, Mapping[str, Any]]]]
+"""(where the overrides come from, overrides by command), later ones winning."""
+
+
+def read_profile(name: str) -> tuple[list[int], dict[str, dict[str, Any]]]:
+    """Read a profile that ships with plop: its seeds, and its settings by command.
+
+    Raises:
+        PlopError: There is no such profile.
+    """
+    folder = importlib.resources.files("plop_cli") / "profiles"
+    names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    if name not in names:
+        raise PlopError("There is no such profile.", expected=", ".join(names), found=name)
+    tables = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
+    seeds = [int(seed) for seed in tables.pop("seeds", [0])]
+    return seeds, settings_by_command(tables, COMMANDS, where=f"profile {name}")
+
+
+def layers_of(store: Store, profile: tuple[str, dict[str, dict[str, Any]]], assignments: list[str]) -> Layers:
+    """Stack the sources of settings: profile (name, settings), plop.toml of the workspace, --set."""
+    return [
+        (f"profile {profile[0]}", profile[1]),
+        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS)),
+        ("--set", parse_assignments(assignments, COMMANDS)),
+    ]
+
+
+def run_step(
+    command: str,
+    *,
+    store: Store,
+    console: Console,
+    layers: Layers,
+    made: Mapping[str, Outcome],
+    raw: Path | None = None,
+    extra: Mapping[str, Any] | None = None,
+    title: str = "",
+) -> Outcome:
+    """Run one stage of a chain.
+
+    Args:
+        command: The stage's command.
+        store: The workspace.
+        console: Where progress and one line of result go.
+        layers: Settings.
+        made: Outcomes of the stages before, by stage name.
+        raw: The raw folder, for an ingest.
+        extra: Settings that win over the layers.
+        title: What to write before the command, e.g. the environment.
+    """
+    stage = stage_ref(command).load()
+    overrides = [(source, settings.get(command, {})) for source, settings in layers]
+    config = resolve(stage.config, command, *overrides, ("plop", dict(extra or {})))
+    with console.progress(f"{title} {command}".strip()) as progress:
+        outcome = execute(
+            stage,
+            store=store,
+            config=config,
+            inputs=_inputs(stage, made, raw),
+            progress=progress,
+            on_wait=lambda pid: console.warn(f"another run (process {pid}) is making {command}; waiting for it"),
+        )
+    for text in [] if outcome.skipped else outcome.warnings:
+        console.warn(f"{command}: {text}")
+    state = "already there" if outcome.skipped else format_seconds(outcome.seconds)
+    console.say(f"{title} {outcome.artifact.address}  {state}".strip())
+    return outcome
+
+
+def show_times(console: Console, times: Mapping[str, float]) -> None:
+    """Print how long each stage took; what was there already took nothing."""
+    rows = [{"stage": stage, "time": format_seconds(seconds)} for stage, seconds in times.items()]
+    console.table([*rows, {"stage": "all", "time": format_seconds(sum(times.values()))}], title="time")
+
+
+def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict[str, str | Path]:
+    found: dict[str, str | Path] = {}
+    for name, spec in stage.inputs.items():
+        fitting = [outcome for source, outcome in made.items() if source in spec.stages]
+        if not spec.stages and raw is not None and not spec.optional:
+            found[name] = raw
+        elif fitting:
+            latest = max(fitting, key=lambda outcome: ORDER[outcome.artifact.manifest.stage])
+            found[name] = "@".join(latest.artifact.key)
+        elif spec.stages and spec.optional:
+            found[name] = LEFT_OUT
+    return found

@@ -1,0 +1,127 @@
+"""The commands around the pipeline: each parses, calls one function, and imports it only then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from plop_cli.console import Console
+
+AROUND = "Around the pipeline"
+WHOLE = "The whole pipeline"
+
+Workspace = Annotated[Path, typer.Option("--workspace", "-w", envvar="PLOP_WORKSPACE",
+                                         help="Folder that holds artifacts/ and plop.toml.")]  # fmt: skip
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
+Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.KEY=VALUE",
+                                                       help="Override a setting of a stage.")]  # fmt: skip
+Address = Annotated[str, typer.Argument(help="stage@prefix, stage@latest or a name.", show_default=False)]
+HERE = Path(".")
+
+
+def demo(workspace: Workspace = Path("demo"), seed: int = 0, set_: Assignments = None, quiet: Quiet = False,
+         as_json: AsJson = False, debug: Debug = False) -> None:  # fmt: skip
+    """Simulate a small set and run every stage on it; ends with scores, a video and times."""
+    from plop.artifacts.store import Store
+    from plop_cli.demo import run_demo
+
+    run_demo(Store(workspace), Console(quiet=quiet, as_json=as_json), seed=seed, assignments=set_ or [])
+
+
+def reproduce(
+    data: Annotated[Path, typer.Argument(help="Folder of DiSECt recordings.", show_default=False)],
+    profile: Annotated[str, typer.Option(help="cpu: 2 cores; paper: the paper's schedule, for a GPU.")] = "cpu",
+    env: Annotated[list[str] | None, typer.Option(help="Only this environment; may be repeated.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder with results.md and results/.")] = Path("docs"),
+    workspace: Workspace = Path("reproduce"), set_: Assignments = None, quiet: Quiet = False,
+    as_json: AsJson = False, debug: Debug = False,
+) -> None:  # fmt: skip
+    """Run all stages on the nine DiSECt environments and write the results; goes on where it stopped."""
+    from plop.artifacts.store import Store
+    from plop_cli.reproduce import reproduce as run
+
+    run(Store(workspace), Console(quiet=quiet, as_json=as_json), data, profile=profile, environments=env or [],
+        assignments=set_ or [], out=out)  # fmt: skip
+
+
+def status(
+    workspace: Workspace = HERE,
+    everything: Annotated[bool, typer.Option("--all", help="Show older ones too.")] = False,
+    quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False,
+) -> None:  # fmt: skip
+    """Show the artifacts, what each was made from, and what is stale."""
+    from plop.artifacts.store import Store
+    from plop_cli.status import show_status
+
+    show_status(Store(workspace), Console(quiet=quiet, as_json=as_json), everything=everything)
+
+
+def why(one: Address, two: Address, workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False,
+        debug: Debug = False) -> None:  # fmt: skip
+    """Name the first difference between two artifacts, from the raw data on."""
+    from plop.artifacts.store import Store
+    from plop_cli.status import show_difference
+
+    show_difference(Store(workspace), Console(quiet=quiet, as_json=as_json), one, two)
+
+
+def verify(
+    addresses: Annotated[list[str] | None, typer.Argument(help="Artifacts to check; all without.")] = None,
+    workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False,
+) -> None:  # fmt: skip
+    """Read every payload again and compare it with what the stage wrote."""
+    from plop.artifacts.store import Store
+    from plop_cli.status import verify_all
+
+    verify_all(Store(workspace), Console(quiet=quiet, as_json=as_json), addresses or [])
+
+
+def export(
+    address: Address,
+    folder: Annotated[Path, typer.Argument(help="Where to copy to.", show_default=False)],
+    kind: Annotated[str, typer.Option(help="all, splats, clouds, video, animation, recordings, states, model, "
+                                           "scores or pictures.")] = "all",
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False,
+) -> None:  # fmt: skip
+    """Copy an artifact's files out of the workspace, with its manifest."""
+    from plop.artifacts.store import Store
+    from plop_cli.export import export as run
+
+    run(Store(workspace), Console(quiet=quiet, as_json=as_json), address, folder, kind=kind, force=force)
+
+
+def view(
+    address: Address,
+    episode: Annotated[str | None, typer.Option(help="Episode to show; the first without.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Write an .rrd file instead of opening the viewer.")] = None,
+    workspace: Workspace = HERE, quiet: Quiet = False, debug: Debug = False,
+) -> None:  # fmt: skip
+    """Look at recordings, splats or predicted states in 3D (needs rerun-sdk)."""
+    from plop.artifacts.store import Store
+    from plop_cli.view import view as run
+
+    run(Store(workspace), Console(quiet=quiet), address, episode=episode, save=save)
+
+
+def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False) -> None:
+    """Say what this machine has, what it lacks, and how to get it."""
+    from plop.artifacts.store import Store
+    from plop_cli.doctor import show
+
+    raise typer.Exit(show(Store(workspace), Console(quiet=quiet, as_json=as_json)))
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add them to the front door."""
+    whole: list[Callable[..., None]] = [demo, reproduce]
+    around: list[Callable[..., None]] = [status, why, verify, export, view, doctor]
+    for command in whole:
+        app.command(rich_help_panel=WHOLE)(command)
+    for command in around:
+        app.command(rich_help_panel=AROUND)(command)

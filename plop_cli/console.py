@@ -1,0 +1,166 @@
+"""The only module that prints: results to stdout, progress and errors to stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from plop.errors import PlopError
+
+if TYPE_CHECKING:
+    from stages.contract import Progress
+
+LONGEST_UNBROKEN = 18
+"""Table cells up to this length are never broken, however narrow the terminal is."""
+
+LINE_EVERY_S = 15.0
+"""How often progress is written as a line when there is no terminal."""
+
+
+class Console:
+    """Print for one command, in the way its options ask for."""
+
+    def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
+        self.quiet = quiet or as_json
+        self.as_json = as_json
+
+    def say(self, text: str) -> None:
+        """Print one line of the result, unless quiet."""
+        if not self.quiet:
+            _rich(stderr=False).print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def note(self, text: str) -> None:
+        """Print one line beside the result, unless quiet."""
+        if not self.quiet:
+            _rich(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True, style="dim")
+
+    def warn(self, text: str) -> None:
+        """Print a warning to stderr, also when quiet."""
+        _rich(stderr=True).print(f"warning: {text}", markup=False, highlight=False, soft_wrap=True, style="yellow")
+
+    def result(self, facts: Any) -> None:
+        """Print the machine-readable result, if it was asked for."""
+        if self.as_json:
+            sys.stdout.write(json.dumps(facts, indent=1, default=str) + "\n")
+
+    def table(self, rows: list[dict[str, Any]], title: str | None = None) -> None:
+        """Print rows of equal keys as a table, unless quiet."""
+        if self.quiet or not rows:
+            return
+        from rich.table import Table
+
+        table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+        keys = [key for key in rows[0] if any(row.get(key) not in (None, "") for row in rows)]
+        for key in keys:
+            numeric = all(isinstance(row.get(key), (int, float)) for row in rows)
+            longest = max(len(_cell(row.get(key))) for row in rows)
+            heading = str(key).replace("_", "\n") if longest < len(str(key)) else str(key)
+            table.add_column(heading, justify="right" if numeric else "left", overflow="fold",
+                             no_wrap=longest <= LONGEST_UNBROKEN)  # fmt: skip
+        for row in rows:
+            table.add_row(*[_cell(row.get(key)) for key in keys])
+        _rich(stderr=False).print(table, highlight=False)
+
+    def error(self, error: PlopError) -> None:
+        """Print an error to stderr: for people, or as JSON."""
+        if self.as_json:
+            sys.stderr.write(json.dumps({"error": error.as_dict()}, indent=1) + "\n")
+            return
+        first, *rest = error.render().splitlines()
+        console = _rich(stderr=True)
+        console.print(f"error: {first}", markup=False, highlight=False, soft_wrap=True, style="bold red")
+        for line in rest:
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    @contextmanager
+    def progress(self, title: str) -> Iterator[Progress]:
+        """Show the progress of long work: a bar on a terminal, a line now and then elsewhere."""
+        if self.quiet:
+            yield _ignore
+        elif sys.stderr.isatty():
+            with _bar(title) as report:
+                yield report
+        else:
+            yield _Lines(self, title)
+
+
+def _ignore(done: float, total: float, label: str = "", **figures: Any) -> None:
+    return
+
+
+def _rich(*, stderr: bool) -> Any:
+    from rich.console import Console as RichConsole
+
+    return RichConsole(stderr=stderr)
+
+
+def _cell(value: Any) -> str:
+    from rich.markup import escape
+
+    return escape(format_figure(value))
+
+
+def format_figure(value: Any) -> str:
+    """Write a number with four significant digits, anything else as it is."""
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "-"}[value]
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def format_seconds(seconds: float) -> str:
+    """Write a duration for people: 0.4 s, 12 s, 3 min 20 s, 2 h 05 min."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Progress]:
+    from rich import progress as rp
+
+    columns = (
+        rp.TextColumn("{task.description}"),
+        rp.BarColumn(bar_width=24),
+        rp.TaskProgressColumn(),
+        rp.TextColumn("{task.fields[rate]}"),
+        rp.TimeRemainingColumn(),
+        rp.TextColumn("{task.fields[figures]}"),
+    )
+    with rp.Progress(*columns, console=_rich(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None, rate="", figures="")
+
+        def report(done: float, total: float, label: str = "", **figures: Any) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, description=f"{title} {label}".strip(),
+                       rate=f"{speed:.3g}/s" if speed else "", figures=_join(figures))  # fmt: skip
+
+        yield report
+
+
+def _join(figures: dict[str, Any]) -> str:
+    return "  ".join(f"{key} {format_figure(value)}" for key, value in figures.items())
+
+
+class _Lines:
+    """Progress where no terminal can redraw: one line every LINE_EVERY_S."""
+
+    def __init__(self, console: Console, title: str) -> None:
+        self.console, self.title = console, title
+        self.started = self.last = time.monotonic()
+
+    def __call__(self, done: float, total: float, label: str = "", **figures: Any) -> None:
+        now = time.monotonic()
+        if now - self.last < LINE_EVERY_S or not total:
+            return
+        self.last = now
+        rate = done / (now - self.started)
+        left = f", {format_seconds((total - done) / rate)} left" if rate > 0 else ""
+        parts = [f"{self.title} {label}".strip(), f"{100 * done / total:.0f} %{left}", _join(figures)]
+        self.console.note("  ".join(part for part in parts if part))

@@ -1,0 +1,99 @@
+"""Values of the command line and of TOML, turned into the types of settings."""
+
+from __future__ import annotations
+
+import enum
+import json
+import types
+import typing
+from typing import Any
+
+from plop.errors import PlopError
+
+
+def convert(value: Any, kind: Any, *, key: str, where: str) -> Any:
+    """Turn a value of the command line or of TOML into the type of a setting.
+
+    Raises:
+        PlopError: It does not fit.
+    """
+    try:
+        return _convert(value, kind)
+    except (ValueError, TypeError, KeyError) as error:
+        raise PlopError("A setting has a value of the wrong kind.", where=f"{where}: {key}",
+                        expected=describe(kind), found=repr(value)) from error  # fmt: skip
+
+
+def _convert(value: Any, kind: Any) -> Any:
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        return _convert_union(value, parts)
+    if origin is typing.Literal:
+        return parts[[str(part) for part in parts].index(str(value))]
+    if origin in (tuple, list):
+        return _convert_sequence(value, origin, parts)
+    if origin is dict or kind is dict:
+        loaded = json.loads(value) if isinstance(value, str) else value
+        return dict(loaded)
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return kind[value] if isinstance(value, str) and value in kind.__members__ else kind(value)
+    if kind is bool:
+        return _convert_bool(value)
+    if kind in (int, float):
+        return _convert_number(value, kind)
+    if kind is str and isinstance(value, str):
+        return value
+    raise TypeError(kind)
+
+
+def _convert_union(value: Any, parts: tuple[Any, ...]) -> Any:
+    if type(None) in parts and (value is None or str(value).lower() in ("none", "")):
+        return None
+    for part in parts:
+        if part is not type(None):
+            try:
+                return _convert(value, part)
+            except (ValueError, TypeError, KeyError):
+                continue
+    raise ValueError(value)
+
+
+def _convert_sequence(value: Any, origin: type, parts: tuple[Any, ...]) -> Any:
+    items = [item.strip() for item in value.split(",") if item.strip()] if isinstance(value, str) else list(value)
+    if origin is tuple and not (len(parts) == 2 and parts[1] is Ellipsis):
+        return tuple(_convert(item, part) for item, part in zip(items, parts, strict=True))
+    return origin(_convert(item, parts[0]) for item in items)
+
+
+def _convert_bool(value: Any) -> bool:
+    words = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+    return value if isinstance(value, bool) else words[str(value).lower()]
+
+
+def _convert_number(value: Any, kind: type) -> int | float:
+    if isinstance(value, bool):
+        raise TypeError(value)
+    if kind is float:
+        return float(value)
+    number = float(value)
+    if number != int(number):
+        raise ValueError(value)
+    return int(number) if isinstance(value, float) or not str(value).lstrip("+-").isdigit() else int(value)
+
+
+def describe(kind: Any) -> str:
+    """Name a type for people."""
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(describe(part) for part in parts)
+    if origin is typing.Literal:
+        return "|".join(str(part) for part in parts)
+    if origin in (tuple, list):
+        if origin is list or (len(parts) == 2 and parts[1] is Ellipsis):
+            return f"{describe(parts[0])}, ..."
+        return ", ".join(describe(part) for part in parts)
+    if kind is type(None):
+        return "none"
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return "|".join(str(member.value) for member in kind)
+    return {int: "integer", float: "number", str: "text", bool: "yes/no"}.get(kind, str(kind))

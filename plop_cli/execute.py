@@ -1,0 +1,235 @@
+"""Run one stage: resolve inputs -> plan -> skip or run -> commit -> report. Prints nothing."""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.digest import files_below
+from plop.artifacts.fingerprint import deciding, fingerprint, plain
+from plop.artifacts.lock import locked
+from plop.artifacts.manifest import Manifest
+from plop.artifacts.store import Artifact, Store, check_name
+from plop.artifacts.verify import verify
+from plop.errors import PlopError
+from plop_cli.inputs import Resolved, resolve_inputs
+from stages import command_of
+from stages.contract import Input, Output, Progress, Stage, Summary, silent
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run would do."""
+
+    stage: Stage
+    config: Any
+    inputs: Resolved
+    contents: dict[str, str]
+    """Digest of every input's content."""
+    fingerprint: str
+    environment: str
+    command: str
+    """The command of the stage, e.g. "ingest disect"."""
+    existing: Artifact | None
+    """The artifact, when it is already there."""
+    last_seconds: float | None
+    """Time the stage took when it last ran in this workspace [s]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run did."""
+
+    artifact: Artifact
+    skipped: bool
+    seconds: float
+    warnings: list[str] = field(default_factory=list)
+
+
+def execute(
+    stage: Stage,
+    *,
+    store: Store,
+    config: Any = None,
+    inputs: Mapping[str, str | Path] | None = None,
+    environment: str | None = None,
+    name: str | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+    on_wait: Callable[[str], None] | None = None,
+) -> Outcome:
+    """Run a stage unless its artifact is already there.
+
+    Args:
+        stage: The stage.
+        store: The workspace.
+        config: Its configuration; None takes the defaults.
+        inputs: Addresses and raw paths by input name; the rest is found.
+        environment: Choose inputs of this environment where none is given.
+        name: Name for the artifact.
+        force: Make it again although it is there.
+        progress: Called as the work goes on.
+        on_wait: Called with a process id when another run is making the same artifact.
+
+    Raises:
+        PlopError: Bad input, a full disk, or whatever the stage reports.
+    """
+    if name is not None:
+        check_name(name)
+    settings = stage.config() if config is None else config
+    planned = plan(stage, store=store, config=settings, inputs=inputs or {}, environment=environment)
+    if planned.existing is not None and not force:
+        return _already_there(store, planned.existing, name)
+    try:
+        if not is_first_process():
+            return _run_beside(store, planned, progress)
+        with locked(store.lock_path(stage.name, planned.fingerprint), on_wait):
+            there = store.get(stage.name, planned.fingerprint)
+            if there is not None and not force:
+                return _already_there(store, there, name)
+            return _run(store, planned, name, force, progress)
+    except (OSError, RuntimeError) as error:
+        explained = _explained(error, store)
+        if explained is None:
+            raise
+        raise explained from error
+
+
+def plan(
+    stage: Stage, *, store: Store, config: Any, inputs: Mapping[str, str | Path], environment: str | None = None
+) -> Plan:
+    """Find the inputs, check them and compute the fingerprint, without running anything."""
+    resolved = resolve_inputs(store, stage, inputs, environment)
+    contents = {}
+    for key, artifact in resolved.artifacts.items():
+        verify(artifact, store.cache)
+        contents[key] = artifact.content
+    for key, path in resolved.raw.items():
+        contents[key] = raw_content(store, stage, path, config)
+    store.cache.save()
+    command = command_of(stage)  # not the name, which the ingest commands share
+    mark = fingerprint(command, stage.version, deciding(config), contents)
+    environments = dict.fromkeys(a.manifest.environment for a in resolved.artifacts.values())
+    existing = store.get(stage.name, mark)
+    return Plan(stage, config, resolved, contents, mark, ", ".join(e for e in environments if e),
+                command, existing, store.journal.last_seconds(stage.name))  # fmt: skip
+
+
+def raw_content(store: Store, stage: Stage, path: Path, config: Any) -> str:
+    """Hash the content of the files of a raw input that a stage reads."""
+    everything = files_below(path)
+    chosen = stage.raw_files(path, config) if stage.raw_files is not None and path.is_dir() else everything
+    return store.cache.raw_digest(path, chosen)
+
+
+def _already_there(store: Store, artifact: Artifact, name: str | None) -> Outcome:
+    verify(artifact, store.cache)
+    store.cache.save()
+    store.record(artifact, None)
+    if name is not None:
+        store.set_name(name, artifact)
+    return Outcome(artifact, skipped=True, seconds=0.0)
+
+
+def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: Progress) -> Outcome:
+    stage = planned.stage
+    scratch = store.scratch(stage.name, planned.fingerprint, fresh=force)
+    started = time.perf_counter()
+    summary = stage.run(_stage_inputs(planned), planned.config, Output(scratch, progress))
+    seconds = time.perf_counter() - started
+    artifact = store.commit(scratch, _manifest(store, planned, summary, seconds))
+    store.record(artifact, seconds)
+    if name is not None:
+        store.set_name(name, artifact)
+    return Outcome(artifact, skipped=False, seconds=seconds, warnings=list(summary.warnings))
+
+
+def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:
+    """Take part in a run that the first of several processes commits (torchrun)."""
+    scratch = store.root / planned.stage.name / f".partial-{planned.fingerprint}"
+    scratch.mkdir(parents=True, exist_ok=True)
+    started = time.perf_counter()
+    summary = planned.stage.run(_stage_inputs(planned), planned.config, Output(scratch, silent))
+    seconds = time.perf_counter() - started
+    return Outcome(Artifact(scratch, _manifest(store, planned, summary, seconds)), skipped=False, seconds=seconds)
+
+
+def is_first_process() -> bool:
+    """Tell whether this process commits and reports: the only one, or the first of those torchrun started."""
+    return os.environ.get("RANK", "0") == "0"
+
+
+def _stage_inputs(planned: Plan) -> dict[str, Input]:
+    found = {name: Input(a.path, a.manifest) for name, a in planned.inputs.artifacts.items()}
+    return found | {name: Input(path) for name, path in planned.inputs.raw.items()}
+
+
+def _manifest(store: Store, planned: Plan, summary: Summary, seconds: float) -> Manifest:
+    stage = planned.stage
+    inputs: dict[str, dict[str, Any]] = {}
+    for name, artifact in planned.inputs.artifacts.items():
+        inputs[name] = {"stage": artifact.key[0], "fingerprint": artifact.key[1], "content": planned.contents[name]}
+    for name, path in planned.inputs.raw.items():
+        inputs[name] = {"name": path.resolve().name, "content": planned.contents[name]}
+    provenance = {
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seconds": round(seconds, 3),
+        "command": planned.command,
+        "raw_paths": {name: _portable(path, store.workspace) for name, path in planned.inputs.raw.items()},
+        "versions": versions(),
+    }
+    return Manifest(
+        stage=stage.name,
+        fingerprint=planned.fingerprint,
+        stage_version=stage.version,
+        config=plain(planned.config),
+        inputs=inputs,
+        summary=asdict(summary),
+        provenance=provenance,
+        environment=planned.environment or _own_environment(planned, summary),
+    )
+
+
+def _own_environment(planned: Plan, summary: Summary) -> str:
+    """Name what a first stage's artifact is about: its figure, its setting, or its raw folder's name."""
+    named = summary.figures.get("environment") or getattr(planned.config, "environment", None)
+    if isinstance(named, str) and named:
+        return named
+    return next((path.resolve().name for path in planned.inputs.raw.values()), "")
+
+
+def _portable(path: Path, workspace: Path) -> str:
+    full = path.resolve()
+    return full.relative_to(workspace).as_posix() if full.is_relative_to(workspace) else str(full)
+
+
+def versions() -> dict[str, str]:
+    """Give the versions of what computes: Python and the main packages, without importing them."""
+    found = {"python": platform.python_version()}
+    for package in ("plop", "numpy", "torch", "numba", "open3d"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _explained(error: OSError | RuntimeError, store: Store) -> PlopError | None:
+    """Turn errors of the machine into errors for people; None for a stage's own mistakes."""
+    code = getattr(error, "errno", None)
+    text = str(error)
+    if code in (errno.ENOSPC, errno.EDQUOT) or "No space left on device" in text or "errno = 28" in text:
+        return PlopError("The disk is full.", where=store.root, found=text,
+                         fix="Free some space and run the same command again: finished pieces are kept.")  # fmt: skip
+    if code in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return PlopError("The workspace cannot be written.", where=getattr(error, "filename", None) or store.root,
+                         found=text, fix="Choose another workspace with -w, or change its permissions.")  # fmt: skip
+    return None

@@ -1,0 +1,65 @@
+"""Copy an artifact's payload out of the workspace, with its manifest."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.store import Artifact, Store
+from plop.artifacts.verify import verify
+from plop.errors import PlopError
+from plop_cli.console import Console
+
+KINDS: dict[str, tuple[str, ...]] = {
+    "all": ("*",),
+    "splats": ("*/object.ply", "*/tool.ply"),
+    "clouds": ("clouds/*.ply",),
+    "video": ("*.mp4",),
+    "animation": ("*/animation/*.ply",),
+    "recordings": ("episodes/*.h5", "episodes.json"),
+    "states": ("*/states.h5", "*.h5"),
+    "model": ("model.safetensors", "model.json"),
+    "scores": ("scores.json", "scores.csv"),
+    "pictures": ("*.png",),
+}
+"""What `--kind` takes: patterns over the payload's relative paths."""
+
+
+def export(store: Store, console: Console, address: str, folder: Path, *, kind: str, force: bool) -> None:
+    """Copy the files of one kind and the manifest into a folder.
+
+    Raises:
+        PlopError: Nothing of that kind, a damaged payload, or a file that is already there.
+    """
+    if kind not in KINDS:
+        raise PlopError("There is no such kind of file.", expected=", ".join(KINDS), found=kind)
+    artifact = store.find(address)
+    verify(artifact, store.cache)
+    store.cache.save()
+    names = [name for name in artifact.manifest.files if any(fnmatchcase(name, p) for p in KINDS[kind])]
+    if not names:
+        raise PlopError(f"{artifact.address} holds no {kind}.", where=artifact.path,
+                        found=", ".join(sorted(artifact.manifest.files)[:8]))  # fmt: skip
+    taken = [name for name in [*names, MANIFEST_NAME] if (folder / name).exists()]
+    if taken and not force:
+        raise PlopError("There are such files in the folder already.", where=folder / taken[0],
+                        fix="Choose another folder, or replace them with --force.")  # fmt: skip
+    for name in [*names, MANIFEST_NAME]:
+        _copy(artifact, name, folder)
+    console.say(f"{artifact.address}: {len(names)} files and {MANIFEST_NAME} in {folder}")
+    console.result({"address": artifact.address, "folder": str(folder), "files": names})
+
+
+def _copy(artifact: Artifact, name: str, folder: Path) -> None:
+    target = folder / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    draft = target.with_name(target.name + ".tmp")
+    try:
+        shutil.copyfile(artifact.path / name, draft)
+        os.replace(draft, target)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise PlopError("A file cannot be written.", where=target, found=error.strerror or str(error)) from error

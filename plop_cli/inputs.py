@@ -1,0 +1,136 @@
+"""Inputs of a stage: those the user names, and for the rest the latest that fit together.
+
+Without an address an input is taken from one line of descent: the most recent artifact of the most
+advanced stage is chosen first, and the other inputs from what it was made of. When artifacts of several
+environments would fit, none is guessed. An optional input is taken when one fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from plop.artifacts.lineage import Key, closure
+from plop.artifacts.store import Artifact, Store
+from plop.errors import PlopError
+from stages import PIPELINE
+from stages.contract import InputSpec, Stage
+
+ORDER = {name: place for place, name in enumerate(dict.fromkeys(ref.name for ref in PIPELINE))}
+"""Position of each stage in the pipeline."""
+
+LEFT_OUT = "none"
+"""What the user gives for an optional input that shall not be taken."""
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """The inputs of one run."""
+
+    artifacts: dict[str, Artifact]
+    raw: dict[str, Path]
+
+
+def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], environment: str | None) -> Resolved:
+    """Find every input of a stage.
+
+    Args:
+        store: The workspace.
+        stage: The stage that will run.
+        given: Addresses and raw paths by input name, as far as the user gave them.
+        environment: Take only artifacts of this environment where none is given.
+
+    Raises:
+        PlopError: An input is missing, is of another stage, or several environments would fit.
+    """
+    raw: dict[str, Path] = {}
+    chosen: dict[str, Artifact] = {}
+    open_specs: dict[str, InputSpec] = {}
+    for name, spec in stage.inputs.items():
+        if name in given and not spec.stages:
+            raw[name] = Path(given[name])
+        elif given.get(name) == LEFT_OUT and spec.optional:
+            continue
+        elif name in given:
+            chosen[name] = _fitting(store, stage, name, spec, str(given[name]))
+        elif spec.stages:
+            open_specs[name] = spec
+        elif not spec.optional:
+            raise PlopError(f"`{stage.name}` needs the input {name!r}.", expected=spec.help)
+    advanced_first = sorted(open_specs, key=lambda name: -max(ORDER.get(s, 0) for s in open_specs[name].stages))
+    for name in sorted(advanced_first, key=lambda name: open_specs[name].optional):
+        try:
+            chosen[name] = _default(store, stage, name, open_specs[name], chosen, environment)
+        except PlopError:
+            if not open_specs[name].optional:
+                raise
+    return Resolved({name: chosen[name] for name in stage.inputs if name in chosen}, raw)
+
+
+def _fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:
+    artifact = store.find(address)
+    if artifact.manifest.stage not in spec.stages:
+        raise PlopError(
+            f"{address} cannot be the {name} of `{stage.name}`.",
+            expected=f"an artifact of {' or '.join(spec.stages)} ({spec.help})",
+            found=f"an artifact of {artifact.manifest.stage}",
+            fix="`plop status` lists the artifacts.",
+        )
+    return artifact
+
+
+def _default(
+    store: Store, stage: Stage, name: str, spec: InputSpec, chosen: Mapping[str, Artifact], environment: str | None
+) -> Artifact:
+    pool = store.artifacts(*spec.stages)
+    wanted = {environment} if environment else {a.manifest.environment for a in chosen.values()}
+    fitting = [a for a in pool if not wanted or a.manifest.environment in wanted]
+    if not fitting:
+        raise _nothing_fits(store, stage, name, spec, wanted)
+    lines = {a.manifest.environment for a in fitting}
+    if len(lines) > 1:
+        raise _ambiguous(stage, name, fitting)
+    known = {a.key: a for a in store.artifacts()}
+    closures = {a.key: closure(known, a) for a in [*fitting, *chosen.values()]}
+    for other in sorted(chosen.values(), key=lambda a: -ORDER.get(a.manifest.stage, 0)):
+        inside = [a for a in fitting if a.key in closures[other.key]]
+        if inside:
+            return max(inside, key=lambda a: ORDER.get(a.manifest.stage, 0))
+    same_line = [a for a in fitting if all(_one_line(closures[a.key], closures[b.key]) for b in chosen.values())]
+    if not same_line:
+        others = ", ".join(b.address for b in chosen.values())
+        raise PlopError(f"No {name} for `{stage.name}` comes from the same recordings as {others}.", where=store.root,
+                        found=", ".join(a.address for a in fitting[-4:]),
+                        fix=f"Run {' or '.join(f'`plop {s}`' for s in spec.stages)} for these recordings, "
+                            f"or choose with --{name} ADDRESS.")  # fmt: skip
+    latest = same_line[-1]
+    derived = [a for a in same_line if latest.key in closures[a.key]]
+    return max(derived, key=lambda a: ORDER.get(a.manifest.stage, 0))
+
+
+def _one_line(one: set[Key], two: set[Key]) -> bool:
+    """Two artifacts are of one line when every stage in both ancestries is the same artifact in both."""
+    shared = {stage for stage, _ in one} & {stage for stage, _ in two}
+    return all({key for key in one if key[0] == stage} == {key for key in two if key[0] == stage} for stage in shared)
+
+
+def _nothing_fits(store: Store, stage: Stage, name: str, spec: InputSpec, wanted: set[str]) -> PlopError:
+    about = f" of the environment {' or '.join(sorted(wanted))}" if wanted else ""
+    commands = " or ".join(f"`plop {name}`" for name in spec.stages)
+    return PlopError(
+        f"`{stage.name}` needs the input {name!r}, and this workspace has none{about}.",
+        where=store.root,
+        expected=f"an artifact of {' or '.join(spec.stages)}: {spec.help}",
+        fix=f"Run {commands} first, or choose another workspace with -w.",
+    )
+
+
+def _ambiguous(stage: Stage, name: str, fitting: list[Artifact]) -> PlopError:
+    latest = {a.manifest.environment: a.address for a in fitting}
+    listed = ", ".join(f"{environment or '(none)'} ({address})" for environment, address in latest.items())
+    return PlopError(
+        f"The {name} of `{stage.name}` could be of several environments.",
+        found=listed,
+        fix=f"Choose with --env NAME or --{name} ADDRESS.",
+    )

@@ -1,0 +1,112 @@
+"""The nine DiSECt environments, from raw recordings to the table of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from plop.artifacts.store import Store
+from plop.errors import PlopError
+from plop_cli.chain import AFTER_INGEST, Layers, layers_of, read_profile, run_step, show_times
+from plop_cli.console import Console
+from plop_cli.execute import Outcome, versions
+
+
+def reproduce(
+    store: Store,
+    console: Console,
+    data: Path,
+    *,
+    profile: str,
+    environments: list[str],
+    assignments: list[str],
+    out: Path,
+) -> None:
+    """Run all stages on every environment and seed, and write the table; what is finished is skipped.
+
+    Args:
+        store: The workspace.
+        console: Where progress and the table go.
+        data: Folder of DiSECt recordings.
+        profile: Name of a profile that ships with plop.
+        environments: Which ones; empty takes all.
+        assignments: `--set` options, `stage.key=value`.
+        out: Folder of the documentation; see `results_page`.
+
+    Raises:
+        PlopError: No recordings, an unknown environment or profile, or whatever a stage reports. One environment
+            that fails does not stop the others; it is reported at the end.
+    """
+    from plop.metrics.table import collect, to_markdown
+    from plop_cli.results_page import write_results
+
+    seeds, settings = read_profile(profile)
+    layers = layers_of(store, (profile, settings), assignments)
+    names = _choose(data, environments)
+    scores: dict[str, list[Path]] = {}
+    pictures: dict[str, Path] = {}
+    failed: dict[str, PlopError] = {}
+    for place, name in enumerate(names):
+        try:
+            console.say(f"environment {place + 1} of {len(names)}: {name}")
+            scores[name] = _one_environment(store, console, data, name, seeds, layers)
+            pictures |= _picture(name, scores[name][0].parent)
+        except PlopError as error:
+            console.warn(f"{name} is left out of the table: {error.problem}")
+            failed[name] = error
+        if scores:
+            command = f"make reproduce DATA=<folder> PROFILE={profile}"
+            results = collect(scores, command=command, versions=versions(), seeds=seeds)
+            written = write_results(out, results, pictures)
+    if scores:
+        console.say(to_markdown(results))
+        console.say(f"written: {', '.join(map(str, written))}")
+        console.result(results)
+    if failed:
+        details = "\n".join(f"{name}: {error.render()}" for name, error in failed.items())
+        raise PlopError(f"{len(failed)} of {len(names)} environments failed.", found=details,
+                        fix="Run the same command again once that is mended: what is finished is kept.")  # fmt: skip
+
+
+def _picture(environment: str, folder: Path) -> dict[str, Path]:
+    """Take the first picture of a part recording, which is the telling one, or the first of all."""
+    found = sorted(folder.glob("pictures/*.png"), key=lambda path: ("_part_" not in path.name, path.name))
+    return {environment: found[0]} if found else {}
+
+
+def _choose(data: Path, wanted: list[str]) -> list[str]:
+    from plop.recordings.disect import list_disect
+
+    if not data.is_dir():
+        raise PlopError("There is no such folder.", where=data, fix="Give the folder of DiSECt recordings.")
+    known = sorted({entry.environment for entry in list_disect(data)})
+    unknown = [name for name in wanted if name not in known]
+    if unknown or not known:
+        raise PlopError("The folder holds no such environment.", where=data, expected=", ".join(known) or "recordings",
+                        found=", ".join(unknown) or "none")  # fmt: skip
+    return [name for name in known if not wanted or name in wanted]
+
+
+def _one_environment(
+    store: Store, console: Console, data: Path, name: str, seeds: list[int], layers: Layers
+) -> list[Path]:
+    made: dict[str, Outcome] = {}
+    times: dict[str, float] = {}
+
+    def step(command: str, label: str, **extra: object) -> Outcome:
+        outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=data,
+                           extra=extra, title=name)  # fmt: skip
+        made[outcome.artifact.manifest.stage] = outcome
+        times[label] = outcome.seconds
+        return outcome
+
+    step("ingest disect", "ingest", environment=name)
+    found = []
+    for command in AFTER_INGEST[: AFTER_INGEST.index("train")]:
+        step(command, command)
+    for seed in seeds:
+        label = f" seed {seed}" if len(seeds) > 1 else ""
+        step("train", f"train{label}", seed=seed)
+        step("rollout", f"rollout{label}", seed=seed)
+        found.append(step("eval", f"eval{label}").artifact.path / "scores.json")
+    show_times(console, times)
+    return found

@@ -1,0 +1,121 @@
+"""Settings of a stage: defaults of its dataclass, then plop.toml, then the command line."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import textwrap
+import typing
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from plop.errors import PlopError
+from plop_cli.convert import convert
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """One field of a configuration; fields of a nested dataclass are named `outer.inner`."""
+
+    key: str
+    kind: Any
+    """Its type annotation, resolved."""
+    default: Any
+    help: str
+    """The docstring under the field: meaning and unit."""
+
+
+def settings_of(config: type) -> list[Setting]:
+    """List the fields of a configuration dataclass with their types, defaults and docstrings."""
+    kinds = typing.get_type_hints(config)
+    texts = _field_docstrings(config)
+    found = []
+    for field in dataclasses.fields(config):
+        default = _default_of(field)
+        kind = kinds[field.name]
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+            for inner in settings_of(kind):
+                value = _dig(default, inner.key)
+                found.append(dataclasses.replace(inner, key=f"{field.name}.{inner.key}", default=value))
+        else:
+            found.append(Setting(field.name, kind, default, texts.get(field.name, "")))
+    return found
+
+
+def _dig(value: Any, key: str) -> Any:
+    for part in key.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def _default_of(field: dataclasses.Field[Any]) -> Any:
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    raise TypeError(f"the setting {field.name} has no default")
+
+
+def _field_docstrings(config: type) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for owner in reversed(config.__mro__):
+        if not dataclasses.is_dataclass(owner):
+            continue
+        try:
+            body = ast.parse(textwrap.dedent(inspect.getsource(owner))).body[0]
+        except (OSError, SyntaxError):
+            continue
+        assert isinstance(body, ast.ClassDef)
+        for field, text in zip(body.body, body.body[1:], strict=False):
+            if (isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+                    and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):  # fmt: skip
+                found[field.target.id] = " ".join(str(text.value.value).split())
+    return found
+
+
+def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) -> Any:
+    """Build a configuration from its defaults and layers of overrides, later layers winning.
+
+    Args:
+        config: The stage's configuration dataclass.
+        stage: Name of the command, for messages.
+        layers: (where it comes from, flat overrides by setting key).
+
+    Raises:
+        PlopError: An unknown key, or a value of the wrong type.
+    """
+    known = {setting.key: setting for setting in settings_of(config)}
+    values: dict[str, Any] = {}
+    for source, layer in layers:
+        for key, value in layer.items():
+            if key not in known:
+                raise unknown_key(key, known, where=source, owner=stage)
+            values[key] = convert(value, known[key].kind, key=f"{stage}.{key}", where=source)
+    try:
+        return _build(config, values)
+    except (ValueError, TypeError) as error:
+        raise PlopError(f"The settings of {stage} do not fit together.", found=str(error)) from error
+
+
+def _build(config: type, values: Mapping[str, Any]) -> Any:
+    kinds = typing.get_type_hints(config)
+    own: dict[str, Any] = {key: value for key, value in values.items() if "." not in key}
+    for field in dataclasses.fields(config):
+        inner = {key.partition(".")[2]: v for key, v in values.items() if key.startswith(field.name + ".")}
+        if inner:
+            nested = {s.key: _dig(_default_of(field), s.key) for s in settings_of(kinds[field.name])}
+            own[field.name] = _build(kinds[field.name], nested | inner)
+    return config(**own)
+
+
+def unknown_key(key: str, known: Mapping[str, Any] | list[str], *, where: str, owner: str) -> PlopError:
+    """Describe an unknown key, with the nearest known ones."""
+    close = get_close_matches(key, list(known), n=3, cutoff=0.5)
+    return PlopError(
+        f"{owner} has no setting {key!r}.",
+        where=where,
+        expected=", ".join(known),
+        fix=f"Did you mean {' or '.join(close)}?" if close else f"`plop {owner} --help` lists them.",
+    )

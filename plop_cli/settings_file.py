@@ -1,0 +1,100 @@
+"""Where overrides of settings come from: plop.toml in the workspace, and `--set`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from plop.errors import PlopError
+from plop_cli.settings import unknown_key
+
+SETTINGS_FILE = "plop.toml"
+
+
+def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, Any]]:
+    """Read plop.toml: one table a command (`[train]`, `[ingest.disect]`); flat overrides by command.
+
+    Returns:
+        Overrides by command; empty when there is no file.
+
+    Raises:
+        PlopError: The file is not TOML, or a table is of no command.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise PlopError("The settings file cannot be read.", where=path, expected="TOML", found=str(error)) from error
+    return settings_by_command(tables, commands, where=str(path))
+
+
+def settings_by_command(tables: Mapping[str, Any], commands: list[str], *, where: str) -> dict[str, dict[str, Any]]:
+    """Turn parsed TOML into flat overrides by command.
+
+    Raises:
+        PlopError: A table is of no command.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for command, value in _flatten(tables, commands):
+        if command not in commands or not isinstance(value, Mapping):
+            raise unknown_key(command, commands, where=where, owner=SETTINGS_FILE)
+        found[command] = dict(_flat_values(value))
+    return found
+
+
+def _flatten(tables: Mapping[str, Any], commands: list[str]) -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    groups = {command.split()[0] for command in commands if " " in command}
+    for key, value in tables.items():
+        if key in groups and isinstance(value, Mapping):
+            rows += [(f"{key} {inner}", content) for inner, content in value.items()]
+        else:
+            rows.append((key, value))
+    return rows
+
+
+def _flat_values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            rows += _flat_values(value, f"{prefix}{key}.")
+        else:
+            rows.append((prefix + key, value))
+    return rows
+
+
+def parse_assignments(assignments: list[str], commands: list[str], own: str | None = None) -> dict[str, dict[str, str]]:
+    """Parse `--set train.horizon=8`, and `--set horizon=8` for the own command; flat overrides by command.
+
+    Raises:
+        PlopError: Not an assignment, or of no known command.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise PlopError("--set takes key=value.", where=text, expected=f"for example {own or 'train'}.seed=1")
+        prefixes = {command.replace(" ", ".") + ".": command for command in commands}
+        owner = next((prefix for prefix in prefixes if key.startswith(prefix)), None)
+        if owner is None and own is None:
+            raise PlopError("--set needs to know the stage.", where=text, expected=", ".join(commands),
+                            fix=f"For example --set train.{key}={value}.")  # fmt: skip
+        command = prefixes[owner] if owner is not None else str(own)
+        found.setdefault(command, {})[key.removeprefix(owner or "").strip().replace("-", "_")] = value.strip()
+    return found
+
+
+def own_assignments(assignments: list[str], command: str, commands: list[str]) -> dict[str, str]:
+    """Parse the `--set` options of one command.
+
+    Raises:
+        PlopError: One of them is the setting of another command.
+    """
+    found = parse_assignments(assignments, commands, command)
+    for other in found.keys() - {command}:
+        raise PlopError(f"--set names settings of `plop {other}`, which have no effect on `plop {command}`.",
+                        found=", ".join(found[other]), fix=f"Give them there, or in {SETTINGS_FILE}.")  # fmt: skip
+    return found.get(command, {})

@@ -1,0 +1,192 @@
+"""A stage as a command: its options are generated from its inputs and its settings."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from plop.artifacts.fingerprint import plain
+from plop.artifacts.store import Store
+from plop_cli.console import Console, format_seconds
+from plop_cli.convert import describe
+from plop_cli.execute import Outcome, Plan, execute, is_first_process, plan
+from plop_cli.settings import Setting, resolve, settings_of
+from plop_cli.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
+from stages import PIPELINE, StageRef
+from stages.contract import InputSpec, Stage
+
+COMMANDS = [ref.command for ref in PIPELINE]
+
+
+def _common(kind: Any, *names: str, help: str, **more: Any) -> Any:
+    return Annotated[kind, typer.Option(*names, help=help, rich_help_panel="Running", **more)]
+
+
+COMMON: dict[str, tuple[Any, Any]] = {
+    "workspace": (
+        _common(Path, "--workspace", "-w", help="Folder that holds artifacts/ and plop.toml.", envvar="PLOP_WORKSPACE"),
+        Path("."),
+    ),
+    "env": (_common(str | None, "--env", help="Take inputs of this environment."), None),
+    "name": (_common(str | None, "--name", help="Give the artifact a name."), None),
+    "set_": (_common(list[str] | None, "--set", help="Override a setting.", metavar="KEY=VALUE"), None),
+    "dry_run": (_common(bool, "--dry-run", help="Say what would run, and run nothing."), False),
+    "force": (_common(bool, "--force", help="Run although the artifact is there."), False),
+    "quiet": (_common(bool, "--quiet", "-q", help="Print nothing but warnings and errors."), False),
+    "as_json": (_common(bool, "--json", help="Print the result as JSON."), False),
+    "debug": (_common(bool, "--debug", help="Show tracebacks."), False),
+}
+"""Options of every stage's command: parameter -> (annotation, default)."""
+
+
+def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
+    """Import a stage, parse its arguments, run it and report."""
+    stage = ref.load()
+    app = typer.Typer(add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False)
+    app.command(help=escape(stage.help))(stage_function(ref, stage))
+    code = app(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
+    raise typer.Exit(code if isinstance(code, int) else 0)
+
+
+def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
+    """Make the function whose signature Typer turns into options."""
+    settings = settings_of(stage.config)
+    parameters: list[inspect.Parameter] = []
+    for name, spec in stage.inputs.items():
+        parameters.append(_parameter(f"input_{name}", *_input_option(name, spec)))
+    taken = {option for name in stage.inputs for option in [_option(name)]}
+    taken |= {f"--{name.replace('_', '-').strip('-')}" for name in COMMON} | {"--json", "--set", "--help"}
+    for setting in settings:
+        if _option(setting.key) not in taken:  # such a setting is reached by --set
+            parameters.append(_parameter(_variable(setting.key), _setting_option(setting), None))
+    parameters += [_parameter(name, *option) for name, option in COMMON.items()]
+
+    def command(**values: Any) -> None:
+        run_parsed(ref, stage, settings, values)
+
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in parameters}
+    return command
+
+
+def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dict[str, Any]) -> None:
+    """Run a stage with parsed options."""
+    first = is_first_process()
+    console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
+    store = Store(values["workspace"])
+    given = {s.key: values[_variable(s.key)] for s in settings if values.get(_variable(s.key)) is not None}
+    config = resolve(
+        stage.config,
+        ref.command,
+        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS).get(ref.command, {})),
+        ("--set", own_assignments(values["set_"] or [], ref.command, COMMANDS)),
+        ("command line", given),
+    )
+    inputs = {name: values[f"input_{name}"] for name in stage.inputs if values[f"input_{name}"] is not None}
+    if values["dry_run"]:
+        planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"])
+        report_plan(console, planned)
+        return
+    with console.progress(ref.command) as progress:
+        outcome = execute(
+            stage,
+            store=store,
+            config=config,
+            inputs=inputs,
+            environment=values["env"],
+            name=values["name"],
+            force=values["force"],
+            progress=progress,
+            on_wait=lambda pid: console.warn(f"another run (process {pid}) is making this artifact; waiting for it"),
+        )
+    report(console, store, outcome)
+
+
+def report(console: Console, store: Store, outcome: Outcome) -> None:
+    """Show what a run made."""
+    manifest = outcome.artifact.manifest
+    path = outcome.artifact.path.relative_to(store.workspace)
+    for text in manifest.summary.get("warnings", []):
+        console.warn(text)
+    state = "already there, nothing to do" if outcome.skipped else f"done in {format_seconds(outcome.seconds)}"
+    console.say(f"{outcome.artifact.address}  {state}  ({path})")
+    if not outcome.skipped:
+        console.table([{"figure": k, "value": v} for k, v in manifest.summary.get("figures", {}).items()])
+        console.table(manifest.summary.get("table", []))
+    console.result(outcome_facts(outcome))
+
+
+def outcome_facts(outcome: Outcome) -> dict[str, Any]:
+    """Give what `--json` prints of a run."""
+    manifest = outcome.artifact.manifest
+    return {
+        "stage": manifest.stage,
+        "address": outcome.artifact.address,
+        "fingerprint": manifest.fingerprint,
+        "path": str(outcome.artifact.path),
+        "environment": manifest.environment,
+        "skipped": outcome.skipped,
+        "seconds": round(outcome.seconds, 3),
+        "config": manifest.config,
+        "inputs": manifest.inputs,
+        **manifest.summary,
+    }
+
+
+def report_plan(console: Console, planned: Plan) -> None:
+    """Show what a run would do."""
+    address = f"{planned.stage.name}@{planned.fingerprint[:8]}"
+    inputs = {name: a.address for name, a in planned.inputs.artifacts.items()}
+    inputs |= {name: str(path) for name, path in planned.inputs.raw.items()}
+    known = planned.last_seconds
+    last = "it has not run here yet" if known is None else f"the last run took {format_seconds(known)}"
+    console.say(f"{address}  {'is already there' if planned.existing else f'would run; {last}'}")
+    console.table([{"input": name, "from": source} for name, source in inputs.items()])
+    console.result({"address": address, "would_run": planned.existing is None, "last_seconds": known,
+                    "inputs": inputs, "config": plain(planned.config)})  # fmt: skip
+
+
+def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _variable(key: str) -> str:
+    return "setting_" + key.replace(".", "__")
+
+
+def _option(key: str) -> str:
+    return "--" + key.replace("_", "-")
+
+
+def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
+    if spec.stages:
+        source = " or ".join(spec.stages)
+        default = "the latest that fits, or none" if spec.optional else "the latest that fits"
+        text = escape(f"{spec.help} Address of an artifact of {source}.")
+        option = typer.Option(_option(name), metavar="ADDRESS", help=text, show_default=default,
+                              rich_help_panel="Inputs")  # fmt: skip
+        return Annotated[str | None, option], None
+    if spec.optional:
+        return Annotated[Path | None, typer.Option(_option(name), metavar="PATH", help=escape(spec.help),
+                                                   rich_help_panel="Inputs")], None  # fmt: skip
+    argument = typer.Argument(metavar=name.upper(), help=escape(spec.help), show_default=False)
+    return Annotated[Path, argument], inspect.Parameter.empty
+
+
+def _setting_option(setting: Setting) -> Any:
+    kind: Any = setting.kind if setting.kind in (int, float, bool) else str
+    default = setting.default
+    shown = ",".join(map(str, default)) if isinstance(default, (tuple, list)) else str(plain(default))
+    choices = "" if kind is not str or setting.kind is str else f" ({describe(setting.kind)})"
+    option = typer.Option(
+        _option(setting.key),
+        help=escape(setting.help + choices),
+        show_default=escape(shown) or "empty",
+        rich_help_panel="Settings",
+    )
+    return Annotated[kind | None, option]

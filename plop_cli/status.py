@@ -1,0 +1,154 @@
+"""What is in a workspace: lineage, what is stale, what is unfinished or damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.lineage import Key, first_difference, parents, stale_reasons
+from plop.artifacts.store import Artifact, Store
+from plop.artifacts.verify import verify
+from plop.errors import PlopError
+from plop_cli.console import Console, format_seconds
+from plop_cli.execute import raw_content
+from plop_cli.inputs import ORDER
+from plop_cli.settings import resolve
+from stages import stage_ref
+from stages.contract import Stage
+
+
+def show_status(store: Store, console: Console, *, everything: bool) -> None:
+    """Print one row an artifact, in the order of the pipeline; older ones only with `everything`."""
+    artifacts = store.artifacts()
+    stages = _imported_stages(artifacts)
+    versions = {name: stage.version for name, stage in stages.items()}
+
+    def raw_digest(artifact: Artifact, name: str, path: Path) -> str | None:
+        command = _command(artifact)
+        stage = stages.get(command)
+        if stage is None:
+            return None
+        config = resolve(stage.config, command, ("manifest", _flat(artifact.manifest.config)))
+        return raw_content(store, stage, path, config)
+
+    reasons = stale_reasons(store, artifacts, versions, raw_digest)
+    store.cache.save()
+    shown = artifacts if everything else _latest_lines(artifacts)
+    rows = [_row(store, artifact, reasons) for artifact in sorted(shown, key=_place)]
+    console.table(rows)
+    if len(shown) < len(artifacts):
+        console.say(f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them")
+    for stage, fingerprint in unfinished(store):
+        console.say(f"unfinished: {stage}@{fingerprint[:8]}; the same command goes on with it")
+    problems = store.unreadable()
+    for error in problems.values():
+        console.warn(error.render())
+    if not artifacts and not problems:
+        console.say(f"no artifacts in {store.root}; `plop ingest --help` tells how to begin")
+    console.result({
+        "artifacts": rows,
+        "unfinished": ["@".join(key) for key in unfinished(store)],
+        "unreadable": [error.as_dict() for error in problems.values()],
+    })  # fmt: skip
+
+
+def unfinished(store: Store) -> list[Key]:
+    """List the scratch folders of runs that go on or were killed."""
+    found = sorted(store.root.glob("*/.partial-*")) if store.root.is_dir() else []
+    return [(path.parent.name, path.name.removeprefix(".partial-")) for path in found]
+
+
+def _latest_lines(artifacts: list[Artifact]) -> list[Artifact]:
+    latest: dict[Any, Artifact] = {}
+    for artifact in artifacts:
+        latest[artifact.manifest.stage, artifact.manifest.environment, artifact.manifest.config.get("seed")] = artifact
+    keep = {artifact.key for artifact in latest.values()}
+    by_key = {artifact.key: artifact for artifact in artifacts}
+    todo = list(keep)
+    while todo:
+        key = todo.pop()
+        for parent in parents(by_key[key]).values():
+            if parent in by_key and parent not in keep:
+                keep.add(parent)
+                todo.append(parent)
+    return [artifact for artifact in artifacts if artifact.key in keep]
+
+
+def _place(artifact: Artifact) -> tuple[str, int]:
+    return artifact.manifest.environment, ORDER.get(artifact.manifest.stage, len(ORDER))
+
+
+def _row(store: Store, artifact: Artifact, reasons: dict[Key, str]) -> dict[str, Any]:
+    manifest = artifact.manifest
+    full = "@".join(artifact.key)
+    names = [name for name, address in store.names().items() if address == full]
+    sources = [f"{stage}@{mark[:6]}" for stage, mark in parents(artifact).values()]
+    sources += [str(facts["name"]) for facts in manifest.inputs.values() if "name" in facts]
+    return {
+        "environment": manifest.environment,
+        "artifact": artifact.address,
+        "name": ", ".join(names),
+        "from": ", ".join(sources),
+        "took": format_seconds(float(manifest.provenance.get("seconds", 0.0))),
+        "MB": round(sum(manifest.sizes.values()) / 1e6, 1),
+        "state": f"stale: {reasons[artifact.key]}" if artifact.key in reasons else "current",
+    }
+
+
+def _command(artifact: Artifact) -> str:
+    return str(artifact.manifest.provenance.get("command", artifact.manifest.stage))
+
+
+def _imported_stages(artifacts: list[Artifact]) -> dict[str, Stage]:
+    """Import the stages of the artifacts, by command and by name; one that cannot be imported is left out."""
+    found: dict[str, Stage] = {}
+    for artifact in artifacts:
+        command = _command(artifact)
+        if command not in found:
+            try:
+                found[command] = stage_ref(command).load()
+            except (ImportError, KeyError, OSError):
+                continue
+            found.setdefault(artifact.manifest.stage, found[command])
+    return found
+
+
+def _flat(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    rows: dict[str, Any] = {}
+    for key, value in config.items():
+        if isinstance(value, dict):
+            rows |= _flat(value, f"{prefix}{key}.")
+        else:
+            rows[prefix + key] = value
+    return rows
+
+
+def show_difference(store: Store, console: Console, one: str, two: str) -> None:
+    """Print the first difference between two artifacts."""
+    difference = first_difference(store, store.find(one), store.find(two))
+    console.say(difference or f"{one} and {two} have the same settings, inputs and content")
+    console.result({"difference": difference})
+
+
+def verify_all(store: Store, console: Console, addresses: list[str]) -> None:
+    """Read every payload file again and compare it with the manifest.
+
+    Raises:
+        PlopError: One artifact is damaged, or several are.
+    """
+    chosen = [store.find(address) for address in addresses] if addresses else store.artifacts()
+    damaged = [] if addresses else list(store.unreadable().values())
+    for artifact in chosen:
+        try:
+            verify(artifact, store.cache, fresh=True)
+        except PlopError as error:
+            damaged.append(error)
+        else:
+            console.say(f"{artifact.address}  {len(artifact.manifest.files)} files are as they were written")
+    store.cache.save()
+    if len(damaged) == 1:
+        raise damaged[0]
+    if damaged:
+        raise PlopError(f"{len(damaged)} artifacts are damaged.",
+                        found="\n".join(error.render() for error in damaged))  # fmt: skip
+    console.result({"verified": [artifact.address for artifact in chosen]})

@@ -1,0 +1,73 @@
+"""The pipeline, in order: what a newcomer reads first.
+
+Each line is a command, where its stage lives, and what it does. A stage is imported when
+it is run, so that `plop --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from stages.contract import Stage
+
+
+@dataclass(frozen=True)
+class StageRef:
+    """One stage, not yet imported."""
+
+    command: str
+    """What the user types after `plop`, e.g. "ingest disect"."""
+    target: str
+    """`module:name` of the Stage."""
+    help: str
+    """One line for `plop --help`."""
+
+    @property
+    def name(self) -> str:
+        """Name of the stage and of its folder of artifacts."""
+        return self.command.split()[0]
+
+    def load(self) -> Stage:
+        """Import the stage."""
+        module, _, name = self.target.partition(":")
+        stage: Stage = getattr(importlib.import_module(module), name)
+        return stage
+
+
+PIPELINE = (
+    StageRef("ingest disect", "stages.ingest.stage:INGEST_DISECT", "Render DiSECt simulations into recordings."),
+    StageRef("ingest mesh", "stages.ingest.stage:INGEST_MESH", "Render mesh sequences of a simulator into recordings."),
+    StageRef("ingest droid", "stages.ingest.droid:INGEST_DROID", "Turn episodes of a DROID robot into recordings."),
+    StageRef("calibrate", "stages.calibrate.stage:STAGE", "Find and check camera calibration; a verdict per camera."),
+    StageRef("fuse", "stages.fuse.stage:STAGE", "Fuse the views before the cut into one object cloud."),
+    StageRef("fit-init", "stages.fit_init.stage:STAGE", "Fit 3D Gaussians to the first frame: object and tool."),
+    StageRef("train", "stages.train.stage:STAGE", "Learn the dynamics from the training episodes."),
+    StageRef("filter", "stages.filter.stage:STAGE", "Follow the object through an episode: predict and update."),
+    StageRef("rollout", "stages.rollout.stage:STAGE", "Predict unseen episodes from their first frame and actions."),
+    StageRef("eval", "stages.eval.stage:STAGE", "Score predictions against measurements and two baselines."),
+)
+
+
+def stage_ref(command: str) -> StageRef:
+    """Give a stage by its command, e.g. "fit-init" or "ingest disect".
+
+    Raises:
+        KeyError: There is none.
+    """
+    for ref in PIPELINE:
+        if ref.command == command:
+            return ref
+    raise KeyError(command)
+
+
+def command_of(stage: Stage) -> str:
+    """Give the command of an imported stage; the stage's name when it is not part of the pipeline."""
+    for ref in PIPELINE:
+        module, _, name = ref.target.partition(":")
+        if getattr(sys.modules.get(module), name, None) is stage:
+            return ref.command
+    return stage.name

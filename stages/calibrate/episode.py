@@ -1,0 +1,95 @@
+"""Calibrate one episode: measure, correct what can be corrected, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.recordings.recording import Recording
+from stages.calibrate.correct import find_correction
+from stages.calibrate.pass_on import Edits
+from stages.calibrate.scan import ScanVerdict, check_scan
+from stages.calibrate.tool_timing import Offset, episode_offsets, shifted_tool_poses
+from stages.calibrate.verdict import CameraVerdict, judge, tolerance_ms
+from stages.calibrate.verify import check_episode, spread_frames
+
+if TYPE_CHECKING:
+    from stages.calibrate.stage import CalibrateConfig
+
+
+@dataclass(frozen=True)
+class EpisodeCalibration:
+    """What to change in one recording, and the verdicts."""
+
+    edits: Edits
+    cameras: list[CameraVerdict]
+    scans: list[ScanVerdict] = field(default_factory=list)
+
+
+def calibrate_episode(recording: Recording, config: CalibrateConfig,
+                      reprojection_px: Mapping[str, float] | None = None) -> EpisodeCalibration:  # fmt: skip
+    """Calibrate one episode.
+
+    Args:
+        recording: Open recording, with board and hand-eye results already applied.
+        config: Settings of the stage.
+        reprojection_px: Error of board images per camera [px].
+
+    Raises:
+        PlopError: Images or calibration cannot be what they claim (units, NaN poses), or there is no camera.
+    """
+    names = recording.camera_names
+    if not names:
+        raise PlopError("The recording has no camera.", where=recording.path, expected="at least one", found="none")
+    frames = spread_frames(len(recording), config.check_frames)
+    before = check_episode(recording, frames, config.region_margin_m)
+    edits, after, corrected, scales = Edits(), before, {}, dict.fromkeys(names, 1.0)
+    off = [n for n, c in before.items() if c.disagreement_mm is not None
+           and c.disagreement_mm > config.max_disagreement_mm]  # fmt: skip
+    lost = [n for n, c in before.items() if c.disagreement_mm is None and c.pixels]
+    if config.correct and (off or (lost and len(names) > 1)):
+        found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
+                                config.gate_m)  # fmt: skip
+        if found is not None:
+            after = found.checks
+            for name, (move, factor) in found.change.items():
+                corrected[name] = found.kind
+                scales[name] = factor
+                _add(edits, recording, name, move, factor)
+    offsets = episode_offsets(recording, config.max_offset_search_ms) if config.time_offset else {}
+    shift = _common_offset_ms(offsets, config)
+    if shift is not None:
+        edits.world_from_tool = shifted_tool_poses(recording, shift)
+    verdicts = [judge(name, before[name], after[name], corrected=corrected.get(name), depth_scale=scales[name],
+                      reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
+                      offset_corrected=shift is not None, config=config)
+                for name in names]  # fmt: skip
+    scans = []
+    for name in recording.scan_names:
+        scan, poses = check_scan(recording, name, config)
+        scans.append(scan)
+        if poses is not None:
+            edits.poses[f"scan/{name}"] = poses
+    return EpisodeCalibration(edits, verdicts, scans)
+
+
+def _add(edits: Edits, recording: Recording, name: str, move: np.ndarray, factor: float) -> None:
+    poses = np.stack([recording.camera(name, frame).world_from_cam for frame in range(len(recording))])
+    if not np.allclose(move, np.eye(4), atol=1e-9):
+        edits.poses[f"cameras/{name}"] = move @ poses
+    if abs(factor - 1) > 1e-9:
+        edits.depth_factors[f"cameras/{name}"] = factor
+
+
+def _common_offset_ms(offsets: Mapping[str, Offset], config: CalibrateConfig) -> float | None:
+    """Give the offset that all cameras share, when it is worth correcting: only the tool can be shifted."""
+    if not offsets or not config.correct:
+        return None
+    middle = float(np.median([each.offset_ms for each in offsets.values()]))
+    alike = all(abs(each.offset_ms - middle) <= tolerance_ms(each, config) for each in offsets.values())
+    least = min(tolerance_ms(each, config) for each in offsets.values())
+    return middle if alike and abs(middle) > least else None

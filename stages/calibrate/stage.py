@@ -1,0 +1,188 @@
+"""calibrate: a verdict per camera, with the fix, before anyone trains; corrected recordings pass on."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from plop.errors import PlopError
+from plop.recordings.recording import Recording
+from plop.recordings.set import RecordingSet
+from stages.calibrate.episode import calibrate_episode
+from stages.calibrate.pass_on import pass_on
+from stages.calibrate.solved import Solved, edits_for, solve
+from stages.calibrate.verdict import ORDER
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+
+
+@dataclass(frozen=True)
+class CalibrateConfig:
+    """Settings of `calibrate`; their defaults are written only here."""
+
+    correct: bool = True
+    """Whether cameras that disagree are corrected (pose, depth scale, time offset) or only reported."""
+    check_frames: int = 3
+    """Frames of each episode, evenly spread, on which the cameras are compared."""
+    region_margin_m: float = 0.05
+    """How far around the object surfaces are compared [m]."""
+    max_disagreement_mm: float = 2.0
+    """Depth disagreement with the other cameras that is still good [mm]."""
+    max_reprojection_px: float = 0.5
+    """Reprojection error of board images that is still good [px]."""
+    max_offset_ms: float = 15.0
+    """Camera-to-robot time offset that is still good [ms]."""
+    time_offset: bool = True
+    """Whether the time offset is measured from the tool's outline in the images."""
+    max_offset_search_ms: float = 200.0
+    """Time offsets are searched up to this [ms]."""
+    gate_m: float = 0.03
+    """Largest distance of corresponding points when cameras are registered to each other [m]."""
+    board_kind: str = "charuco"
+    """Board in `board_images` and in hand-eye images: "charuco", "chessboard" or (hand-eye only) "marker"."""
+    board_columns: int = 5
+    """Squares along x; a chessboard has one inner corner fewer."""
+    board_rows: int = 7
+    """Squares along y."""
+    board_square_m: float = 0.034
+    """Edge of a square, or of the single marker [m]."""
+    board_marker_m: float = 0.028
+    """Edge of the markers in a ChArUco board [m]."""
+    board_dictionary: str = "DICT_4X4_50"
+    """OpenCV's name of the ArUco dictionary."""
+    board_marker_id: int = 0
+    """Id of the single marker."""
+    hand_eye_method: str = "auto"
+    """TSAI, PARK, HORAUD, ANDREFF or DANIILIDIS; "auto" tries all and keeps the most consistent."""
+    flange_from_tool: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """Pose of the tool in the gripper of the hand-eye poses: x, y, z [m], extrinsic xyz Euler angles [rad]."""
+    refine_scan: str = "auto"
+    """Whether poses of a scan are refined by its images: "auto" (when its views disagree), "always" or "never"."""
+    scan_scale: str = "poses"
+    """Where a refined scan takes its scale from: "poses" (robot, or a board before) or "depth"."""
+    max_scan_views: int = 40
+    """At most this many views of a scan are refined, evenly spread; the others follow the nearest."""
+
+
+def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
+    """Write the recording set again, cameras verified or corrected, and calibration.json."""
+    _check(config)
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    solved = _solve(inputs, recordings, config)
+    folder = out.path / "episodes"
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: dict[str, dict] = {}
+    skipped: dict[str, str] = dict(recordings.skipped)
+    for done, name in enumerate(recordings.names):
+        part = folder / f"{name}.json.part"
+        if not out.is_done(name):
+            _write_text(part, json.dumps(_one(recordings, name, solved, config, folder)))
+            out.mark_done(name)
+        saved = json.loads(part.read_text())
+        if "skipped" in saved:
+            skipped[name] = saved["skipped"]
+        else:
+            rows[name] = saved
+        out.progress(done + 1, len(recordings.names), name)
+    if not rows:
+        raise PlopError("No episode could be calibrated.", where=recordings.folder, expected="at least one episode",
+                        found=next(iter(skipped.values()), "the set is empty"))  # fmt: skip
+    facts = {"episodes": rows, "cameras": _worst(rows), "skipped": skipped, **solved.facts()}
+    _write_text(out.path / "calibration.json", json.dumps(facts, indent=1, sort_keys=True))
+    replace(recordings, folder=out.path, train=[n for n in recordings.train if n in rows],
+            test=[n for n in recordings.test if n in rows], skipped=skipped).save()  # fmt: skip
+    for name in recordings.names:
+        (folder / f"{name}.json.part").unlink(missing_ok=True)
+    return _summary(facts, [n for n in skipped if n not in recordings.skipped], solved.warnings)
+
+
+def _solve(inputs: Inputs, recordings: RecordingSet, config: CalibrateConfig) -> Solved:
+    boards, poses = (inputs[key].path if key in inputs else None for key in ("board_images", "handeye"))
+    if boards is None and poses is None:
+        return Solved()
+    if not recordings.names:
+        raise PlopError("The set of recordings is empty.", where=recordings.folder, expected="at least one episode")
+    with recordings.open(recordings.names[0]) as recording:
+        return solve(boards, poses, recording, config)
+
+
+def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateConfig, folder: Path) -> dict:
+    source, first = recordings.path(name), folder / f"{name}.h5.first"
+    try:
+        with recordings.open(name) as recording:
+            given = edits_for(recording, solved, config)
+        if given:
+            pass_on(source, first, given)
+            source = first
+        with Recording(source) as recording:
+            result = calibrate_episode(recording, config, solved.reprojection_px)
+        pass_on(source, folder / f"{name}.h5", result.edits)
+    except PlopError as error:
+        return {"skipped": error.render()}
+    finally:
+        first.unlink(missing_ok=True)
+    return {"cameras": [asdict(verdict) for verdict in result.cameras],
+            "scan": [asdict(verdict) for verdict in result.scans]}  # fmt: skip
+
+
+def _check(config: CalibrateConfig) -> None:
+    for key, known in (("refine_scan", ("auto", "always", "never")), ("scan_scale", ("poses", "depth"))):
+        if getattr(config, key) not in known:
+            raise PlopError("This setting is unknown.", where=f"calibrate.{key}", expected=" or ".join(known),
+                            found=str(getattr(config, key)))  # fmt: skip
+    if config.max_disagreement_mm <= 0 or config.gate_m <= 0 or config.check_frames < 1:
+        raise PlopError("A limit is not positive.", where="calibrate",
+                        expected="max_disagreement_mm, gate_m and check_frames above 0")  # fmt: skip
+
+
+def _worst(rows: dict[str, dict]) -> dict[str, dict]:
+    """Pick, per camera, the verdict of its worst episode."""
+    worst: dict[str, dict] = {}
+    for name, row in rows.items():
+        for verdict in row["cameras"]:
+            entry = {**verdict, "episode": name}
+            known = worst.get(verdict["camera"])
+            if known is None or _badness(entry) > _badness(known):
+                worst[verdict["camera"]] = entry
+    return worst
+
+
+def _badness(entry: dict) -> tuple[int, float]:
+    return ORDER.index(entry["verdict"]), entry["disagreement_mm"] or 0.0
+
+
+def _write_text(path: Path, text: str) -> None:
+    scratch = path.with_name(path.name + ".tmp")
+    scratch.write_text(text)
+    os.replace(scratch, path)
+
+
+def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
+    columns = ("camera", "verdict", "reprojection_px", "disagreement_mm", "time_offset_ms", "depth_scale", "fix")
+    table = [{key: entry[key] for key in columns} for _, entry in sorted(facts["cameras"].items())]
+    counts = {kind: sum(entry["verdict"] == kind for entry in facts["cameras"].values()) for kind in ORDER}
+    figures = {"episodes": len(facts["episodes"]), "skipped": len(skipped),
+               **{f"cameras_{kind}": count for kind, count in counts.items()}}  # fmt: skip
+    known = [e["disagreement_mm"] for e in facts["cameras"].values() if e["disagreement_mm"] is not None]
+    if known:
+        figures["worst_disagreement_mm"] = max(known)
+    warnings = [f"camera {name} ({entry['episode']}): {entry['fix']}" for name, entry in
+                sorted(facts["cameras"].items()) if entry["fix"]]  # fmt: skip
+    warnings += [f"scan {scan['camera']} ({name}): {scan['fix']}" for name, row in facts["episodes"].items()
+                 for scan in row["scan"] if scan["fix"]]  # fmt: skip
+    return Summary(figures, table, said + warnings + [f"{n} was skipped: {facts['skipped'][n]}" for n in skipped])
+
+
+STAGE = Stage(
+    name="calibrate",
+    version=1,
+    help="Verify the cameras of recordings, correct what can be corrected, give a verdict per camera.",
+    config=CalibrateConfig,
+    inputs={
+        "recordings": InputSpec(("ingest",), "recordings to verify"),
+        "board_images": InputSpec((), "folder with board images, one sub-folder per camera", optional=True),
+        "handeye": InputSpec((), "folder with hand-eye poses, one sub-folder per camera", optional=True),
+    },
+    run=run,
+)

@@ -1,0 +1,158 @@
+"""Measure how well the cameras of one episode agree in depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.agreement import DepthView, Disagreement, disagreement, object_box, pixels_in_box
+from plop.geometry.cameras import Camera
+from plop.geometry.pointcloud import check_metres
+from plop.recordings.recording import MaskLabel, Recording, View
+
+MIN_COMPARED = 20
+"""Pixels that two cameras must share before their difference counts."""
+
+
+@dataclass(frozen=True)
+class CameraCheck:
+    """What one camera's depth says against the other cameras'."""
+
+    pixels: int
+    """Measured pixels in the region around the object, over the frames checked."""
+    disagreement_mm: float | None
+    """Median over other cameras of the median absolute depth difference [mm]; None when nothing overlaps."""
+    bias_mm: float | None
+    """Median over other cameras of their depth minus this one's [mm]."""
+    ratio: float | None
+    """Median over other cameras of their depth divided by this one's."""
+    partners: int
+    """Cameras that see part of the same surface."""
+
+
+Change = Mapping[str, tuple[np.ndarray, float]]
+"""Per camera: a rigid transform applied to its pose in the world, [4, 4], and a factor for its depth."""
+
+
+def read_views(recording: Recording, frame: int, change: Change | None = None) -> list[View]:
+    """Read one frame of all cameras, with a trial correction applied.
+
+    Args:
+        recording: Open recording.
+        frame: Index of the frame.
+        change: Trial correction per camera; cameras that it lacks stay as they are.
+
+    Returns:
+        Views with NaN and infinite depth set to 0 (not measured).
+
+    Raises:
+        PlopError: Depth is negative or in millimetres, or a camera's calibration is not finite.
+    """
+    views = []
+    for name in recording.camera_names:
+        view = recording.view(name, frame)
+        where = f"{recording.path}:/cameras/{name}"
+        check_camera(view.camera, where)
+        check_metres(view.depth_m, f"{where}/depth_m[{frame}]")
+        move, factor = (change or {}).get(name, (np.eye(4), 1.0))
+        depth = np.nan_to_num(view.depth_m, nan=0.0, posinf=0.0, neginf=0.0) * np.float32(factor)
+        camera = replace(view.camera, world_from_cam=move @ view.camera.world_from_cam)
+        views.append(replace(view, camera=camera, depth_m=depth))
+    return views
+
+
+def check_camera(camera: Camera, where: str) -> None:
+    """Raise when intrinsics or pose of a camera cannot be.
+
+    Raises:
+        PlopError: Numbers are not finite, focal lengths not positive, the rotation is none, or the camera
+            stands further than 100 m from the origin (millimetres).
+    """
+    pose, matrix = camera.world_from_cam, camera.intrinsics
+    if not (np.isfinite(pose).all() and np.isfinite(matrix).all()):
+        raise PlopError("A camera's calibration has values that are no numbers.", where=where,
+                        expected="finite intrinsics and world_from_cam", found="NaN or infinity")  # fmt: skip
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise PlopError("A camera's focal length is not positive.", where=f"{where}/intrinsics", expected="fx, fy > 0",
+                        found=f"fx {matrix[0, 0]:.3f}, fy {matrix[1, 1]:.3f}")  # fmt: skip
+    error = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
+    if error > 1e-2 or np.linalg.det(pose[:3, :3]) < 0:
+        raise PlopError("A camera's pose is not a rotation and a translation.", where=f"{where}/world_from_cam",
+                        expected="an orthonormal right-handed 3x3 part", found=f"off by {error:.3g}")  # fmt: skip
+    if np.abs(pose[:3, 3]).max() > 100:
+        raise PlopError("A camera stands too far away to be true.", where=f"{where}/world_from_cam",
+                        expected="metres", found=f"{np.abs(pose[:3, 3]).max():.0f}",
+                        fix="Poses seem to be in millimetres: divide the translation by 1000.")  # fmt: skip
+
+
+def depth_views(views: list[View], margin_m: float) -> list[DepthView]:
+    """Choose the pixels to compare: measured, near the object, neither tool nor undecided.
+
+    Args:
+        views: One frame of all cameras.
+        margin_m: How far around the object surfaces take part [m].
+    """
+    clouds = [view.camera.back_project(view.depth_m, view.object_mask) for view in views]
+    box = object_box(clouds, margin_m)
+    out = []
+    for view in views:
+        region = pixels_in_box(view.camera, view.depth_m, box) if box else view.depth_m > 0
+        region &= (view.mask != MaskLabel.TOOL) & (view.mask != MaskLabel.UNKNOWN)
+        out.append(DepthView(view.camera, view.depth_m, region))
+    return out
+
+
+def check_episode(recording: Recording, frames: list[int], margin_m: float,
+                  change: Change | None = None) -> dict[str, CameraCheck]:  # fmt: skip
+    """Compare every pair of cameras on some frames: around the object, and on the object alone.
+
+    A shift along the table does not show on the table, so the worse of the two counts.
+
+    Args:
+        recording: Open recording.
+        frames: Frames to look at.
+        margin_m: How far around the object surfaces take part [m].
+        change: Trial correction per camera.
+
+    Returns:
+        One check per camera.
+    """
+    names = recording.camera_names
+    pixels = dict.fromkeys(names, 0)
+    kinds: list[dict[str, dict[str, list[Disagreement]]]] = [{name: {} for name in names} for _ in range(2)]
+    for frame in frames:
+        views = read_views(recording, frame, change)
+        picks = depth_views(views, margin_m)
+        objects = [replace(pick, region=view.object_mask) for pick, view in zip(picks, views, strict=True)]
+        for pick in picks:
+            pixels[pick.camera.name] += int(pick.region.sum())
+        for found, these in zip(kinds, (picks, objects), strict=True):
+            for a in these:
+                for b in these:
+                    if a is not b:
+                        found[a.camera.name].setdefault(b.camera.name, []).append(disagreement(a, b))
+    around, alone = ({name: _summarise(pixels[name], name, found) for name in names} for found in kinds)
+    return {name: max(around[name], alone[name], key=lambda check: check.disagreement_mm or 0.0) for name in names}
+
+
+def _summarise(pixels: int, name: str, found: dict[str, dict[str, list[Disagreement]]]) -> CameraCheck:
+    medians, biases, ratios = [], [], []
+    for other, pairs in found[name].items():
+        there = [pair for pair in pairs if pair.compared >= MIN_COMPARED]
+        back = [pair for pair in found[other].get(name, []) if pair.compared >= MIN_COMPARED]
+        ratios += [pair.ratio for pair in pairs if np.isfinite(pair.ratio)]
+        if there or back:
+            medians.append(float(np.median([pair.median_mm for pair in there + back])))
+            biases.append(float(np.median([p.bias_mm for p in there] + [-p.bias_mm for p in back])))
+    if not medians:
+        return CameraCheck(pixels, None, None, float(np.median(ratios)) if ratios else None, 0)
+    ratio = float(np.median(ratios)) if ratios else None
+    return CameraCheck(pixels, float(np.median(medians)), float(np.median(biases)), ratio, len(medians))
+
+
+def spread_frames(total: int, count: int) -> list[int]:
+    """Pick frames evenly, the first one always: indices, ascending."""
+    return sorted({int(i) for i in np.linspace(0, total - 1, max(1, min(count, total)))})

@@ -1,0 +1,100 @@
+"""What every stage is: named inputs, a frozen configuration, one output, a summary.
+
+A stage reads artifacts, writes one artifact and prints nothing. It does not know
+where artifacts live, what they are called or who runs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.manifest import Manifest
+
+
+@dataclass(frozen=True)
+class InputSpec:
+    """One named input of a stage."""
+
+    stages: tuple[str, ...]
+    """Names of the stages whose artifacts fit; empty for a raw file or folder given by the user."""
+    help: str
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Input:
+    """One resolved input: a finished artifact, or a raw path."""
+
+    path: Path
+    """The payload's folder, or the raw file or folder."""
+    manifest: Manifest | None = None
+    """None for a raw path."""
+
+
+Inputs = Mapping[str, Input]
+"""Resolved inputs by name. An optional input that was not given is absent."""
+
+Progress = Callable[..., None]
+"""`progress(done, total, label="", **figures)`: called by a stage as often as it likes."""
+
+
+def silent(done: float, total: float, label: str = "", **figures: Any) -> None:
+    """Ignore progress."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where a stage writes.
+
+    The folder is a scratch folder that belongs to this fingerprint alone. After a killed
+    run the same folder comes back with what had been written: a stage keeps every finished
+    piece (`is_done`, `mark_done`) and writes each file under a temporary name first.
+    Everything visible in the folder at the end is the payload; hidden entries (`.done`,
+    checkpoints in `.checkpoints`) and `*.tmp` files are dropped when the artifact is made.
+    """
+
+    path: Path
+    progress: Progress = silent
+
+    def is_done(self, piece: str) -> bool:
+        """Tell whether a piece of the work (an episode, say) was finished by an earlier, killed run."""
+        return (self.path / ".done" / piece.replace("/", "_")).exists()
+
+    def mark_done(self, piece: str) -> None:
+        """Record that everything a piece writes is on the disk."""
+        marks = self.path / ".done"
+        marks.mkdir(exist_ok=True)
+        (marks / piece.replace("/", "_")).touch()
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a stage has to say, kept in the manifest and shown by the command."""
+
+    figures: dict[str, Any] = field(default_factory=dict)
+    """Named numbers with the unit in the name, e.g. {"episodes": 6, "depth_error_mm": 0.7}. JSON types only."""
+    table: list[dict[str, Any]] = field(default_factory=list)
+    """Rows to show, one dict a row, the same keys in each. JSON types only."""
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One verb of the pipeline."""
+
+    name: str
+    """Name of the stage and of its folder under artifacts/, e.g. "fit-init"."""
+    version: int
+    """Bumped by hand when the same inputs and configuration would give another result."""
+    help: str
+    """One line for `plop --help`."""
+    config: type
+    """Frozen dataclass with a default for every field; a docstring under each field says meaning and unit."""
+    inputs: Mapping[str, InputSpec]
+    run: Callable[[Inputs, Any, Output], Summary]
+    raw_files: Callable[[Path, Any], list[Path]] | None = None
+    """`raw_files(folder, config)`: which files of a raw input are read, when not all of them. Only their
+    contents enter the fingerprint, so that files of another environment beside them change nothing."""

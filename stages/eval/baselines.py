@@ -1,0 +1,96 @@
+"""The two baselines of every table: nothing moves, and the best rigid motion.
+
+*persistence* keeps frame 0's Gaussians where they are. *rigid* moves them as one body with the
+pose that best fits the **measured** cloud of each frame. It looks at the answer, which no
+prediction may: it is an oracle, the best that any rigid prediction could do, and not a method.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plop.geometry.rigid import invert_rigid, transform_points
+
+_SAMPLE_POINTS = 1024
+_ROUNDS = 40
+_STOP_M = 1e-6
+
+
+class RigidFit:
+    """Fit one cloud rigidly onto others.
+
+    A sample of each cloud looks for its nearest points among all points of the other, both
+    ways, so that the fit lowers the two-sided distance that CD measures.
+
+    Args:
+        source: Cloud to move, shape [A, 3], metres.
+        seed: Seed of the samples.
+    """
+
+    def __init__(self, source: np.ndarray, seed: int = 0) -> None:
+        self._random = np.random.default_rng(seed)
+        self._source = source
+        self._tree = cKDTree(source)
+        self._sample = self._draw(source)
+
+    def best(self, target: np.ndarray, starts: list[np.ndarray]) -> np.ndarray:
+        """Find the rigid transform that brings the source closest to a target.
+
+        Iterative closest points from every start; of everything met, the one with the lowest CD.
+
+        Args:
+            target: Shape [B, 3], metres.
+            starts: Transforms to start from, shape [4, 4] each; kept when nothing found is better. Shifts along
+                the line between the clouds' centres are tried besides.
+
+        Returns:
+            Transform from source to target, shape [4, 4].
+        """
+        offset = target.mean(0) - self._source.mean(0)
+        starts = [*starts, *(shifted(offset * times) for times in (1, 2, -1))]
+        tree, sample = cKDTree(target), self._draw(target)
+        found = [pair for start in starts for pair in self._refine(tree, sample, start)]
+        return min(found, key=lambda pair: pair[0])[1]
+
+    def _refine(self, tree: cKDTree, sample: np.ndarray, pose: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """Give (CD in metres, pose) of every round."""
+        rounds: list[tuple[float, np.ndarray]] = []
+        for _ in range(_ROUNDS):
+            forward, at_target = tree.query(transform_points(pose, self._sample))
+            backward, at_source = self._tree.query(transform_points(invert_rigid(pose), sample))
+            rounds.append((0.5 * float(forward.mean() + backward.mean()), pose))
+            if len(rounds) > 1 and rounds[-1][0] > rounds[-2][0] - _STOP_M:
+                break
+            pose = kabsch(np.concatenate([self._sample, self._source[at_source]]),
+                          np.concatenate([tree.data[at_target], sample]))  # fmt: skip
+        return rounds
+
+    def _draw(self, points: np.ndarray) -> np.ndarray:
+        return points[self._random.permutation(len(points))[:_SAMPLE_POINTS]]
+
+
+def shifted(offset: np.ndarray) -> np.ndarray:
+    """Give the transform that moves by an offset, shape [3] -> [4, 4], metres."""
+    pose = np.eye(4)
+    pose[:3, 3] = offset
+    return pose
+
+
+def kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Give the rigid transform with the least squared distance between paired points.
+
+    Args:
+        source: Shape [N, 3], metres.
+        target: Shape [N, 3], metres.
+
+    Returns:
+        Shape [4, 4].
+    """
+    middle, goal = source.mean(0), target.mean(0)
+    left, _, right = np.linalg.svd((source - middle).T @ (target - goal))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
+    pose = np.eye(4)
+    pose[:3, :3] = right.T @ flip @ left.T
+    pose[:3, 3] = goal - pose[:3, :3] @ middle
+    return pose

@@ -1,0 +1,156 @@
+"""Score one episode: the prediction and both baselines against every measured frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image
+
+from plop.errors import PlopError
+from plop.gaussians.rigid_motion import moved_rigidly
+from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.state import Gaussians
+from plop.metrics.clouds import back_project_all
+from plop.metrics.frame import FrameOptions, Scores, score_frame
+from plop.metrics.lpips import Lpips, Unavailable
+from plop.recordings.busiest_camera import busiest_camera
+from plop.recordings.recording import Recording, View
+from plop.recordings.set import RecordingSet
+from plop.render.panels import over_black, sheet, side_by_side
+from plop.render.scene import render_scene
+from plop.render.view_file import ViewFile
+from stages.contract import Progress
+from stages.eval.baselines import RigidFit
+from stages.eval.material import MaterialPoints
+
+if TYPE_CHECKING:
+    from stages.eval.stage import EvalConfig
+
+
+@dataclass(frozen=True)
+class EpisodePaths:
+    """Where one episode's parts lie."""
+
+    init: Path
+    """Folder with object.ply and tool.ply."""
+    rollout: Path
+    """Folder with images.h5 and states.h5."""
+    picture: Path
+    """Picture to write."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame, ready to be scored."""
+
+    index: int
+    measured: list[View]
+    predictions: dict[str, list[View]]
+    """Views by method."""
+    rigid_pose: np.ndarray
+    """Motion of the rigid baseline since frame 0, shape [4, 4]."""
+
+
+def score_episode(
+    recordings: RecordingSet,
+    name: str,
+    paths: EpisodePaths,
+    config: EvalConfig,
+    lpips: Lpips | Unavailable,
+    progress: Progress,
+) -> list[dict]:
+    """Score one episode and draw its picture.
+
+    Args:
+        recordings: The set that holds the episode.
+        name: The episode.
+        paths: Its parts.
+        config: Settings.
+        lpips: The loaded score, or why there is none.
+        progress: Called after every frame.
+
+    Returns:
+        One row per method and frame: episode, method, frame, time_s and the scores.
+    """
+    jobs: list[tuple[dict, Future[Scores]]] = []
+    with ExitStack() as stack:
+        recording = stack.enter_context(recordings.open(name))
+        views = stack.enter_context(ViewFile(paths.rollout / "images.h5"))
+        pool = stack.enter_context(ThreadPoolExecutor(config.threads or cpu_count()))
+        material = stack.enter_context(MaterialPoints(recording.path, paths.rollout / "states.h5", use=config.truth))
+        _check_match(views, recording)
+        frames, times = len(recording), recording.time_s
+        camera = busiest_camera(recording, config.picture_camera)
+        pictures = {}
+        for frame in _frames(recording, views, paths.init, config):
+            with_emd = config.emd_every > 0 and (frame.index % config.emd_every == 0 or frame.index == frames - 1)
+            options = FrameOptions(config.seed, with_emd, lpips.score if isinstance(lpips, Lpips) else None)
+            for method, predicted in frame.predictions.items():
+                row = {"episode": name, "method": method, "frame": frame.index, "time_s": float(times[frame.index])}
+                jobs.append((row, pool.submit(score_frame, predicted, frame.measured, options)))
+            material.add(frame.index, config.method, frame.rigid_pose)
+            if frame.index in (0, frames // 2, frames - 1):
+                pictures[frame.index] = _picture(frame, config.method, camera, times[frame.index])
+            progress(frame.index + 1, frames, name)
+        rows = [row | job.result() | material.score(row["frame"], row["method"]) for row, job in jobs]
+    scratch = paths.picture.with_suffix(".tmp.png")
+    Image.fromarray(sheet(list(pictures.values()))).save(scratch)
+    scratch.replace(paths.picture)
+    return rows
+
+
+def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfig) -> Iterator[Frame]:
+    """Read what was measured and predicted, and render the baselines beside it."""
+    start, tool = _read_init(init)
+    names, poses = recording.camera_names, recording.world_from_tool
+    pose, fit = np.eye(4), None
+    for index in range(len(recording)):
+        measured = [recording.view(name, index) for name in names]
+        cameras = [view.camera for view in measured]
+        cloud = back_project_all(cameras, [view.depth_m for view in measured], [view.object_mask for view in measured],
+                                 seed=config.seed)  # fmt: skip
+        if fit is None and len(cloud):
+            fit = RigidFit(cloud.points, config.seed)
+        elif fit is not None and len(cloud):
+            pose = fit.best(cloud.points, [pose, np.eye(4)])
+        placed = moved_rigidly(tool, poses[index])
+        drawn = {
+            method: render_scene(moved_rigidly(start, motion), placed, cameras, backend=config.backend)  # type: ignore[arg-type]
+            for method, motion in (("persistence", np.eye(4)), ("rigid", pose))
+        }
+        yield Frame(index, measured, {config.method: [views.view(camera, index) for camera in cameras], **drawn}, pose)
+
+
+def _read_init(init: Path) -> tuple[Gaussians, Gaussians]:
+    for part in ("object.ply", "tool.ply"):
+        if not (init / part).is_file():
+            raise PlopError("An episode has no fitted Gaussians.", where=init / part, expected=f"a fit of {init.name}",
+                            found="no file",
+                            fix="Give the `plop fit-init` artifact that the rollout started from.")  # fmt: skip
+    return read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+
+
+def _check_match(views: ViewFile, recording: Recording) -> None:
+    pairs = {
+        "episode": (recording.name, views.name),
+        "environment": (recording.environment, views.environment),
+        "cameras": (", ".join(recording.camera_names), ", ".join(views.camera_names)),
+        "frames": (str(len(recording)), str(len(views))),
+    }
+    for what, (expected, found) in pairs.items():
+        if expected != found:
+            raise PlopError(f"The rollout and the recording differ in {what}.", where=views.path, expected=expected,
+                            found=found, fix="Give the recordings that the rollout was made from.")  # fmt: skip
+
+
+def _picture(frame: Frame, method: str, camera: str, time_s: float) -> np.ndarray:
+    place = next(place for place, view in enumerate(frame.measured) if view.camera.name == camera)
+    shown, predicted = (over_black(views[place]) for views in (frame.measured, frame.predictions[method]))
+    return side_by_side(shown, predicted, label=f"frame {frame.index}, {time_s:.2f} s")

@@ -1,0 +1,135 @@
+"""Condense scores per frame into scores per episode and environment."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plop.metrics.bootstrap import bootstrap_interval
+from plop.metrics.frame import CONVENTIONS, HIGHER_IS_BETTER, mean_defined
+
+if TYPE_CHECKING:
+    from stages.eval.stage import EvalConfig
+
+SCORES_SCHEMA = 1
+PARTS = {
+    "episode": "mean over the predicted frames (all but frame 0, which is given)",
+    "end": "last frame",
+    "start": "frame 0, which is given: the floor that fit and rendering set",
+}
+"""The parts of an episode that are reported."""
+
+Rows = list[dict[str, Any]]
+
+
+def environment_report(rows: Rows, environment: str, config: EvalConfig) -> dict[str, Any]:
+    """Average frames, then episodes.
+
+    Args:
+        rows: One row per episode, method and frame.
+        environment: Its name.
+        config: Settings.
+
+    Returns:
+        The content of scores.json.
+    """
+    episodes: dict[str, dict] = {}
+    for name in dict.fromkeys(row["episode"] for row in rows):
+        mine = [row for row in rows if row["episode"] == name]
+        methods = list(dict.fromkeys(row["method"] for row in mine))
+        episodes[name] = {method: _parts([row for row in mine if row["method"] == method]) for method in methods}
+    metrics = [metric for metric in CONVENTIONS if any(metric in row for row in rows)]
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    table = {method: _over_episodes(episodes, method, metrics, config.seed) for method in methods}
+    return {
+        "schema": SCORES_SCHEMA,
+        "environment": environment,
+        "method": config.method,
+        "seed": config.seed,
+        "conventions": {metric: CONVENTIONS[metric] for metric in metrics},
+        "parts": PARTS,
+        "baselines": {
+            "persistence": "frame 0's Gaussians, nothing moves but the tool",
+            "rigid": "frame 0's Gaussians moved as one body, fitted to the measured cloud of each frame: an oracle",
+        },
+        "unavailable": {},
+        "notes": _notes(rows, metrics, len(episodes)),
+        "methods": table,
+        "better_than_persistence_percent": {part: _better(table, config.method, part) for part in ("episode", "end")},
+        "episodes": episodes,
+    }
+
+
+def summary_table(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Give one row per method and part, with means over episodes."""
+    table = []
+    for part in PARTS:
+        for method, parts in report["methods"].items():
+            row: dict[str, Any] = {"over": part, "method": method}
+            for metric in report["conventions"]:
+                entry = parts[part][metric]
+                row[metric] = None if entry is None else round(entry["mean"], 3)
+            table.append(row)
+    return table
+
+
+def write_csv(path: Path, rows: Rows) -> None:
+    """Write every frame's scores; an empty field is undefined."""
+    scratch = path.with_name(path.name + ".tmp")
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with scratch.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({key: f"{value:.7g}" if isinstance(value, float) else value for key, value in row.items()})
+    os.replace(scratch, path)
+
+
+def _parts(rows: Rows) -> dict[str, dict[str, float | None]]:
+    last = max(row["frame"] for row in rows)
+    wanted: dict[str, Callable[[int], bool]] = {
+        "episode": lambda frame: frame > 0, "end": lambda frame: frame == last, "start": lambda frame: frame == 0,
+    }  # fmt: skip
+    metrics = [metric for metric in CONVENTIONS if any(metric in row for row in rows)]
+    return {
+        part: {metric: mean_defined([row.get(metric) for row in rows if keep(row["frame"])]) for metric in metrics}
+        for part, keep in wanted.items()
+    }
+
+
+def _over_episodes(episodes: dict, method: str, metrics: list[str], seed: int) -> dict[str, dict]:
+    def interval(part: str, metric: str) -> dict | None:
+        found = bootstrap_interval([scores[method][part].get(metric) for scores in episodes.values()], seed=seed)
+        return None if found is None else asdict(found)
+
+    return {part: {metric: interval(part, metric) for metric in metrics} for part in PARTS}
+
+
+def _better(table: dict, method: str, part: str) -> dict[str, float]:
+    """Say by how many percent the method's error is below persistence's; only scores that are errors."""
+    out = {}
+    for metric, entry in table[method][part].items():
+        base = table["persistence"][part][metric]
+        if metric not in HIGHER_IS_BETTER and entry and base and base["mean"] > 0:
+            out[metric] = round(100 * (1 - entry["mean"] / base["mean"]), 2)
+    return out
+
+
+def _notes(rows: Rows, metrics: list[str], episodes: int) -> list[str]:
+    notes = []
+    if episodes < 2:
+        notes.append("One episode: no interval can be given.")
+    elif episodes == 2:
+        notes.append("Two episodes: the interval is simply the smaller and the larger one.")
+    for metric in metrics:
+        for method in dict.fromkeys(row["method"] for row in rows):
+            missing = [row for row in rows if row["method"] == method and row.get(metric) is None]
+            if missing and metric not in ("lpips", "emd_mm"):
+                first = missing[0]
+                notes.append(f"{metric} of {method} is undefined in {len(missing)} frame(s) (an empty mask or cloud), "
+                             f"first in {first['episode']} frame {first['frame']}.")  # fmt: skip
+    return notes

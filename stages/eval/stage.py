@@ -1,0 +1,117 @@
+"""eval: score rollouts against measurements, beside two baselines, per frame, episode and environment."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from plop.errors import PlopError
+from plop.metrics.lpips import Unavailable, load_lpips
+from plop.recordings.set import RecordingSet
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.eval.episode import EpisodePaths, score_episode
+from stages.eval.plot import plot_over_time
+from stages.eval.report import environment_report, summary_table, write_csv
+
+
+@dataclass(frozen=True)
+class EvalConfig:
+    """Settings of `eval`; their defaults are written only here."""
+
+    method: str = "plop"
+    """Name of the scored rollouts in tables."""
+    seed: int = 0
+    """Seed of the EMD samples and of the bootstrap."""
+    emd_every: int = 1
+    """EMD on every so many frames, and always on the first and the last; 0 leaves it out."""
+    truth: bool = True
+    """Also score material points where the recording holds a simulator's truth."""
+    lpips_net: str = "alex"
+    """Backbone of LPIPS: "alex" or "vgg"."""
+    lpips_backbone: str = ""
+    """File with the backbone's weights; torch's hub folder is searched when empty."""
+    backend: str = "auto"
+    """Renderer of the baselines; see rollout."""
+    picture_camera: str = ""
+    """Camera of the pictures; when empty, the one whose measured image changes most."""
+    threads: int = 0
+    """Frames scored at the same time; 0 is one per core."""
+
+
+def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
+    """Write scores.json, scores.csv, episodes/, pictures/ and over_time.png.
+
+    Raises:
+        PlopError: The rollouts do not belong to these recordings or fits, or hold nothing.
+    """
+    if config.emd_every < 0 or config.lpips_net not in ("alex", "vgg"):
+        raise PlopError("A setting of eval makes no sense.", where="eval.emd_every, eval.lpips_net",
+                        expected="emd_every >= 0; lpips_net alex or vgg",
+                        found=f"{config.emd_every}; {config.lpips_net}")  # fmt: skip
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    rollouts, init = inputs["rollouts"].path, inputs["init"].path
+    names = _episodes(recordings, rollouts)
+    lpips = load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
+    for folder in ("episodes", "pictures"):
+        (out.path / folder).mkdir(parents=True, exist_ok=True)
+    rows: list[dict] = []
+    for done, name in enumerate(names):
+        path = out.path / "episodes" / f"{name}.json"
+        if not out.is_done(name):
+            paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
+            scored = score_episode(recordings, name, paths, config, lpips, out.progress)
+            _write_text(path, json.dumps(scored, indent=1))
+            out.mark_done(name)
+        rows += json.loads(path.read_text())
+        out.progress(done + 1, len(names), name)
+    report = environment_report(rows, recordings.environment, config)
+    if isinstance(lpips, Unavailable):
+        report["unavailable"]["lpips"] = lpips.reason
+    _write_text(out.path / "scores.json", json.dumps(report, indent=1))
+    write_csv(out.path / "scores.csv", rows)
+    plot_over_time(out.path / "over_time.png", rows, recordings.environment)
+    return _summary(report)
+
+
+def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
+    found = sorted(folder.parent.name for folder in rollouts.glob("*/images.h5"))
+    unknown = [name for name in found if name not in recordings.names]
+    if unknown:
+        raise PlopError("A rollout is of another set of recordings.", where=rollouts / unknown[0],
+                        expected=", ".join(recordings.names), found=unknown[0],
+                        fix="Give the recordings that the rollout was made from.")  # fmt: skip
+    if not found:
+        raise PlopError("There is nothing to score.", where=rollouts, expected="<episode>/images.h5 of `plop rollout`",
+                        found="no episode", fix="Run `plop rollout`.")  # fmt: skip
+    return found
+
+
+def _write_text(path: Path, text: str) -> None:
+    scratch = path.with_name(path.name + ".tmp")
+    scratch.write_text(text)
+    os.replace(scratch, path)
+
+
+def _summary(report: dict) -> Summary:
+    figures = {"episodes": len(report["episodes"])}
+    for name, value in report["better_than_persistence_percent"]["episode"].items():
+        figures[f"{name}_better_than_persistence_percent"] = value
+    warnings = [f"{name} is unavailable: {reason}" for name, reason in report["unavailable"].items()]
+    warnings += report["notes"]
+    return Summary(figures, summary_table(report), warnings)
+
+
+STAGE = Stage(
+    name="eval",
+    version=1,
+    help="Score predictions against measurements and two baselines.",
+    config=EvalConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest"), "what was measured"),
+        "init": InputSpec(("fit-init",), "Gaussians at frame 0, for the baselines"),
+        "rollouts": InputSpec(("rollout",), "what was predicted"),
+    },
+    run=run,
+)

@@ -1,0 +1,135 @@
+"""filter: follow the object through an episode with a model (PLOP, Sec. III-C).
+
+Each frame is predicted, then updated on the measured images. Both states are kept, and so are their
+difference (where the model is wrong) and the innovation per camera (how wrong, before any update).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from plop.determinism import deterministic
+from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter
+from plop.dynamics.interface import DynamicsModel
+from plop.dynamics.model_io import load_model
+from plop.dynamics.trivial import ConstantVelocity
+from plop.errors import PlopError
+from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.trajectory import TrajectoryWriter
+from plop.recordings.recording import Recording
+from plop.recordings.set import RecordingSet
+from plop.render.losses import RenderWeights
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """Settings of `filter`; the defaults of the update itself are those of UpdateConfig."""
+
+    seed: int = 0
+    """Seed of the splits."""
+    split: str = "all"
+    """Episodes to filter: "train", "test" or "all"."""
+    iterations: int = 40
+    """Gradient steps a frame."""
+    views: int = 2
+    """Views in each of them, taken in turn."""
+    cells_across: float = 7.0
+    """Cells of the displacement grid along the object's longest extent."""
+    isometry: float = 1.0
+    """Weight of the isometry term, per 0.1 m [-]."""
+    depth_weight: float = 0.2
+    """Weight of the depth error, per 0.1 m [-]."""
+
+
+@deterministic()
+def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
+    """Filter the chosen episodes.
+
+    Args:
+        inputs: "recordings", "init" and, optionally, "model"; without it constant velocity predicts.
+        config: Settings.
+        out: Receives <episode>.h5 (groups predicted and updated; extra arrays last_translation,
+            last_rotation, side and, beside updated, update [N, 3] in metres) and <episode>.json (innovation).
+
+    Returns:
+        Mean innovation before and after the update, per episode.
+
+    Raises:
+        PlopError: The split is unknown, or an episode has no fitted Gaussians.
+    """
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}.get(config.split)
+    if chosen is None:
+        raise PlopError("There is no such split.", where="filter.split", expected="train, test or all",
+                        found=config.split)  # fmt: skip
+    model: DynamicsModel = load_model(inputs["model"].path) if "model" in inputs else ConstantVelocity()
+    update = UpdateConfig(
+        iterations=config.iterations, views=config.views, cells_across=config.cells_across,
+        isometry=config.isometry, weights=RenderWeights(depth=config.depth_weight),
+    )  # fmt: skip
+    rows = []
+    for number, name in enumerate(chosen):
+        if not out.is_done(name):
+            splat = inputs["init"].path / name / "object.ply"
+            _filter_episode(recordings.path(name), splat, model, update, config.seed, out, number, len(chosen))
+            out.mark_done(name)
+        rows.append({"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))})
+    figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
+    return Summary(figures={"episodes": len(rows), **figures}, table=rows)
+
+
+def _filter_episode(
+    recording_path: Path, splat: Path, model: DynamicsModel, update: UpdateConfig, seed: int,
+    out: Output, number: int, total: int,
+) -> None:  # fmt: skip
+    if not splat.is_file():
+        raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
+                        found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
+    name = recording_path.stem
+    generator = torch.Generator().manual_seed(seed)
+    frames = []
+    with Recording(recording_path) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
+        for step in run_filter(model, recording, read_splat(splat), update, generator=generator):
+            _store(writer, step)
+            frames.append({"frame": step.frame, "time_s": float(recording.time_s[step.frame]),
+                           "cameras": step.innovation})  # fmt: skip
+            out.progress(number + (step.frame + 1) / len(recording), total, name, gaussians=len(step.updated.side))
+    temporary = out.path / f"{name}.json.tmp"
+    temporary.write_text(json.dumps({"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}))
+    os.replace(temporary, out.path / f"{name}.json")
+
+
+def _store(writer: TrajectoryWriter, step: FilterStep) -> None:
+    for group, state in (("predicted", step.predicted), ("updated", step.updated)):
+        extra = {"last_translation": state.last_translation, "last_rotation": state.last_rotation, "side": state.side}
+        if group == "updated":
+            extra["update"] = state.gaussians.means - step.predicted.gaussians.means
+        writer.append(group, step.frame, state.gaussians, **extra)
+
+
+def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) -> dict[str, float]:
+    """Average the innovation over frames and cameras."""
+    cells = [row for frame in innovation["frames"] for row in frame["cameras"].values()]
+    names = ("l1", "depth_mm", "updated_l1", "updated_depth_mm")
+    return {name: float(np.mean([cell[name] for cell in cells])) if cells else float("nan") for name in names}
+
+
+STAGE = Stage(
+    name="filter",
+    version=1,
+    help="Follow the object through an episode: predict and update.",
+    config=FilterConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest"), "Recordings."),
+        "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
+        "model": InputSpec(("train",), "Model that predicts; constant velocity without it.", optional=True),
+    },
+    run=run,
+)

@@ -1,0 +1,179 @@
+"""Fit one episode: from the views of frame 0 to the Gaussians of object and tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from plop.errors import PlopError
+from plop.gaussians.state import Gaussians, concatenate
+from plop.recordings.recording import Recording, View
+from plop.render.losses import target_from_view, target_over_measured
+from stages.fit_init.held_out import choose_held_out, score_view
+from stages.fit_init.inside import paper_filler, solid_filler, typical_spacing
+from stages.fit_init.optimise import Fill, Report, fit
+from stages.fit_init.shell import Surface, seed_gaussians, seen_by, surface_from_cloud, surface_from_views
+from stages.fit_init.tool_splats import tool_gaussians
+
+if TYPE_CHECKING:
+    from stages.fit_init.stage import FitInitConfig
+
+EXTENT_M = (0.002, 3.0)
+"""Longest side of an object that is believed; outside, the unit of length is probably not the metre."""
+_SCAN_VIEWS = 12
+_SEEN_SHARE = 0.02
+_LEAST_POINTS = 16
+_LEAST_PIXELS = 16
+_PAPER_CELLS = 16
+_SEED_OPACITY = 0.9
+
+
+@dataclass(frozen=True)
+class EpisodeFit:
+    """What one episode gives."""
+
+    gaussians: Gaussians
+    """The object, world frame; ids count from 0."""
+    tool: Gaussians
+    """The tool, in its own frame."""
+    score: dict[str, Any]
+    """Figures of the fit, JSON types only."""
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    """Measured | predicted | difference of the scored views, uint8, by name."""
+
+
+def fit_episode(recording: Recording, cloud: Path | None, config: FitInitConfig, report: Report) -> EpisodeFit:
+    """Fit object and tool.
+
+    Args:
+        recording: The episode.
+        cloud: Cloud to start from; depth images when absent.
+        config: Settings.
+        report: Told about the progress.
+
+    Raises:
+        PlopError: No camera sees the object, nothing measured its surface, or its size cannot be in metres.
+    """
+    warnings: list[str] = []
+    views = usable_views(recording, warnings)
+    training, held = choose_held_out(views, config.held_out)
+    if config.held_out and not held:
+        warnings.append(f"{len(views)} cameras see the object: none is held out, the score is of a fitted view")
+    training += _scan_views(recording)
+    surface = _surface(recording, cloud, training)
+    shell, inner = fit_object(surface, training, recording.table_z_m, config, report)
+    gaussians = concatenate([shell, inner])
+    gaussians = gaussians.with_(ids=torch.arange(len(gaussians)))
+    tool, tool_seen = tool_gaussians(recording, [view.camera.name for view in training if view.camera.name in
+                                                 recording.camera_names], config.tool_count, config.seed)  # fmt: skip
+    if tool_seen == 0:
+        warnings.append("no camera shows the tool: its Gaussians are grey")
+    if config.filling != "none" and len(inner) == 0:
+        warnings.append("the shell encloses nothing: the inside is empty")
+    scores = {view.camera.name: score_view(gaussians, view) for view in held or views[-1:]}
+    depths = [score.depth_error_mm for score, _ in scores.values() if score.depth_error_mm is not None]
+    facts = {
+        "gaussians": len(gaussians),
+        "inner": len(inner),
+        "views": [view.camera.name for view in training],
+        "held_out": [view.camera.name for view in held],
+        "psnr_db": round(float(np.mean([score.psnr_db for score, _ in scores.values()])), 3),
+        "psnr_black_db": round(float(np.mean([score.psnr_black_db for score, _ in scores.values()])), 3),
+        "depth_error_mm": round(float(np.mean(depths)), 4) if depths else None,
+        "coverage": round(float(np.mean([score.coverage for score, _ in scores.values()])), 4),
+        "tool_gaussians": len(tool),
+        "tool_seen": round(tool_seen, 3),
+        "warnings": warnings,
+    }
+    pictures = {f"view_{name}": picture for name, (_, picture) in scores.items()}
+    return EpisodeFit(gaussians, tool, facts, pictures)
+
+
+def fit_object(
+    surface: Surface, views: list[View], table_z_m: float | None, config: FitInitConfig, report: Report | None = None
+) -> tuple[Gaussians, Gaussians]:
+    """Fit the object's shell and inside to views of one frame.
+
+    Args:
+        surface: Measured points, at least a few.
+        views: Frames that train.
+        table_z_m: Height of a table under the object [m].
+        config: Settings.
+        report: Told about the progress.
+
+    Returns:
+        Shell and inner Gaussians.
+    """
+    inner_count = int(config.inner_share * config.count) if config.filling == "solid" else 0
+    shell_count = config.count - inner_count
+    start = shell_count if config.densifications <= 0 else int(config.start_share * shell_count)
+    seeds = seed_gaussians(surface, max(start, 4), opacity=_SEED_OPACITY, overlap=config.overlap,
+                           flatness=config.flatness)  # fmt: skip
+    higher = torch.zeros(len(seeds), (config.sh_degree + 1) ** 2 - 1, 3)
+    seeds = seeds.with_(sh=torch.cat([seeds.sh, higher], dim=1))
+    prepare = target_over_measured if config.background == "measured" else target_from_view
+    targets = [(view.camera, prepare(view)) for view in views]
+    filler: Fill | None = None
+    if config.filling == "solid":
+        filler = solid_filler(views, inner_count, cells=config.fill_cells, floor_z_m=table_z_m,
+                              opacity=config.inner_opacity, overlap=config.overlap, seed=config.seed)  # fmt: skip
+    elif config.filling == "paper":
+        filler = paper_filler(_PAPER_CELLS, table_z_m)
+    return fit(seeds, targets, config, spacing_m=typical_spacing(seeds.means), max_count=shell_count, fill=filler,
+               report=report)  # fmt: skip
+
+
+def usable_views(recording: Recording, warnings: list[str]) -> list[View]:
+    """Read frame 0 of every camera that sees the object.
+
+    Raises:
+        PlopError: None does.
+    """
+    views = []
+    for name in recording.camera_names:
+        view = recording.view(name, 0)
+        if int(view.object_mask.sum()) < _LEAST_PIXELS:
+            warnings.append(f"camera {name} does not see the object at frame 0: not used")
+        else:
+            views.append(view)
+    if not views:
+        raise PlopError("No camera sees the object at frame 0.", where=recording.path,
+                        expected=f"a mask with at least {_LEAST_PIXELS} pixels of the object",
+                        found=f"none in {', '.join(recording.camera_names) or 'no camera'}",
+                        fix="Check the masks (`plop view`), then run `plop ingest` again.")  # fmt: skip
+    return views
+
+
+def _scan_views(recording: Recording) -> list[View]:
+    """Read frames spread over the scans before the interaction, where they show the object."""
+    views = []
+    for name in recording.scan_names:
+        frames = np.unique(np.linspace(0, recording.scan_length(name) - 1, _SCAN_VIEWS).astype(int))
+        read = (recording.view(name, int(frame), group="scan") for frame in frames)
+        views += [view for view in read if int(view.object_mask.sum()) >= _LEAST_PIXELS]
+    return views
+
+
+def _surface(recording: Recording, cloud: Path | None, training: list[View]) -> Surface:
+    """Get the surface that the training views have measured, from the fused cloud when there is one."""
+    if cloud is None:
+        surface = surface_from_views(training)
+    else:
+        # A point that only a held-out camera measured would tell the fit what it is scored on.
+        surface = surface_from_cloud(cloud)
+        extent = float(np.ptp(surface.points, axis=0).max())
+        surface = surface.select(seen_by(surface.points, training, _SEEN_SHARE * extent))
+    if len(surface.points) < _LEAST_POINTS:
+        raise PlopError("The object's surface was not measured.", where=cloud or recording.path,
+                        expected=f"at least {_LEAST_POINTS} points that a training camera sees",
+                        found=f"{len(surface.points)}", fix="Run `plop fuse` on these recordings again.")  # fmt: skip
+    longest = float(np.ptp(surface.points, axis=0).max())
+    if not EXTENT_M[0] <= longest <= EXTENT_M[1]:
+        raise PlopError("The object's size cannot be in metres.", where=cloud or recording.path,
+                        expected=f"a longest side of {EXTENT_M[0]} to {EXTENT_M[1]} m", found=f"{longest:.4g} m",
+                        fix="Check the depth scale: millimetres must be divided by 1000.")  # fmt: skip
+    return surface

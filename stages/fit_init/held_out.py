@@ -1,0 +1,112 @@
+"""Score a fit on a view that it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from plop.gaussians.state import Gaussians
+from plop.metrics.psnr import psnr_db
+from plop.recordings.recording import View
+from plop.render.interface import Rendering
+from plop.render.losses import Target, lay_over, target_from_view, target_over_measured
+from plop.render.panels import side_by_side
+from plop.render.rasterize import render
+from stages.fit_init.shell import seen_by
+
+_SEEN_SHARE = 0.02
+"""Difference in depth under which two views have measured the same point, as a share of the object's size."""
+
+
+@dataclass(frozen=True)
+class ViewScore:
+    """How well a rendering matches one measured view of the object over black."""
+
+    psnr_db: float
+    """Rendering laid over the measured background against the measured image, inside the bounding box of the
+    object's mask, without pixels of the tool or unknown ones [dB]."""
+    psnr_black_db: float
+    """The same with both over black, the measured one cut out with its hard mask [dB]."""
+    depth_error_mm: float | None
+    """Mean absolute error where the object's depth was measured and it is rendered (alpha > 0.5) [mm]."""
+    coverage: float
+    """Share of the object's pixels that are rendered (alpha > 0.5)."""
+
+
+def choose_held_out(views: list[View], count: int) -> tuple[list[View], list[View]]:
+    """Set views aside for the score: those that see least that no other view sees.
+
+    A view is to tell how good the fit is, not that a side of the object was hidden from all others. One
+    after the other, the view goes whose measured points the remaining ones have measured to the largest
+    share; at least two remain. Without depth the last by order goes.
+
+    Args:
+        views: Measured frames of one instant.
+        count: How many to set aside.
+
+    Returns:
+        Views that train and views that score, each in their order.
+    """
+    training = list(views)
+    held: list[View] = []
+    while len(held) < count and len(training) > 2:
+        seen = [_share_seen(view, [other for other in training if other is not view]) for view in training]
+        best = max(range(len(training)), key=lambda index: (seen[index], index))
+        held.append(training.pop(best))
+    return training, [view for view in views if any(view is other for other in held)]
+
+
+def _share_seen(view: View, others: list[View]) -> float:
+    measured = view.object_mask & (view.depth_m > 0)
+    points = view.camera.back_project(view.depth_m, measured)
+    if len(points) == 0:
+        return 0.0
+    tolerance = _SEEN_SHARE * float(np.ptp(points, axis=0).max())
+    return float(seen_by(points, others, tolerance).mean())
+
+
+def score_view(gaussians: Gaussians, view: View) -> tuple[ViewScore, np.ndarray]:
+    """Compare one view with its rendering.
+
+    Args:
+        gaussians: The fit.
+        view: Measured frame that shows the object.
+
+    Returns:
+        The score, and the picture measured | predicted | difference, uint8 [H, W, 3].
+    """
+    with torch.no_grad():
+        rendering = render(gaussians, view.camera)
+    over_measured, over_black = target_over_measured(view), target_from_view(view)
+    shown = _shown(rendering, over_measured)
+    coverage = (rendering.alpha[over_black.object_mask] > 0.5).float().mean()
+    score = ViewScore(
+        psnr_db=_psnr_in_box(shown, over_measured),
+        psnr_black_db=_psnr_in_box(_shown(rendering, over_black), over_black),
+        depth_error_mm=_depth_error(rendering, over_black),
+        coverage=float(coverage),
+    )
+    pictures = [(image * 255).round().byte().numpy() for image in (over_measured.rgb, shown)]
+    return score, side_by_side(*pictures, label=view.camera.name)
+
+
+def _shown(rendering: Rendering, target: Target) -> Tensor:
+    """Give the rendering over the target's background, equal to the target where that does not count."""
+    return torch.where(target.valid[..., None], lay_over(rendering, target), target.rgb).clamp(0, 1)
+
+
+def _psnr_in_box(image: Tensor, target: Target) -> float:
+    rows, columns = torch.nonzero(target.object_mask, as_tuple=True)
+    box = (slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1))
+    counted = target.valid[box]
+    return psnr_db(image[box][counted].numpy(), target.rgb[box][counted].numpy())
+
+
+def _depth_error(rendering: Rendering, target: Target) -> float | None:
+    counted = target.valid & target.object_mask & (target.depth_m > 0) & (rendering.alpha > 0.5)
+    if not counted.any():
+        return None
+    return float((rendering.depth_m - target.depth_m)[counted].abs().mean() * 1000)

@@ -1,0 +1,73 @@
+"""The inner Gaussians of a fit: where they go and how many there are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from plop.gaussians.filling import fill_paper, inner_gaussians, solid_points
+from plop.gaussians.nearest import nearest_distance, nearest_index
+from plop.gaussians.state import Gaussians
+from plop.recordings.recording import View
+from stages.fit_init.shell import carved
+
+_LEAST_GAP = 0.45
+"""Inner Gaussians are at least this share of their spacing away from the shell."""
+
+
+def solid_filler(
+    views: list[View], count: int, *, cells: int, floor_z_m: float | None, opacity: float, overlap: float, seed: int
+) -> Callable[[Gaussians], Gaussians]:
+    """Give a function that fills a shell evenly with `count` Gaussians, or a few less.
+
+    Points that a view sees through or past are left out: the silhouettes and depths carve what the
+    opacity grid is too coarse to tell.
+
+    Args:
+        views: Measured frames that carve.
+        count: Number of inner Gaussians wanted.
+        cells: Cells of the opacity grid along the longest side.
+        floor_z_m: The table, which closes the shell at the bottom [m].
+        opacity: Peak opacity of the inner Gaussians.
+        overlap: Their standard deviation as a share of their spacing.
+        seed: Of the random displacement of the points.
+    """
+
+    def points_at(shell: Gaussians, spacing_m: float) -> Tensor:
+        generator = torch.Generator().manual_seed(seed)
+        points = solid_points(shell, spacing_m, cells=cells, floor_z_m=floor_z_m, generator=generator)
+        if len(points) == 0:
+            return points
+        gap = (points - shell.means[nearest_index(points, shell.means)]).norm(dim=1)
+        outside = carved(points.double().numpy(), views, 0.5 * spacing_m)
+        return points[(gap > _LEAST_GAP * spacing_m) & ~torch.from_numpy(outside)]
+
+    def fill(shell: Gaussians) -> Gaussians:
+        extent = shell.means.amax(0) - shell.means.amin(0)
+        spacing_m = float(extent.prod().clamp_min(1e-12) / max(count, 1)) ** (1 / 3)
+        points = points_at(shell, spacing_m)
+        for _ in range(6):
+            if len(points) == 0 or 0.95 * count <= len(points) <= count:
+                break
+            spacing_m *= (len(points) / (0.98 * count)) ** (1 / 3)
+            points = points_at(shell, spacing_m)
+        return inner_gaussians(points[:count], shell, spacing_m, opacity=opacity, overlap=overlap)
+
+    return fill
+
+
+def paper_filler(cells: int, floor_z_m: float | None) -> Callable[[Gaussians], Gaussians]:
+    """Give a function that fills as the paper prints it; `floor_z_m` only drops points under a table [m]."""
+
+    def fill(shell: Gaussians) -> Gaussians:
+        filled = fill_paper(shell, cells=cells)
+        return filled if floor_z_m is None else filled.select(filled.means[:, 2] > floor_z_m)
+
+    return fill
+
+
+def typical_spacing(points: Tensor) -> float:
+    """Measure the median distance between neighbours, shape [N, 3] with N >= 2 [m]."""
+    return float(nearest_distance(points).median())

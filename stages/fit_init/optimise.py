@@ -1,0 +1,105 @@
+"""Fit Gaussians to views of one frame: 3D Gaussian splatting with densification, pruning and filling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from plop.gaussians.split import split_at
+from plop.gaussians.state import Gaussians, concatenate
+from plop.geometry.cameras import Camera
+from plop.render.losses import RenderWeights, Target, anisotropy_hinge, render_loss
+from plop.render.rasterize import render
+from stages.fit_init.parameters import Parameters
+
+if TYPE_CHECKING:
+    from stages.fit_init.stage import FitInitConfig
+
+_DISPLACEMENT = 0.7
+"""Of the halves of a split Gaussian, in its standard deviations."""
+Fill = Callable[[Gaussians], Gaussians]
+"""Makes the inner Gaussians of a shell."""
+Report = Callable[[int, dict[str, float]], None]
+"""Called with the step and its figures."""
+
+
+def fit(
+    seeds: Gaussians,
+    views: list[tuple[Camera, Target]],
+    config: FitInitConfig,
+    *,
+    spacing_m: float,
+    max_count: int,
+    fill: Fill | None = None,
+    report: Report | None = None,
+) -> tuple[Gaussians, Gaussians]:
+    """Optimise the shell, one view a step; the inside is made once, then drawn but not optimised.
+
+    Args:
+        seeds: Gaussians to start from.
+        views: Cameras and what they measured; at least one.
+        config: Steps, rates, weights, seed.
+        spacing_m: Spacing of the seeds, the unit of the means' learning rate and of the limits on scales [m].
+        max_count: Most Gaussians of the shell.
+        fill: Makes the inner Gaussians from the shell at `config.fill_at`; none when absent.
+        report: Told about every 20th step.
+
+    Returns:
+        The shell and the inner Gaussians, without gradients.
+
+    Source: PLOP, Eq. 8-10 and Sec. III-C.
+    """
+    generator = torch.Generator().manual_seed(config.seed)
+    parameters = Parameters(seeds, config, spacing_m)
+    weights = RenderWeights(config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight,
+                            config.depth_unit_m)  # fmt: skip
+    inner = seeds.select(torch.zeros(0, dtype=torch.int64))
+    growth, fill_step = _growth_steps(config), int(config.fill_at * config.steps)
+    pull, order = torch.zeros(len(parameters)), torch.zeros(0, dtype=torch.int64)
+    for step in range(config.steps):
+        if step == fill_step and fill is not None:
+            inner = fill(parameters.gaussians().detach())
+        if step in growth:
+            _grow_and_prune(parameters, pull, max_count, len(growth) - growth.index(step), config)
+            pull = torch.zeros(len(parameters))
+        if len(order) == 0:
+            order = torch.randperm(len(views), generator=generator)
+        camera, target = views[int(order[0])]
+        order = order[1:]
+        shell = parameters.gaussians()
+        rendering = render(concatenate([shell, inner]) if len(inner) else shell, camera)
+        loss, terms = render_loss(rendering, target, weights)
+        loss = loss + config.anisotropy_weight * anisotropy_hinge(shell, config.anisotropy_ratio)
+        loss.backward()
+        pull += parameters.pull()
+        parameters.step(step / config.steps)
+        if report is not None and (step % 20 == 19 or step + 1 == config.steps):
+            report(step + 1, {"loss": float(loss.detach()), "l1": float(terms["l1"])})
+    return parameters.gaussians().detach(), inner
+
+
+def _growth_steps(config: FitInitConfig) -> list[int]:
+    """Give the steps at which the shell grows and is pruned: spread over the first half."""
+    if config.densifications <= 0:
+        return []
+    interval = 0.5 * config.steps / (config.densifications + 1)
+    return sorted({int(interval * (round_ + 1)) for round_ in range(config.densifications)})
+
+
+def _grow_and_prune(
+    parameters: Parameters, pull: Tensor, max_count: int, rounds_left: int, config: FitInitConfig
+) -> None:
+    """Remove Gaussians that show nothing and split those whose means are pulled the most."""
+    shell = parameters.gaussians().detach()
+    parents = torch.nonzero(shell.opacities > config.prune_opacity).squeeze(1)
+    if len(parents) == 0:
+        return
+    room = max(max_count - len(parents), 0) // rounds_left
+    # A large Gaussian that is pulled hard covers more than one Gaussian can show.
+    size = shell.scales.prod(1).pow(1 / 3)
+    split_rows = (pull * size)[parents].argsort(descending=True, stable=True)[:room]
+    grown, origin = split_at(shell.select(parents), split_rows, torch.full((len(split_rows),), _DISPLACEMENT))
+    parameters.replace(grown, parents[origin])

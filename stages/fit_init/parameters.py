@@ -1,0 +1,88 @@
+"""Gaussians as an optimiser sees them: logits and logarithms, one learning rate per group."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from plop.gaussians.state import Gaussians
+
+if TYPE_CHECKING:
+    from stages.fit_init.stage import FitInitConfig
+
+_MARGIN = 1e-4
+
+
+class Parameters:
+    """Free parameters of N Gaussians with their Adam state, which follows when their number changes."""
+
+    def __init__(self, gaussians: Gaussians, config: FitInitConfig, spacing_m: float) -> None:
+        self._rates = {
+            "means": config.lr_means * spacing_m,
+            "quats": config.lr_quats,
+            "scales": config.lr_scales,
+            "opacities": config.lr_opacities,
+            "sh": config.lr_sh,
+        }
+        self._limits = (0.1 * spacing_m, config.max_scale * spacing_m)
+        self.ids = gaussians.ids
+        self._free = _to_free(gaussians)
+        self._build()
+
+    def _build(self) -> None:
+        self._free = {name: values.detach().clone().requires_grad_() for name, values in self._free.items()}
+        groups = [{"params": [self._free[name]], "lr": rate} for name, rate in self._rates.items()]
+        self.adam = torch.optim.Adam(groups, eps=1e-15)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def gaussians(self) -> Gaussians:
+        """Give the Gaussians, with gradients to the free parameters."""
+        free = self._free
+        return Gaussians(
+            means=free["means"],
+            quats=torch.nn.functional.normalize(free["quats"], dim=-1),
+            scales=free["scales"].exp(),
+            opacities=torch.sigmoid(free["opacities"]),
+            sh=free["sh"],
+            ids=self.ids,
+        )
+
+    def pull(self) -> Tensor:
+        """Give the length of each mean's gradient after a backward pass, shape [N]."""
+        grad = self._free["means"].grad
+        return torch.zeros(len(self)) if grad is None else grad.norm(dim=1)
+
+    def step(self, progress: float) -> None:
+        """Take one Adam step; as progress goes from 0 to 1, rates fall to a tenth, those of the means to 2 %."""
+        for group, (name, rate) in zip(self.adam.param_groups, self._rates.items(), strict=True):
+            group["lr"] = rate * (0.02 if name == "means" else 0.1) ** progress
+        self.adam.step()
+        self.adam.zero_grad(set_to_none=True)
+        with torch.no_grad():
+            low, high = (torch.tensor(limit).log().item() for limit in self._limits)
+            self._free["scales"].clamp_(low, high)
+
+    def replace(self, gaussians: Gaussians, parents: Tensor) -> None:
+        """Take a new set of Gaussians; each inherits the Adam moments of the row it descends from."""
+        old = [(group["params"][0], name) for group, name in zip(self.adam.param_groups, self._rates, strict=True)]
+        states = {name: self.adam.state.get(tensor, {}) for tensor, name in old}
+        self._free, self.ids = _to_free(gaussians), gaussians.ids
+        self._build()
+        for name, state in states.items():
+            if state:
+                moments = {key: state[key][parents].clone() for key in ("exp_avg", "exp_avg_sq")}
+                self.adam.state[self._free[name]] = {"step": state["step"].clone(), **moments}
+
+
+def _to_free(gaussians: Gaussians) -> dict[str, Tensor]:
+    return {
+        "means": gaussians.means.detach(),
+        "quats": gaussians.quats.detach(),
+        "scales": gaussians.scales.detach().log(),
+        "opacities": torch.logit(gaussians.opacities.detach().clamp(_MARGIN, 1 - _MARGIN)),
+        "sh": gaussians.sh.detach(),
+    }

@@ -1,0 +1,211 @@
+"""The measured surface of the object, and the flat Gaussians that a fit starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from plop.errors import PlopError
+from plop.gaussians.nearest import nearest_distance
+from plop.gaussians.ply_vertices import read_vertices
+from plop.gaussians.state import Gaussians
+from plop.geometry.rigid import matrix_to_quat
+from plop.recordings.recording import View
+from plop.render.sh import C0
+
+MAX_POINTS = 40_000
+"""Points of a cloud that are looked at; more are thinned evenly."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Points measured on the object."""
+
+    points: np.ndarray
+    """World positions, shape [N, 3] [m]."""
+    normals: np.ndarray
+    """Outward unit normals, shape [N, 3]."""
+    colours: np.ndarray
+    """Shape [N, 3], 0..1."""
+
+    def select(self, index: np.ndarray) -> Surface:
+        """Take a subset by boolean mask or by indices."""
+        return Surface(self.points[index], self.normals[index], self.colours[index])
+
+
+def surface_from_cloud(path: Path) -> Surface:
+    """Read a cloud with normals and colours.
+
+    Args:
+        path: PLY with x y z, nx ny nz, red green blue (0..255), in metres.
+
+    Raises:
+        PlopError: The file is broken, has no normals or colours, or no finite point.
+    """
+    table = read_vertices(path)
+    needed = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
+    missing = [name for name in needed if name not in table]
+    if missing:
+        raise PlopError("The cloud lacks something that the fit needs.", where=path, expected=", ".join(needed),
+                        found=f"no {', '.join(missing)}", fix="Run `plop fuse` again.")  # fmt: skip
+    columns = np.stack([np.asarray(table[name], dtype=np.float64) for name in needed], axis=-1)
+    columns = columns[np.isfinite(columns).all(1) & (np.abs(columns[:, 3:6]).sum(1) > 0)]
+    if len(columns) == 0:
+        raise PlopError("The cloud is empty.", where=path, expected="points with normals", found="none",
+                        fix="Look at the object masks of frame 0, then run `plop fuse` again.")  # fmt: skip
+    normals = columns[:, 3:6] / np.linalg.norm(columns[:, 3:6], axis=1, keepdims=True)
+    return _thin(Surface(columns[:, :3], normals, columns[:, 6:] / 255))
+
+
+def surface_from_views(views: list[View]) -> Surface:
+    """Turn depth images into a surface; normals follow from neighbouring pixels.
+
+    Args:
+        views: Measured frames of the object; those without depth add nothing.
+
+    Raises:
+        PlopError: No view has measured the object's depth.
+    """
+    parts = [part for part in (_surface_of_view(view) for view in views) if len(part.points)]
+    if not parts:
+        raise PlopError("No camera measured the depth of the object at frame 0.",
+                        where=", ".join(view.camera.name for view in views),
+                        expected="depth inside the object's mask", found="none",
+                        fix="Give a cloud from `plop fuse`, or check depth and masks.")  # fmt: skip
+    stacked = (np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "normals", "colours"))
+    return _thin(Surface(*stacked))
+
+
+def _surface_of_view(view: View) -> Surface:
+    camera, height, width = view.camera, view.camera.height, view.camera.width
+    depth = np.nan_to_num(view.depth_m, nan=0.0, posinf=0.0, neginf=0.0)
+    measured = (depth > 0) & view.object_mask
+    grid = np.full((height, width, 3), np.nan)
+    grid[measured] = camera.back_project(depth, measured)
+    across, down = np.full_like(grid, np.nan), np.full_like(grid, np.nan)
+    across[:, 1:-1] = grid[:, 2:] - grid[:, :-2]
+    down[1:-1] = grid[2:] - grid[:-2]
+    normals = np.cross(down, across)
+    length = np.linalg.norm(normals, axis=-1)
+    good = np.isfinite(length) & (length > 0)
+    toward = camera.world_from_cam[:3, 3] - grid[good]
+    normals = normals[good] / length[good, None]
+    # A pixel across an edge gives a normal that looks away from the camera, or almost.
+    facing = (normals * toward).sum(1) / np.linalg.norm(toward, axis=1)
+    keep = np.abs(facing) > 0.1
+    normals = normals * np.sign(facing)[:, None]
+    return Surface(grid[good][keep], normals[keep], view.rgb[good][keep] / 255)
+
+
+def _thin(surface: Surface) -> Surface:
+    step = -(-len(surface.points) // MAX_POINTS)
+    return surface.select(np.arange(0, len(surface.points), step))
+
+
+def seen_by(points: np.ndarray, views: list[View], tolerance_m: float) -> np.ndarray:
+    """Tell which points at least one view has measured.
+
+    Args:
+        points: Shape [N, 3], world, metres.
+        views: Measured frames; one without depth sees all that its mask shows.
+        tolerance_m: Largest difference in depth between a point and the pixel it falls on [m].
+
+    Returns:
+        bool, shape [N].
+    """
+    seen = np.zeros(len(points), dtype=bool)
+    for view in views:
+        inside, row, column, depth = pixels_of(points, view)
+        measured = view.depth_m[row, column]
+        near = (np.abs(measured - depth) < tolerance_m) | ~(view.depth_m > 0).any()
+        seen |= inside & view.object_mask[row, column] & near
+    return seen
+
+
+def carved(points: np.ndarray, views: list[View], tolerance_m: float) -> np.ndarray:
+    """Tell which points cannot be inside the object: some view looks past them or sees through them.
+
+    Args:
+        points: Shape [N, 3], world, metres.
+        views: Measured frames.
+        tolerance_m: How far before the measured surface a point may lie [m].
+
+    Returns:
+        bool, shape [N].
+    """
+    outside = np.zeros(len(points), dtype=bool)
+    for view in views:
+        inside, row, column, depth = pixels_of(points, view)
+        measured = view.depth_m[row, column]
+        before = view.object_mask[row, column] & (measured > 0) & (depth < measured - tolerance_m)
+        outside |= inside & (before | (view.mask[row, column] == 0))
+    return outside
+
+
+def pixels_of(points: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Find the pixel of each point: whether there is one, row, column (0 where there is none), depth [m]."""
+    pixel, depth = view.camera.project(points)
+    column, row = np.floor(np.clip(pixel.T, -1e6, 1e6)).astype(int)
+    inside = (depth > 1e-6) & (column >= 0) & (column < view.camera.width) & (row >= 0) & (row < view.camera.height)
+    return inside, np.where(inside, row, 0), np.where(inside, column, 0), depth
+
+
+def seed_gaussians(surface: Surface, count: int, *, opacity: float, overlap: float, flatness: float) -> Gaussians:
+    """Place flat Gaussians evenly on a surface.
+
+    Args:
+        surface: N >= 1 points.
+        count: Number of Gaussians, fewer where the surface has fewer points.
+        opacity: Peak opacity.
+        overlap: Standard deviation along the surface as a share of the local spacing.
+        flatness: That standard deviation over the one along the normal.
+
+    Returns:
+        Gaussians with sh of degree 0; ids count from 0.
+    """
+    chosen = surface.select(farthest_points(surface.points, count))
+    means = torch.from_numpy(chosen.points).float()
+    gaps = nearest_distance(means)
+    spacing = float(gaps.median()) if len(means) > 1 else 1e-3
+    along = overlap * gaps.clamp(0.5 * spacing, 1.5 * spacing)
+    colours = torch.from_numpy(chosen.colours).float()
+    return Gaussians(
+        means=means,
+        quats=quats_along(torch.from_numpy(chosen.normals).float()),
+        scales=torch.stack([along, along, along / flatness], dim=-1),
+        opacities=torch.full((len(means),), opacity),
+        sh=((colours - 0.5) / C0)[:, None],
+        ids=torch.arange(len(means)),
+    )
+
+
+def quats_along(normals: torch.Tensor) -> torch.Tensor:
+    """Give rotations whose third axis is the normal, unit [N, 3] -> wxyz [N, 4]."""
+    helper = torch.where(normals[:, :1].abs() < 0.9, normals.new_tensor([1.0, 0, 0]), normals.new_tensor([0, 1.0, 0]))
+    first = torch.nn.functional.normalize(torch.linalg.cross(helper, normals), dim=-1)
+    second = torch.linalg.cross(normals, first)
+    return matrix_to_quat(torch.stack([first, second, normals], dim=-1))
+
+
+def farthest_points(points: np.ndarray, count: int) -> np.ndarray:
+    """Choose points far from each other, one after the other, starting with the first.
+
+    Args:
+        points: Shape [N, 3].
+        count: How many; all when N is smaller.
+
+    Returns:
+        Indices, shape [min(N, count)], int64.
+    """
+    count = min(count, len(points))
+    columns = np.ascontiguousarray(points.T.astype(np.float32))
+    chosen = np.zeros(count, dtype=np.int64)
+    distance = np.full(len(points), np.inf, dtype=np.float32)
+    for index in range(1, count):
+        offset = columns - columns[:, chosen[index - 1], None]
+        np.minimum(distance, np.einsum("ij,ij->j", offset, offset), out=distance)
+        chosen[index] = int(distance.argmax())
+    return chosen

@@ -1,0 +1,202 @@
+"""fit-init: 3D Gaussians of the object and of the tool at frame 0 of every episode."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from plop.errors import PlopError
+from plop.gaussians.splat_ply import write_splat
+from plop.recordings.set import RecordingSet
+from stages.contract import Inputs, InputSpec, Output, Progress, Stage, Summary
+from stages.fit_init.episode import EpisodeFit, fit_episode
+from stages.fit_init.optimise import Report
+
+FILLINGS = ("solid", "paper", "none")
+BACKGROUNDS = ("measured", "black")
+
+
+@dataclass(frozen=True)
+class FitInitConfig:
+    """Settings of `fit-init`; their defaults are written only here."""
+
+    episodes: str = "*"
+    """Only episodes whose name matches this pattern, e.g. "*_004"."""
+    count: int = 3000
+    """Gaussians of the object, inside included."""
+    inner_share: float = 0.35
+    """Share of `count` that fills the inside ("solid" only)."""
+    steps: int = 2000
+    """Optimisation steps, one view each."""
+    held_out: int = 1
+    """Cameras that only score: those that see least that no other camera sees; at least two always train."""
+    filling: str = "solid"
+    """Inside: "solid" fills evenly, "paper" as in Sec. III-C, "none"."""
+    fill_at: float = 0.5
+    """Filling happens after this share of the steps (10k of 20k in the paper)."""
+    fill_cells: int = 32
+    """Cells of the opacity grid along the object's longest side (16 in the paper, used for "paper" always)."""
+    inner_opacity: float = 0.9
+    """Opacity of the inner Gaussians."""
+    overlap: float = 0.5
+    """Standard deviation of a new Gaussian as a share of the spacing."""
+    flatness: float = 2.5
+    """Of new surface Gaussians: standard deviation along the surface over the one across it."""
+    start_share: float = 0.8
+    """Share of the surface's Gaussians that is there from the start; densification adds the others."""
+    densifications: int = 4
+    """Rounds of densification and pruning, spread over the first half of the steps."""
+    prune_opacity: float = 0.05
+    """Surface Gaussians below are removed in each round."""
+    background: str = "measured"
+    """Behind the object: "measured" lays renderings over the measured background, so that outlines may be soft;
+    "black" cuts the object out with its mask."""
+    sh_degree: int = 0
+    """Degree of the spherical harmonics, 0 to 3; 0 is the same colour from everywhere."""
+    ssim_weight: float = 0.1
+    """Weight of 1 - SSIM."""
+    l1_weight: float = 0.9
+    """Weight of the mean absolute colour error."""
+    depth_weight: float = 0.2
+    """Weight of the mean absolute depth error, counted in `depth_unit_m`."""
+    depth_unit_m: float = 0.1
+    """Depth error that counts as 1 [m]; 1 in the paper."""
+    mask_weight: float = 0.1
+    """Weight of the mean absolute error of alpha against the mask; 0 in the paper."""
+    anisotropy_weight: float = 0.1
+    """Weight of the hinge on elongation."""
+    anisotropy_ratio: float = 2.5
+    """Elongation that costs nothing."""
+    max_scale: float = 1.0
+    """Largest standard deviation as a share of the seeds' spacing."""
+    lr_means: float = 0.02
+    """Learning rate of the means, in spacings of the seeds a step."""
+    lr_quats: float = 0.01
+    """Learning rate of the quaternions."""
+    lr_scales: float = 0.01
+    """Learning rate of log-scales."""
+    lr_opacities: float = 0.03
+    """Learning rate of opacity logits."""
+    lr_sh: float = 0.02
+    """Learning rate of the colours' coefficients."""
+    tool_count: int = 400
+    """Gaussians of the tool."""
+    seed: int = 0
+    """Seed of the order of views and of the filling."""
+
+
+def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
+    """Fit every episode: `<episode>/object.ply`, `<episode>/tool.ply`, pictures, and `fit.json` over all.
+
+    An episode whose frame 0 cannot be fitted is skipped, with the reason in the summary.
+
+    Raises:
+        PlopError: A setting that cannot be, no episode chosen, or none that can be fitted.
+    """
+    _check(config)
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    clouds = inputs["clouds"].path if "clouds" in inputs else None
+    names = [name for name in recordings.names if Path(name).match(config.episodes)]
+    if not names:
+        raise PlopError("No episode was chosen.", where=recordings.folder, expected=", ".join(recordings.names),
+                        found=f"episodes = {config.episodes!r}")  # fmt: skip
+    scores: dict[str, dict[str, Any]] = {}
+    skipped: dict[str, PlopError] = {}
+    for index, name in enumerate(names):
+        if not out.is_done(name):
+            report = _reporter(out.progress, index, len(names), name, config.steps)
+            try:
+                with recordings.open(name) as recording:
+                    cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
+                    _write_episode(out.path / name, fit_episode(recording, cloud, config, report))
+            except PlopError as error:
+                skipped[name] = error
+                continue
+            out.mark_done(name)
+        scores[name] = json.loads((out.path / name / "fit.json").read_text())
+        out.progress(index + 1, len(names), name)
+    if not scores:
+        raise next(iter(skipped.values()))
+    reasons = {name: error.problem for name, error in skipped.items()}
+    facts = {"environment": recordings.environment, "episodes": scores, "skipped": reasons}
+    _write_json(out.path / "fit.json", facts)
+    return _summary(scores, skipped)
+
+
+def _reporter(progress: Progress, index: int, total: int, name: str, steps: int) -> Report:
+    """Turn steps within an episode into progress over all episodes."""
+
+    def report(step: int, figures: dict[str, float]) -> None:
+        progress(index + step / max(steps, 1), total, name, **figures)
+
+    return report
+
+
+def _check(config: FitInitConfig) -> None:
+    if config.filling not in FILLINGS:
+        raise PlopError("Unknown filling.", where="fit-init.filling", expected=", ".join(FILLINGS),
+                        found=config.filling)  # fmt: skip
+    if config.background not in BACKGROUNDS:
+        raise PlopError("Unknown background.", where="fit-init.background", expected=", ".join(BACKGROUNDS),
+                        found=config.background)  # fmt: skip
+    bounds = {"count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
+              "held_out": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100), "depth_unit_m": (1e-6, 1e6),
+              "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6)}  # fmt: skip
+    for name, (low, high) in bounds.items():
+        value = getattr(config, name)
+        if not low <= value <= high:
+            raise PlopError("A setting is out of range.", where=f"fit-init.{name}",
+                            expected=f"{low} to {high}", found=str(value))  # fmt: skip
+
+
+def _write_episode(folder: Path, result: EpisodeFit) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_splat(folder / "object.ply", result.gaussians)
+    write_splat(folder / "tool.ply", result.tool)
+    for name, picture in result.pictures.items():
+        _write_png(folder / f"{name}.png", picture)
+    _write_json(folder / "fit.json", result.score)
+
+
+def _write_json(path: Path, facts: dict[str, Any]) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(json.dumps(facts, indent=1, sort_keys=True))
+    os.replace(temporary, path)
+
+
+def _write_png(path: Path, picture: np.ndarray) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    Image.fromarray(picture).save(temporary, format="PNG")
+    os.replace(temporary, path)
+
+
+def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -> Summary:
+    table = [{"episode": name, **{key: score[key] for key in ("gaussians", "inner", "psnr_db", "depth_error_mm")}}
+             for name, score in scores.items()]  # fmt: skip
+    figures: dict[str, Any] = {"episodes": len(scores), "skipped": len(skipped)}
+    for key in ("psnr_db", "depth_error_mm"):
+        known = [score[key] for score in scores.values() if score[key] is not None]
+        if known:
+            figures[key] = round(float(np.mean(known)), 3)
+    warnings = [f"{name}: {text}" for name, score in scores.items() for text in score["warnings"]]
+    warnings += [f"{name} was skipped. {error}" for name, error in skipped.items()]
+    return Summary(figures, table, warnings)
+
+
+STAGE = Stage(
+    name="fit-init",
+    version=1,
+    help="Fit 3D Gaussians to the first frame: object and tool.",
+    config=FitInitConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest"), "Recordings with cameras."),
+        "clouds": InputSpec(("fuse",), "Clouds to start from; without them depth images are used.", optional=True),
+    },
+    run=run,
+)

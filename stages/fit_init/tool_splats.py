@@ -1,0 +1,94 @@
+"""The tool as Gaussians in its own frame: evenly over its mesh, coloured by the images."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from plop.gaussians.nearest import nearest_distance, nearest_index
+from plop.gaussians.state import Gaussians
+from plop.geometry.rigid import transform_points
+from plop.recordings.recording import Mesh, Recording
+from plop.render.sh import C0
+from stages.fit_init.shell import farthest_points, pixels_of, quats_along
+
+_DEPTH_TOLERANCE_M = 0.003
+_FLATNESS = 5.0
+_OVERLAP = 0.5
+_FRAMES = 6
+
+
+def tool_gaussians(recording: Recording, cameras: list[str], count: int, seed: int) -> tuple[Gaussians, float]:
+    """Sample the tool's surface and colour it from the pixels that show it.
+
+    Args:
+        recording: Episode with a tool.
+        cameras: Cameras that give colours, at frames spread over the episode.
+        count: Number of Gaussians.
+        seed: Of the sampling.
+
+    Returns:
+        Gaussians in the tool's frame, opacity 0.99, and the share of them that a camera saw. The others
+        take the colour of the nearest seen one; all are grey when none was seen.
+    """
+    points, normals = sample_mesh(recording.tool_mesh, count, seed)
+    colours, seen = _colours(recording, cameras, points)
+    means = torch.from_numpy(points).float()
+    if seen.any():
+        donors = torch.from_numpy(np.flatnonzero(seen))
+        colours = colours[donors[nearest_index(means, means[donors])].numpy()]
+    along = _OVERLAP * nearest_distance(means).clamp_min(1e-4)
+    gaussians = Gaussians(
+        means=means,
+        quats=quats_along(torch.from_numpy(normals).float()),
+        scales=torch.stack([along, along, along / _FLATNESS], dim=-1),
+        opacities=torch.full((len(means),), 0.99),
+        sh=((torch.from_numpy(colours).float() - 0.5) / C0)[:, None],
+        ids=torch.arange(len(means)),
+    )
+    return gaussians, float(seen.mean())
+
+
+def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Spread points evenly over a mesh.
+
+    Args:
+        mesh: Triangles with some area.
+        count: Number of points.
+        seed: Of the random candidates.
+
+    Returns:
+        Points [count, 3] in the mesh's unit and unit normals [count, 3].
+    """
+    corners = mesh.vertices[mesh.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    random = np.random.default_rng(seed)
+    face = random.choice(len(area), size=8 * count, p=area / area.sum())
+    u, v = random.random((2, 8 * count))
+    flip = u + v > 1
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    a, b, c = corners[face].transpose(1, 0, 2)
+    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    normals = cross[face] / area[face, None]
+    # The two sides of a thin blade are as far apart as its length: one must not stand for the other.
+    chosen = farthest_points(np.concatenate([points, 0.2 * np.sqrt(area.sum()) * normals], axis=1), count)
+    return points[chosen], normals[chosen]
+
+
+def _colours(recording: Recording, cameras: list[str], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average the pixels that show each point; grey where there are none. [N, 3] and bool [N]."""
+    total, hits = np.zeros((len(points), 3)), np.zeros(len(points))
+    frames = np.unique(np.linspace(0, len(recording) - 1, _FRAMES).astype(int))
+    poses = recording.world_from_tool
+    for frame in frames:
+        world = transform_points(poses[frame], points)
+        for name in cameras:
+            view = recording.view(name, int(frame))
+            inside, row, column, depth = pixels_of(world, view)
+            measured = view.depth_m[row, column]
+            shown = inside & view.tool_mask[row, column] & (np.abs(measured - depth) < _DEPTH_TOLERANCE_M)
+            total[shown] += view.rgb[row[shown], column[shown]] / 255
+            hits += shown
+    seen = hits > 0
+    return np.where(seen[:, None], total / np.maximum(hits, 1)[:, None], 0.5), seen

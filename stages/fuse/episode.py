@@ -1,0 +1,181 @@
+"""Fuse the views of one episode into one object cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.agreement import DepthView, disagreement
+from plop.geometry.plane import find_plane
+from plop.geometry.pointcloud import (
+    PointCloud,
+    check_metres,
+    cloud_from_depth,
+    join,
+    largest_clusters,
+    outlier_free,
+    voxel_average,
+)
+from plop.geometry.registration import register
+from plop.geometry.tsdf import DepthFrame, fuse_tsdf
+from plop.recordings.recording import MaskLabel, Recording, View
+
+if TYPE_CHECKING:
+    from stages.fuse.stage import FuseConfig
+
+
+@dataclass(frozen=True)
+class CloudFacts:
+    """What is known of one fused cloud; the rows of fuse.json."""
+
+    points: int
+    extent_m: list[float]
+    """Edges of the bounding box [m]."""
+    views: int
+    """Views that saw the object."""
+    source: str
+    method: str
+    disagreement_mm: float | None
+    """Median over pairs of views of the median depth difference, before registration [mm]."""
+    registered: bool
+    """Whether the views were moved to fit each other."""
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class EpisodeCloud:
+    """One object cloud and its facts."""
+
+    cloud: PointCloud
+    facts: CloudFacts
+
+
+def fuse_episode(recording: Recording, config: FuseConfig) -> EpisodeCloud:
+    """Fuse one episode.
+
+    Args:
+        recording: Open recording.
+        config: Settings of the stage.
+
+    Returns:
+        Object cloud in the world frame, metres.
+
+    Raises:
+        PlopError: Nothing of an object is seen, or units are wrong.
+    """
+    scan = config.source == "scan" or (config.source == "auto" and bool(recording.scan_names))
+    views, warnings = _views(recording, config, scan)
+    masks = [view.object_mask for view in views]
+    masked = any(mask.any() for mask in masks)
+    if not masked:
+        masks = [_undecided(view) for view in views]
+    used = [i for i, view in enumerate(views) if (masks[i] & (view.depth_m > 0)).any()]
+    views, masks = [views[i] for i in used], [masks[i] for i in used]
+    if not views:
+        raise PlopError("No camera sees the object.", where=recording.path,
+                        expected="pixels that are object (mask) and have depth", found="none in any camera",
+                        fix="Check the masks and depth images of this episode.")  # fmt: skip
+    clouds = [cloud_from_depth(v.camera, v.depth_m, v.rgb, m) for v, m in zip(views, masks, strict=True)]
+    before = view_disagreement_mm(views, masks)
+    views, clouds, registered = _registered(views, clouds, before, config, warnings)
+    method = config.method if config.method != "auto" else ("tsdf" if scan else "points")
+    if method == "tsdf":
+        frames = [DepthFrame(v.camera, np.where(m, v.depth_m, 0), v.rgb) for v, m in zip(views, masks, strict=True)]
+        cloud = fuse_tsdf(frames, config.voxel_m)
+    else:
+        cloud = voxel_average(join(clouds), config.voxel_m)
+    cloud = _cleaned(cloud, recording, masked, config)
+    facts = CloudFacts(len(cloud), [round(float(e), 6) for e in cloud.extent_m], len(views),
+                       "scan" if scan else "first-frame", method, None if before is None else round(before, 4),
+                       registered, warnings)  # fmt: skip
+    _check_size(facts, recording, config)
+    return EpisodeCloud(cloud, facts)
+
+
+def _views(recording: Recording, config: FuseConfig, scan: bool) -> tuple[list[View], list[str]]:
+    if scan and not recording.scan_names:
+        raise PlopError("The recording has no scan.", where=recording.path, expected="frames in /scan", found="none",
+                        fix="Use --set fuse.source=first-frame.")  # fmt: skip
+    group = "scan" if scan else "cameras"
+    picks = [(name, config.frame) for name in recording.camera_names]
+    if scan:
+        picks = [(name, i) for name in recording.scan_names for i in range(recording.scan_length(name))]
+        step = max(1, -(-len(picks) // config.scan_views))
+        picks = picks[::step]
+    views, blind = [], []
+    for name, index in picks:
+        view = recording.view(name, index, group=group)
+        view = replace(view, depth_m=np.nan_to_num(view.depth_m, nan=0.0, posinf=0.0, neginf=0.0))
+        check_metres(view.depth_m, f"{recording.path}:/{group}/{name}/depth_m[{index}]")
+        if not (view.depth_m > 0).any():
+            blind.append(f"{name}[{index}]")
+        views.append(view)
+    return views, [f"no depth is measured in {', '.join(blind)}"] if blind else []
+
+
+def _undecided(view: View) -> np.ndarray:
+    """Pixels that may be object where nobody has segmented yet."""
+    return view.mask == MaskLabel.UNKNOWN
+
+
+def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | None:
+    """Compare the depth of every pair of views.
+
+    Returns:
+        Median over pairs of the median absolute difference [mm]; None when no pair overlaps.
+    """
+    picks = [DepthView(view.camera, view.depth_m, mask) for view, mask in zip(views, masks, strict=True)]
+    if len(picks) > 20:
+        picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 20).astype(int)]
+    pairs = [disagreement(a, b) for a in picks for b in picks if a is not b]
+    values = [pair.median_mm for pair in pairs if pair.compared >= 20]
+    return float(np.median(values)) if values else None
+
+
+def _registered(views: list[View], clouds: list[PointCloud], before: float | None, config: FuseConfig,
+                warnings: list[str]) -> tuple[list[View], list[PointCloud], bool]:  # fmt: skip
+    if before is None or before <= config.icp_above_mm or len(views) < 2:
+        return views, clouds, False
+    result = register([voxel_average(cloud, config.voxel_m) for cloud in clouds], gate_m=config.icp_gate_m)
+    moved = max(float(np.linalg.norm(m[:3, :3] @ c.points.mean(0) + m[:3, 3] - c.points.mean(0)))
+                for m, c in zip(result.corrections, clouds, strict=True))  # fmt: skip
+    if moved > config.max_correction_m or result.residual_after_mm >= result.residual_before_mm:
+        warnings.append(f"the views disagree by {before:.1f} mm and registration did not help "
+                        f"(it would move a view by {1e3 * moved:.1f} mm): run `plop calibrate`")  # fmt: skip
+        return views, clouds, False
+    warnings.append(f"the views disagreed by {before:.1f} mm and were registered: "
+                    f"{result.residual_before_mm:.2f} -> {result.residual_after_mm:.2f} mm")  # fmt: skip
+    moved_views = [replace(v, camera=replace(v.camera, world_from_cam=m @ v.camera.world_from_cam))
+                   for v, m in zip(views, result.corrections, strict=True)]  # fmt: skip
+    return moved_views, [c.moved(m) for c, m in zip(clouds, result.corrections, strict=True)], True
+
+
+def _cleaned(cloud: PointCloud, recording: Recording, masked: bool, config: FuseConfig) -> PointCloud:
+    table = recording.table_z_m
+    if masked and table is not None:
+        cloud = cloud[cloud.points[:, 2] > table - config.below_table_m]
+    elif table is not None:
+        cloud = cloud[cloud.points[:, 2] > table + config.table_margin_m]
+    elif not masked and len(cloud) > 50:
+        height = find_plane(cloud.points, threshold_m=config.table_margin_m).signed_distance(cloud.points)
+        above = height > config.table_margin_m
+        cloud = cloud[above]
+    if not masked:
+        cloud = cloud[largest_clusters(cloud.points, 3 * config.voxel_m, at_least=0.5)]
+    if config.outlier_deviations > 0:
+        cloud = cloud[outlier_free(cloud, deviations=config.outlier_deviations)]
+    return cloud
+
+
+def _check_size(facts: CloudFacts, recording: Recording, config: FuseConfig) -> None:
+    if facts.points < config.min_points:
+        raise PlopError("Too few points are left of the object.", where=recording.path,
+                        expected=f"at least {config.min_points}", found=f"{facts.points}",
+                        fix="Check masks and table height, or lower --set fuse.voxel_m.")  # fmt: skip
+    if max(facts.extent_m) > config.max_extent_m:
+        raise PlopError("The object is too large to be true.", where=recording.path,
+                        expected=f"below {config.max_extent_m} m", found=f"{max(facts.extent_m):.2f} m",
+                        fix="Check the masks and that poses and depth are in metres.")  # fmt: skip

@@ -1,0 +1,138 @@
+"""fuse: one object cloud with normals per episode, from the first frame of all cameras or from a scan."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.cloud_ply import write_cloud
+from plop.recordings.recording import Recording
+from plop.recordings.set import RecordingSet
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.fuse.episode import EpisodeCloud, fuse_episode
+
+
+@dataclass(frozen=True)
+class FuseConfig:
+    """Settings of `fuse`; their defaults are written only here."""
+
+    source: str = "auto"
+    """"first-frame" (all cameras), "scan" (the recording's /scan cameras), or "auto": the scan where there is one."""
+    method: str = "auto"
+    """"points" (voxel average), "tsdf" (signed distance volume), or "auto": tsdf for a scan, else points."""
+    voxel_m: float = 0.002
+    """Edge of one averaging voxel, or of one voxel of the signed distance volume [m]."""
+    frame: int = 0
+    """Frame of the interaction that "first-frame" uses."""
+    scan_views: int = 60
+    """At most this many frames of a scan are used, evenly spread."""
+    icp_above_mm: float = 1.5
+    """Views that disagree by more than this are registered to each other first [mm]."""
+    icp_gate_m: float = 0.02
+    """Largest distance of corresponding points in registration [m]."""
+    max_correction_m: float = 0.03
+    """A registration that moves a view further than this is refused [m]."""
+    table_margin_m: float = 0.004
+    """Without masks, points lower than this above the table are table [m]."""
+    below_table_m: float = 0.002
+    """With masks, points deeper than this below the table are noise [m]."""
+    outlier_deviations: float = 4.0
+    """Robust standard deviations of neighbour distance at which a point is an outlier; 0 keeps all."""
+    min_points: int = 100
+    """Fewer points than this are no object: the episode is skipped."""
+    max_extent_m: float = 2.0
+    """An object larger than this is a mistake in units [m]."""
+
+
+def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
+    """Write clouds/<episode>.ply and fuse.json; an episode that cannot be fused is skipped with a warning."""
+    _check(config)
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    (out.path / "clouds").mkdir(parents=True, exist_ok=True)
+    rows: dict[str, dict] = {}
+    skipped: dict[str, str] = {}
+    names = recordings.names
+    for done, name in enumerate(names):
+        facts = out.path / "clouds" / f"{name}.json.part"
+        if out.is_done(name):
+            saved = json.loads(facts.read_text())
+        else:
+            saved = _one(recordings, name, config, out.path / "clouds")
+            _write_text(facts, json.dumps(saved))
+            out.mark_done(name)
+        (skipped if "skipped" in saved else rows)[name] = saved.get("skipped", saved)
+        out.progress(done + 1, len(names), name)
+    if not rows:
+        reason = next(iter(skipped.values()), "the set holds no episode")
+        raise PlopError("No episode could be fused.", where=recordings.folder, expected="at least one object cloud",
+                        found=reason, fix="See the first episode's reason above.")  # fmt: skip
+    _write_text(out.path / "fuse.json", json.dumps({"episodes": rows, "skipped": skipped}, indent=1, sort_keys=True))
+    for name in names:
+        (out.path / "clouds" / f"{name}.json.part").unlink(missing_ok=True)
+    return _summary(rows, skipped)
+
+
+def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path) -> dict:
+    try:
+        with recordings.open(name) as recording:
+            result: EpisodeCloud = fuse_episode(_usable(recording, config), config)
+    except PlopError as error:
+        return {"skipped": error.render()}
+    write_cloud(folder / f"{name}.ply", result.cloud)
+    return asdict(result.facts)
+
+
+def _usable(recording: Recording, config: FuseConfig) -> Recording:
+    if config.frame >= len(recording):
+        raise PlopError("The recording is shorter than the frame to fuse.", where=recording.path,
+                        expected=f"more than {config.frame} frames", found=f"{len(recording)} frames",
+                        fix="Lower --set fuse.frame.")  # fmt: skip
+    return recording
+
+
+def _check(config: FuseConfig) -> None:
+    for key, known in (("source", ("auto", "first-frame", "scan")), ("method", ("auto", "points", "tsdf"))):
+        if getattr(config, key) not in known:
+            raise PlopError("This setting is unknown.", where=f"fuse.{key}", expected=" or ".join(known),
+                            found=str(getattr(config, key)))  # fmt: skip
+    if not 0 < config.voxel_m < 0.1:
+        raise PlopError("The voxel has an impossible size.", where="fuse.voxel_m", expected="metres, below 0.1",
+                        found=str(config.voxel_m), fix="Give metres, not millimetres.")  # fmt: skip
+    if config.frame < 0:
+        raise PlopError("A frame cannot be negative.", where="fuse.frame", expected="0 or more",
+                        found=str(config.frame))  # fmt: skip
+
+
+def _write_text(path: Path, text: str) -> None:
+    scratch = path.with_name(path.name + ".tmp")
+    scratch.write_text(text)
+    os.replace(scratch, path)
+
+
+def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
+    table = [{"episode": name, "points": row["points"],
+              "extent_mm": "x".join(f"{1e3 * e:.0f}" for e in row["extent_m"]),
+              "views": row["views"], "disagreement_mm": row["disagreement_mm"], "registered": row["registered"]}
+             for name, row in rows.items()]  # fmt: skip
+    worst = [row["disagreement_mm"] for row in rows.values() if row["disagreement_mm"] is not None]
+    figures = {"episodes": len(rows), "skipped": len(skipped),
+               "points_median": int(np.median([row["points"] for row in rows.values()]))}  # fmt: skip
+    if worst:
+        figures["disagreement_mm"] = max(worst)
+    warnings = [f"{name} was skipped: {reason}" for name, reason in skipped.items()]
+    return Summary(figures, table, warnings + [f"{n}: {w}" for n, row in rows.items() for w in row["warnings"]])
+
+
+STAGE = Stage(
+    name="fuse",
+    version=1,
+    help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
+    config=FuseConfig,
+    inputs={"recordings": InputSpec(("calibrate", "ingest"), "recordings with camera poses")},
+    run=run,
+)

@@ -1,0 +1,67 @@
+"""What can be wrong with a simulated episode although its files are whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+
+from plop.errors import PlopError
+from plop.geometry.rigid import invert_rigid, transform_points
+from plop.recordings.mesh_sequence import MeshSequence
+
+_LARGEST_M, _SMALLEST_M = 2.0, 1e-3
+_TOUCH_M = 0.003
+
+
+def check_scale(sequence: MeshSequence, *, workspace_m: float) -> None:
+    """Refuse an object that is no plausible size in metres or lies outside the workspace.
+
+    Args:
+        sequence: The episode.
+        workspace_m: Farthest distance from the world's origin at which the object may start [m].
+
+    Raises:
+        PlopError: Too large (millimetres?), too small, blown up, or too far away.
+    """
+    for what, size in (("at rest", float(np.ptp(sequence.rest, axis=0).max())),
+                       ("over time", float(np.ptp(sequence.vertices, axis=1).max()))):  # fmt: skip
+        if size > _LARGEST_M or size < _SMALLEST_M:
+            guess = "It looks like millimetres: divide by 1000." if size > _LARGEST_M else "Check the unit."
+            raise PlopError("The object has an implausible size.", where=f"{sequence.name}, {what}",
+                            expected=f"{_SMALLEST_M:g} to {_LARGEST_M:g} m", found=f"{size:.4g} m",
+                            fix=guess)  # fmt: skip
+    tool = float(np.ptp(sequence.tool_vertices, axis=0).max())
+    if tool > _LARGEST_M or tool < _SMALLEST_M:
+        raise PlopError("The tool has an implausible size.", where=sequence.name, fix="Convert it to metres.",
+                        expected=f"{_SMALLEST_M:g} to {_LARGEST_M:g} m", found=f"{tool:.4g} m")  # fmt: skip
+    middle = (sequence.vertices[0].min(0) + sequence.vertices[0].max(0)) / 2
+    if np.linalg.norm(middle) > workspace_m:
+        raise PlopError("The object lies outside the workspace.", where=sequence.name,
+                        expected=f"within {workspace_m:g} m of the world's origin",
+                        found=f"middle at {np.round(middle, 3).tolist()} m",
+                        fix="Check the frame and the unit, or raise workspace_m.")  # fmt: skip
+
+
+def tool_gap_m(sequence: MeshSequence) -> float:
+    """Measure how close the tool ever comes to the object's surface [m], to about 2 mm."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(sequence.tool_vertices.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(sequence.tool_faces.astype(np.uint32)),
+    )
+    best = np.inf
+    for vertices, world_from_tool in zip(sequence.vertices, sequence.world_from_tool, strict=True):
+        corner = vertices[sequence.faces]
+        points = np.concatenate([vertices, corner.mean(1), (corner + np.roll(corner, 1, axis=1)).reshape(-1, 3) / 2])
+        local = transform_points(invert_rigid(world_from_tool), points).astype(np.float32)
+        best = min(best, float(scene.compute_distance(o3d.core.Tensor.from_numpy(local)).numpy().min()))
+    return best
+
+
+def contact_warning(sequence: MeshSequence) -> str | None:
+    """Say so when the tool never touches the object."""
+    gap = tool_gap_m(sequence)
+    if gap <= _TOUCH_M:
+        return None
+    return (f"{sequence.name}: the tool never touches the object (closest: {gap * 1000:.1f} mm); "
+            "a model learns no contact from it.")  # fmt: skip

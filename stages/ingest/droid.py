@@ -1,0 +1,233 @@
+"""Turn DROID raw episodes into recordings: discovery, clocks, poses, depth, masks."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.recordings.droid_camera import DroidOptions
+from plop.recordings.droid_episode import RowChoice, open_episode
+from plop.recordings.droid_intrinsics import load_side_file
+from plop.recordings.droid_layout import DroidFolder, find_episodes
+from plop.recordings.set import RecordingSet
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.ingest.droid_checks import moved_cameras
+from stages.ingest.droid_write import WriteOptions, write_episode
+from stages.ingest.masks import MaskRules
+
+
+@dataclass(frozen=True)
+class DroidConfig:
+    """Settings of `ingest droid`; their defaults are written only here."""
+
+    environment: str = ""
+    """Name of the environment; empty = the lab's name."""
+    episodes: tuple[str, ...] = ("*",)
+    """Names of episodes to read (patterns with * and ?; a name is <LAB>_<date and time>)."""
+    outcome: Literal["any", "success", "failure"] = "any"
+    """Which episodes to read by their outcome."""
+    test: tuple[str, ...] = ()
+    """Names of test episodes (patterns); empty = every `test_every`-th."""
+    test_every: int = 5
+    """Without `test`, every n-th episode is for testing, and at least the last of several."""
+    size: int = 320
+    """Longest side of the stored pictures [px]; larger ones are shrunk, intrinsics with them."""
+    keep_skipped: bool = False
+    """Keep rows with skip_action."""
+    idle_s: float = 1.0
+    """Stretches in which the robot stands still are cut to this length [s]; 0 = kept whole."""
+    idle_m: float = 0.002
+    """Movement of the flange that counts as standing still [m]."""
+    stride: int = 1
+    """Keep every n-th row."""
+    min_frames: int = 5
+    """Episodes with fewer frames are skipped."""
+    scan_frames: int = 40
+    """Most frames of the wrist camera's scan."""
+    exterior_focal_px: float = 0.0
+    """Focal length of exterior cameras without intrinsics, at 1280 px width [px] (ZED 2: about 530); 0 = none."""
+    wrist_focal_px: float = 0.0
+    """Focal length of a wrist camera without intrinsics, at 1280 px width [px] (ZED Mini: about 733); 0 = none."""
+    baseline_m: float = 0.0
+    """Distance between the eyes of every stereo camera [m]; 0 = from its left and right extrinsics."""
+    match_width: int = 640
+    """Width at which stereo pairs are matched [px]."""
+    nearest_m: float = 0.2
+    """Nearest depth that stereo matching looks for [m]."""
+    farthest_m: float = 2.5
+    """Farther stereo depth is dropped [m]."""
+    camera_delay_ms: float = 0.0
+    """How much earlier than its time stamp says a picture was taken [ms]; `plop calibrate` measures it."""
+    workspace_min: tuple[float, float, float] = (0.2, -0.45, -0.1)
+    """Lowest corner of the workspace where plop_episode.json gives none, robot base [m]."""
+    workspace_max: tuple[float, float, float] = (0.85, 0.45, 0.5)
+    """Highest corner of the workspace where plop_episode.json gives none, robot base [m]."""
+    touch_m: float = 0.015
+    """A tool that never comes nearer to the object than this is reported [m]."""
+    binary_masks: bool = False
+    """With --masks: any value but 0 is the object (else the values are labels 0, 1, 2, 255)."""
+    mask: MaskRules = field(default_factory=MaskRules)
+    """How masks are made."""
+
+
+def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
+    """Ingest every episode; unusable ones are skipped and counted.
+
+    Args:
+        inputs: "raw", and perhaps "masks", "intrinsics", "extrinsics".
+        config: Settings.
+        out: Receives episodes/<name>.h5, reports/<name>.json and episodes.json.
+
+    Raises:
+        PlopError: There is no episode, or none that can be used.
+    """
+    root = inputs["raw"].path
+    chosen = _chosen(find_episodes(root), config, root)
+    options = _droid_options(inputs, config, root)
+    reports: dict[str, dict[str, Any]] = {}
+    for number, folder in enumerate(chosen):
+        report_path = out.path / "reports" / f"{folder.name}.json"
+        if not out.is_done(folder.name):
+            report = _ingest(folder, options, inputs, config, out, number, len(chosen))
+            _write_json(report_path, report)
+            out.mark_done(folder.name)
+        reports[folder.name] = json.loads(report_path.read_text())
+        out.progress(number + 1, len(chosen), folder.name)
+    return _finish(reports, config, chosen, out, root)
+
+
+def _chosen(found: list[DroidFolder], config: DroidConfig, root: Path) -> list[DroidFolder]:
+    chosen = [folder for folder in found if any(fnmatch(folder.name, pattern) for pattern in config.episodes)
+              and config.outcome in ("any", folder.outcome)]  # fmt: skip
+    if not chosen:
+        raise PlopError("No episode is chosen.", where=root, expected=f"names like {', '.join(config.episodes)}, "
+                        f"outcome {config.outcome}", found=", ".join(folder.name for folder in found[:5]) +
+                        (f" and {len(found) - 5} more" if len(found) > 5 else ""),
+                        fix="Correct episodes or outcome.")  # fmt: skip
+    return chosen
+
+
+def _droid_options(inputs: Inputs, config: DroidConfig, root: Path) -> DroidOptions:
+    paths = {}
+    for name, file in (("intrinsics", "intrinsics.json"), ("extrinsics", "cam2base_extrinsics.json")):
+        paths[name] = inputs[name].path if name in inputs else root / file
+        if name in inputs and not paths[name].is_file():
+            raise PlopError(f"There is no such file of {name}.", where=paths[name], expected=file, found="nothing",
+                            fix="Correct the path.")  # fmt: skip
+    return DroidOptions(
+        exterior_focal_px=config.exterior_focal_px, wrist_focal_px=config.wrist_focal_px,
+        baseline_m=config.baseline_m, match_width=config.match_width, nearest_m=config.nearest_m,
+        farthest_m=config.farthest_m, camera_delay_ms=config.camera_delay_ms,
+        intrinsics=load_side_file(paths["intrinsics"], "intrinsics"), intrinsics_name=paths["intrinsics"].name,
+        extrinsics=load_side_file(paths["extrinsics"], "extrinsics"), extrinsics_name=paths["extrinsics"].name,
+    )  # fmt: skip
+
+
+def _ingest(
+    folder: DroidFolder, options: DroidOptions, inputs: Inputs, config: DroidConfig, out: Output, number: int,
+    total: int,
+) -> dict[str, Any]:  # fmt: skip
+    """Ingest one episode; gives its report, which says why when it is skipped."""
+    choice = RowChoice(config.keep_skipped, config.idle_s, config.idle_m, config.stride, config.min_frames,
+                       config.scan_frames)  # fmt: skip
+    write = WriteOptions(
+        environment=config.environment or folder.lab or "droid", size=config.size,
+        workspace=np.array([config.workspace_min, config.workspace_max]), rules=config.mask,
+        masks=inputs["masks"].path if "masks" in inputs else None, binary_masks=config.binary_masks,
+        touch_m=config.touch_m,
+    )  # fmt: skip
+    facts: dict[str, Any] = {"lab": folder.lab, "outcome": folder.outcome, "stamp": folder.stamp,
+                             "folder": folder.folder.relative_to(folder.root).as_posix(), "warnings": []}  # fmt: skip
+    try:
+        episode = open_episode(folder, options, choice)
+        path = out.path / "episodes" / f"{folder.name}.h5"
+        written = write_episode(episode, path, write, lambda done, all_: out.progress(
+            number + done / all_, total, folder.name, frames=done))  # fmt: skip
+    except PlopError as error:
+        facts["skipped"] = _relative(" | ".join(line.strip() for line in error.render().splitlines()), folder.root)
+        return facts
+    facts |= asdict(written)
+    facts["warnings"] = [_relative(text, folder.root) for text in [*episode.warnings, *written.warnings]]
+    return facts
+
+
+def _finish(
+    reports: Mapping[str, Mapping[str, Any]], config: DroidConfig, chosen: list[DroidFolder], out: Output, root: Path
+) -> Summary:
+    skipped = {name: str(report["skipped"]) for name, report in reports.items() if "skipped" in report}
+    usable = [name for name in reports if name not in skipped]
+    if not usable:
+        raise PlopError("No episode can be used.", where=root, expected="one usable episode or more",
+                        found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
+                        fix="See docs/your-data.md for what an episode must have.")  # fmt: skip
+    test = _test_names(usable, config)
+    train = [name for name in usable if name not in test]
+    environment = config.environment or chosen[0].lab or "droid"
+    out.path.joinpath("episodes").mkdir(exist_ok=True)
+    RecordingSet(out.path, environment, train, test, skipped).save()
+    warnings = [f"{name} is skipped: {reason}" for name, reason in skipped.items()]
+    warnings += [text for name in usable for text in reports[name]["warnings"]]
+    warnings += moved_cameras({name: reports[name] for name in usable})
+    if not train:
+        warnings.append("no episode is left for training: all usable ones are test episodes")
+    columns = ("frames", "scan_frames", "depth", "object_px", "table_z_m", "closest_touch_mm")
+    table = [{"episode": name, "cameras": len(reports[name]["cameras"]), **{key: reports[name][key] for key in columns},
+              "split": "test" if name in test else "train"} for name in usable]  # fmt: skip
+    figures = {"environment": environment, "episodes": len(usable), "skipped": len(skipped),
+               "frames": sum(reports[name]["frames"] for name in usable)}  # fmt: skip
+    return Summary(figures=figures, table=table, warnings=list(dict.fromkeys(warnings)))
+
+
+def _test_names(usable: list[str], config: DroidConfig) -> list[str]:
+    if config.test:
+        return [name for name in usable if any(fnmatch(name, pattern) for pattern in config.test)]
+    every = max(2, config.test_every)
+    return usable[every - 1 :: every] or (usable[-1:] if len(usable) > 1 else [])
+
+
+def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
+    """List the raw files that are read; SVO files count only where the ZED SDK can read them."""
+    from plop.recordings.droid_depth import zed_sdk_present
+
+    ignored = {"trajectory_im128.h5"}
+    suffixes = () if zed_sdk_present() else (".svo", ".svo2")
+    return sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in ignored
+                  and path.suffix not in suffixes)  # fmt: skip
+
+
+def _relative(text: str, root: Path) -> str:
+    """Name files as seen from the raw folder: a payload holds no path of this machine."""
+    for prefix in {str(root), str(root.resolve())}:
+        text = text.replace(prefix + os.sep, "").replace(prefix, ".")
+    return text
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scratch = path.with_name(path.name + ".tmp")
+    scratch.write_text(json.dumps(content, indent=1, sort_keys=True))
+    os.replace(scratch, path)
+
+
+INGEST_DROID = Stage(
+    name="ingest",
+    version=1,
+    help="Turn episodes of a DROID robot into recordings.",
+    config=DroidConfig,
+    inputs={
+        "raw": InputSpec((), "Folder of DROID raw episodes: <LAB>/{success|failure}/<date>/<time>/."),
+        "masks": InputSpec((), "Masks made elsewhere: <episode>/<serial>/<frame>.png.", optional=True),
+        "intrinsics": InputSpec((), "intrinsics.json, by uuid; default: the raw folder's.", optional=True),
+        "extrinsics": InputSpec((), "cam2base_extrinsics.json; default: the raw folder's.", optional=True),
+    },
+    run=run,
+    raw_files=raw_files,
+)

@@ -1,0 +1,130 @@
+"""Look at a DROID episode before it is written: does every camera see, is the object there, do poses agree?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from plop.errors import PlopError
+from plop.geometry.rigid import transform_points
+from plop.recordings.recording import MaskLabel
+from stages.ingest.depth_points import estimate_table_z, world_points
+from stages.ingest.masks import Picture
+
+TABLE_TOLERANCE_M = 0.02
+VIEWS_TOLERANCE_M = 0.02
+MOVED_M, MOVED_DEG, MOVED_WITHIN_S = 0.01, 1.0, 600.0
+
+
+def sees_nothing(picture: Picture) -> str:
+    """Say why a picture is of no use, "" when it is."""
+    if float(picture.rgb.std()) < 1.5:
+        return f"the picture is of one colour (mean {picture.rgb.mean():.0f} of 255)"
+    if not (picture.depth_m > 0).any():
+        return "no pixel has depth"
+    return ""
+
+
+def object_cloud(pictures: Mapping[str, Picture], masks: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """World points of the object per camera, shape [N, 3] each [m]."""
+    clouds = {}
+    for serial, picture in pictures.items():
+        use = (masks[serial] == MaskLabel.OBJECT) & (picture.depth_m > 0)
+        clouds[serial] = world_points(picture.camera, picture.depth_m)[use]
+    return clouds
+
+
+def check_object(
+    pictures: Mapping[str, Picture], clouds: Mapping[str, np.ndarray], workspace: np.ndarray, episode: str
+) -> list[str]:
+    """Make sure that some camera sees the object in the first frame.
+
+    Raises:
+        PlopError: No camera does; the message says where the measured points are instead.
+    """
+    blind = [serial for serial, cloud in clouds.items() if not len(cloud)]
+    if len(blind) < len(clouds):
+        return [f"{episode}: camera {serial} does not see the object in the first frame (empty mask)"
+                for serial in blind]  # fmt: skip
+    points = np.concatenate([world_points(p.camera, p.depth_m)[p.depth_m > 0] for p in pictures.values()])
+    inside = ((points >= workspace[0]) & (points <= workspace[1])).all(1)
+    low, middle, high = np.percentile(points, [10, 50, 90], axis=0).round(3).tolist()
+    box = f"workspace {workspace[0].round(3).tolist()} .. {workspace[1].round(3).tolist()} m"
+    if not inside.any():
+        raise PlopError("The object is outside the workspace: no measured point lies in it.", where=episode,
+                        expected=box, found=f"points around {middle} (most within {low} .. {high}) m",
+                        fix="Set workspace and table_z in plop_episode.json (metres, robot base); "
+                            "points ten or a thousand times too far mean wrong units or extrinsics.")  # fmt: skip
+    raise PlopError("The object's masks are empty in the first frame.", where=episode,
+                    expected=f"an object above the table in the {box}",
+                    found=f"{int(inside.sum())} points in the box, all of table, tool or hand",
+                    fix="Check table_z and workspace in plop_episode.json, or give --masks.")  # fmt: skip
+
+
+def check_views(
+    pictures: Mapping[str, Picture], clouds: Mapping[str, np.ndarray], workspace: np.ndarray, table_z_m: float,
+    episode: str,
+) -> list[str]:  # fmt: skip
+    """Warn about cameras whose table or object is not where the others see it: a sign of wrong extrinsics."""
+    warnings = []
+    for serial, picture in pictures.items():
+        points = world_points(picture.camera, picture.depth_m)[picture.depth_m > 0]
+        height = estimate_table_z(points, workspace)
+        if height is not None and abs(height - table_z_m) > TABLE_TOLERANCE_M:
+            warnings.append(f"{episode}: camera {serial} sees the table {1000 * (height - table_z_m):+.0f} mm from "
+                            f"table_z = {table_z_m:.3f} m: extrinsics or table_z are off (plop calibrate)")  # fmt: skip
+    names = [serial for serial, cloud in clouds.items() if len(cloud) > 20]
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            near = [float(np.percentile(cKDTree(clouds[a]).query(clouds[b])[0], 25))
+                    for a, b in ((first, second), (second, first))]  # fmt: skip
+            if min(near) > VIEWS_TOLERANCE_M:
+                warnings.append(f"{episode}: cameras {first} and {second} see the object {1000 * min(near):.0f} mm "
+                                "apart: extrinsics of one are off; run `plop calibrate`")  # fmt: skip
+    return warnings
+
+
+def closest_touch_m(
+    tool_points: np.ndarray, world_from_tool: np.ndarray, object_points: np.ndarray
+) -> tuple[float, int]:
+    """Give how near the tool comes to where the object lies in the first frame [m], and the frame.
+
+    Args:
+        tool_points: Points on the tool, shape [N, 3], tool frame [m].
+        world_from_tool: Shape [T, 4, 4].
+        object_points: Shape [M, 3] [m].
+    """
+    tree = cKDTree(object_points)
+    gaps = [float(tree.query(transform_points(pose, tool_points))[0].min()) for pose in world_from_tool]
+    return min(gaps), int(np.argmin(gaps))
+
+
+def moved_cameras(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Warn where a camera's pose differs between episodes minutes apart: it was moved, or one pose is wrong.
+
+    Args:
+        reports: Per episode {"stamp": "2023-08-06-22h-13m-04s", "lab", "poses": {serial: 4x4 nested list}}.
+    """
+    known: dict[tuple[str, str], list[tuple[datetime, str, np.ndarray]]] = {}
+    for name, report in reports.items():
+        if report.get("stamp"):
+            moment = datetime.strptime(report["stamp"], "%Y-%m-%d-%Hh-%Mm-%Ss")
+            for serial, pose in report.get("poses", {}).items():
+                known.setdefault((report.get("lab", ""), serial), []).append((moment, name, np.asarray(pose)))
+    warnings = []
+    for (_, serial), seen in known.items():
+        seen.sort(key=lambda item: item[:2])
+        for (at, name, pose), (later, other, moved) in zip(seen, seen[1:], strict=False):
+            apart_s = (later - at).total_seconds()
+            shift = float(np.linalg.norm(moved[:3, 3] - pose[:3, 3]))
+            turn = float(np.degrees(Rotation.from_matrix(pose[:3, :3].T @ moved[:3, :3]).magnitude()))
+            if apart_s <= MOVED_WITHIN_S and (shift > MOVED_M or turn > MOVED_DEG):
+                warnings.append(f"camera {serial} moves by {1000 * shift:.0f} mm and {turn:.1f} deg between {name} and "
+                                f"{other}, {apart_s:.0f} s apart: it was moved, or one pose is wrong; "
+                                "run `plop calibrate`")  # fmt: skip
+    return warnings

@@ -1,0 +1,120 @@
+"""Roll out one episode: states, rendered views, a side-by-side video and, if wanted, splat files.
+
+The prediction sees frame 0's Gaussians, the tool's motion, the times and the table. Measured
+images of later frames go into the video beside it (and the choice of its camera), nowhere else.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from plop.dynamics.interface import DynamicsModel, at_rest
+from plop.errors import PlopError
+from plop.gaussians.rigid_motion import moved_rigidly
+from plop.gaussians.splat_ply import read_splat, write_splat
+from plop.gaussians.state import Gaussians
+from plop.gaussians.trajectory import TrajectoryWriter
+from plop.recordings.busiest_camera import busiest_camera
+from plop.recordings.recording import Recording, View
+from plop.recordings.set import RecordingSet
+from plop.render.panels import over_black, side_by_side
+from plop.render.scene import render_scene
+from plop.render.video import VideoWriter
+from plop.render.view_file import ViewWriter
+from stages.contract import Output
+from stages.rollout.predict import predict, tool_steps
+
+if TYPE_CHECKING:
+    from stages.rollout.stage import RolloutConfig
+
+
+def roll_out(
+    model: DynamicsModel, recordings: RecordingSet, name: str, init: Path, config: RolloutConfig, out: Output
+) -> tuple[dict, list[float]]:
+    """Predict, render and write one episode.
+
+    Args:
+        model: Predicts.
+        recordings: The set that holds the episode.
+        name: The episode.
+        init: Folder with object.ply and tool.ply of this episode.
+        config: Settings.
+        out: Where `<name>/` is written.
+
+    Returns:
+        A row for the summary's table and the model's time per step [ms].
+    """
+    device = _device_of(model)
+    start, tool = (read_splat(init / part).to(device) for part in ("object.ply", "tool.ply"))
+    folder = out.path / name
+    folder.mkdir(parents=True, exist_ok=True)
+    steps_ms: list[float] = []
+    with recordings.open(name) as recording:
+        video_camera = busiest_camera(recording, config.video_camera)
+        _check_same_object(start, recording, config.min_inside)
+        frames, poses = len(recording), recording.world_from_tool
+        rate = config.video_rate_hz or (frames - 1) / float(np.ptp(recording.time_s))
+        with (
+            TrajectoryWriter(folder / "states.h5") as states,
+            ViewWriter(folder / "images.h5", name=name, environment=recording.environment, frames=frames) as images,
+            VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
+        ):
+            moves = tool_steps(recording, device)
+            for frame, (state, ms) in enumerate(predict(model, at_rest(start), moves, name, config.seed)):
+                states.append("states", frame, state.gaussians, side=state.side)
+                cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
+                placed = moved_rigidly(tool, poses[frame])
+                views = render_scene(state.gaussians, placed, cameras, backend=config.backend)  # type: ignore[arg-type]
+                images.write_frame(frame, views)
+                video.append(_picture(recording.view(video_camera, frame), views, recording.time_s[frame]))
+                if config.animation:
+                    (folder / "animation").mkdir(exist_ok=True)
+                    write_splat(folder / "animation" / f"frame_{frame:05d}.ply", state.gaussians)
+                steps_ms += [ms] if frame else []
+                out.progress(frame + 1, frames, name, gaussians=len(state.gaussians))
+    row = {"episode": name, "frames": frames, "gaussians_first": len(start), "gaussians_last": len(state.gaussians),
+           "step_ms": round(float(np.median(steps_ms)), 2)}  # fmt: skip
+    return row, steps_ms
+
+
+def _picture(measured: View, views: list[View], time_s: float) -> np.ndarray:
+    predicted = next(view for view in views if view.camera.name == measured.camera.name)
+    return side_by_side(over_black(measured), over_black(predicted), label=f"{time_s:.2f} s")
+
+
+def _device_of(model: DynamicsModel) -> torch.device:
+    if isinstance(model, torch.nn.Module):
+        return next((weight.device for weight in model.parameters()), torch.device("cpu"))
+    return torch.device("cpu")
+
+
+def _check_same_object(start: Gaussians, recording: Recording, least: float) -> None:
+    """Refuse a fit whose Gaussians do not lie where frame 0 shows the object (or the tool before it)."""
+    if len(recording) < 2:
+        raise PlopError("There is nothing to predict.", where=recording.path, expected="at least 2 frames",
+                        found=f"{len(recording)} frame(s)", fix="Leave this episode out.")  # fmt: skip
+    inside = []
+    for name in recording.camera_names:
+        view = recording.view(name, 0)
+        if view.object_mask.any():
+            inside.append(_part_inside(start.means.cpu().numpy(), view))
+    if not inside:
+        raise PlopError("No camera sees the object at frame 0.", where=recording.path, expected="an object mask",
+                        found="empty masks in all cameras", fix="Check the masks of `plop ingest`.")  # fmt: skip
+    if np.mean(inside) < least:
+        raise PlopError("The fitted Gaussians are of another object.", where=f"{recording.name}, frame 0",
+                        expected=f"at least {least:.0%} of them inside the object's masks",
+                        found=f"{np.mean(inside):.0%}", fix="Run `plop fit-init` on these recordings.")  # fmt: skip
+
+
+def _part_inside(points: np.ndarray, view: View) -> float:
+    pixels, depth = view.camera.project(points)
+    columns, rows = np.floor(pixels).astype(int).T
+    height, width = view.mask.shape
+    visible = (depth > 0) & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    covered = view.object_mask | view.tool_mask
+    return float(covered[rows[visible], columns[visible]].mean()) if visible.any() else 0.0

@@ -1,0 +1,65 @@
+"""Step a dynamics model through an episode's actions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import torch
+
+from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
+from plop.errors import PlopError
+from plop.gaussians.state import Gaussians
+from plop.geometry.tool import ToolGeometry
+from plop.recordings.recording import Recording
+
+
+def tool_steps(recording: Recording, device: torch.device | str = "cpu") -> list[ToolStep]:
+    """Read an episode's actions, one per step between frames; no image is read."""
+    mesh = recording.tool_mesh
+    tool = ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device)
+    poses = torch.from_numpy(recording.world_from_tool).float().to(device)
+    times = recording.time_s
+    return [
+        ToolStep(tool, poses[t], poses[t + 1], float(times[t + 1] - times[t]), recording.table_z_m)
+        for t in range(len(times) - 1)
+    ]
+
+
+def predict(
+    model: DynamicsModel, start: ParticleState, steps: list[ToolStep], name: str, seed: int
+) -> Iterator[tuple[ParticleState, float]]:
+    """Yield the state of every frame, the given one first, with the model's time for it [ms].
+
+    Args:
+        model: Predicts.
+        start: State at frame 0.
+        steps: Actions.
+        name: The episode, for messages.
+        seed: Seed of the generator that the model draws from.
+
+    Raises:
+        PlopError: A state is empty or not finite; names the frame.
+    """
+    generator = torch.Generator(start.gaussians.means.device).manual_seed(seed)
+    state = start
+    yield state, 0.0
+    for frame, action in enumerate(steps, start=1):
+        before = time.perf_counter()
+        with torch.no_grad():
+            state = model.step(state, action, generator=generator)
+        spent_ms = (time.perf_counter() - before) * 1000
+        _check_state(state.gaussians, name, frame)
+        yield state, spent_ms
+
+
+def _check_state(gaussians: Gaussians, name: str, frame: int) -> None:
+    where = f"{name}, frame {frame}"
+    if len(gaussians) == 0:
+        raise PlopError("The model removed every Gaussian.", where=where, fix="Train longer, or merge less.")
+    for field in ("means", "quats", "scales", "opacities"):
+        bad = ~torch.isfinite(getattr(gaussians, field)).reshape(len(gaussians), -1).all(1)
+        if bad.any():
+            raise PlopError(f"The model predicts {field} that are not finite.", where=where,
+                            expected="finite numbers", found=f"{int(bad.sum())} of {len(bad)} Gaussians",
+                            fix="The model diverged: train with a smaller learning rate.")  # fmt: skip

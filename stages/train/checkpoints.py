@@ -1,0 +1,74 @@
+"""Checkpoints: everything that a stopped training needs to go on as if it had not been stopped.
+
+checkpoint.safetensors holds weights, averaged weights and Adam's moments, its header the step and the best
+score so far. No pickles. The file is whole or absent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+
+@dataclass(frozen=True)
+class Progressed:
+    """How far a training has come."""
+
+    step: int
+    best_error_m: float
+    best_step: int
+
+
+def save_checkpoint(
+    folder: Path, model: nn.Module, averaged: dict[str, Tensor], optimiser: torch.optim.Optimizer, at: Progressed
+) -> None:
+    """Write a checkpoint over the last one."""
+    tensors = {f"model.{k}": v.detach().clone() for k, v in model.state_dict().items()}
+    tensors |= {f"averaged.{k}": v.clone() for k, v in averaged.items()}
+    for index, entry in optimiser.state_dict()["state"].items():
+        for key, value in entry.items():
+            tensors[f"adam.{index}.{key}"] = torch.as_tensor(value).detach().clone()
+    facts = {"step": str(at.step), "best_error_m": repr(at.best_error_m), "best_step": str(at.best_step)}
+    temporary = folder / "checkpoint.safetensors.tmp"
+    save_file({k: v.contiguous() for k, v in tensors.items()}, temporary, metadata={"progress": json.dumps(facts)})
+    os.replace(temporary, folder / "checkpoint.safetensors")
+
+
+def load_checkpoint(
+    folder: Path, model: nn.Module, averaged: dict[str, Tensor], optimiser: torch.optim.Optimizer
+) -> Progressed | None:
+    """Restore a checkpoint into model, averaged weights and optimiser.
+
+    Returns:
+        How far it had come; None when there is none, or none that fits.
+    """
+    path = folder / "checkpoint.safetensors"
+    if not path.is_file():
+        return None
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = json.loads(file.metadata()["progress"])
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, KeyError, ValueError):
+        return None
+    model.load_state_dict(_below(tensors, "model."))
+    averaged.update(_below(tensors, "averaged."))
+    state: dict[int, dict[str, Tensor]] = {}
+    for key, value in _below(tensors, "adam.").items():
+        index, _, name = key.partition(".")
+        state.setdefault(int(index), {})[name] = value
+    whole = optimiser.state_dict()
+    whole["state"] = state
+    optimiser.load_state_dict(whole)
+    return Progressed(int(facts["step"]), float(facts["best_error_m"]), int(facts["best_step"]))
+
+
+def _below(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}

@@ -1,0 +1,67 @@
+"""The log of a training: log.jsonl (one JSON object a step) and TensorBoard.
+
+After a stop, what was logged beyond the checkpoint is dropped, so that no step stands there twice.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+
+class Journal:
+    """Write one line a step."""
+
+    def __init__(self, file: Any, board: Any) -> None:
+        self._file = file
+        self._board = board
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path, from_step: int, *, enabled: bool) -> Iterator[Journal]:
+        """Open the log of a folder to go on at a step.
+
+        Args:
+            folder: Where log.jsonl and tensorboard/ are.
+            from_step: First step to be logged; later lines are dropped.
+            enabled: A disabled journal writes nothing.
+        """
+        if not enabled:
+            yield cls(None, None)
+            return
+        from torch.utils.tensorboard import SummaryWriter
+
+        path = folder / "log.jsonl"
+        kept = [line for line in _lines(path) if line["step"] < from_step]
+        path.write_text("".join(json.dumps(line) + "\n" for line in kept))
+        board = SummaryWriter(str(folder / "tensorboard"), purge_step=from_step)
+        with path.open("a", buffering=1) as file:
+            try:
+                yield cls(file, board)
+            finally:
+                board.close()
+
+    def write(self, step: int, loss: float, terms: dict[str, float]) -> None:
+        """Log one step: the loss, its terms, counts of Gaussians, splits and merges a frame."""
+        if self._file is None:
+            return
+        rounded = {name: float(f"{value:.6g}") for name, value in terms.items()}
+        self._file.write(json.dumps({"step": step, "loss": float(f"{loss:.6g}"), **rounded}) + "\n")
+        self._board.add_scalar("loss", loss, step)
+        for name, value in terms.items():
+            self._board.add_scalar(name, value, step)
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    if not path.is_file():
+        return []
+    found = []
+    for line in path.read_text().splitlines():
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            break  # A killed run may leave half a line.
+    return found

@@ -1,0 +1,169 @@
+"""The loss of one optimisation step (PLOP, Eq. 14-15): rollouts from the filter's states.
+
+Each window is rolled out for its horizon. Every predicted frame is compared with one measured view
+(rendering loss) and with the filter's track, and pays the physical terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor, nn
+
+from plop.dynamics.episodes import measured_views
+from plop.dynamics.interface import ParticleState
+from plop.dynamics.model import PlopModel
+from plop.dynamics.physical_losses import Neighbourhood, isometry, rigidity, rotation_similarity
+from plop.dynamics.resampling import effective_sample_size, resample
+from plop.gaussians.state import Gaussians
+from plop.recordings.recording import Recording
+from plop.render.losses import RenderWeights, render_loss
+from plop.render.rasterize import render
+from stages.train.tracks import Track
+from stages.train.windows import Window, disturbed_start
+
+ROTATION_ARM_M = 0.01
+"""Length at which a wrong turn of a Gaussian counts like a wrong place [m]."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the terms; lengths count in units of `render.depth_unit_m`, as depth does."""
+
+    track: float
+    """Of the distance to the filter's track."""
+    image: float
+    """Of the rendering loss; 0 renders nothing."""
+    rigid: float
+    rotation: float
+    isometry: float
+    sever: bool
+    """Whether the blade severs neighbours; the paper keeps them."""
+    render: RenderWeights
+
+
+@dataclass
+class _Rollout:
+    """One window on its way."""
+
+    window: Window
+    track: Track
+    state: ParticleState
+    pairs: Neighbourhood
+    rows: Tensor
+    """Row of the track's Gaussians that each Gaussian descends from, shape [N]."""
+    offset: Tensor
+    """Disturbance of the start, by row of the track, shape [N0, 3] [m]."""
+
+
+class TrainingStep(nn.Module):
+    """A module whose forward is the loss, so that PyTorch's data parallelism can wrap it."""
+
+    def __init__(self, model: PlopModel) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(
+        self, windows: list[Window], tracks: list[Track], weights: LossWeights, noise_m: float
+    ) -> tuple[Tensor, dict[str, float]]:
+        """Roll out the windows and add up the loss.
+
+        Args:
+            windows: Windows of this step (of this process).
+            tracks: Track of each window.
+            weights: Weights of the terms.
+            noise_m: Disturbance of the start states [m].
+
+        Returns:
+            Mean loss per window and step, and its terms and counts for the log.
+        """
+        rollouts = []
+        for window, track in zip(windows, tracks, strict=True):
+            start, offset = disturbed_start(track, window, noise_m)
+            rows = torch.arange(len(start.gaussians))
+            rollouts.append(_Rollout(window, track, start, track.pairs, rows, offset))
+        total = torch.zeros(())
+        log: dict[str, float] = {}
+        steps = sum(window.horizon for window in windows)
+        for k in range(max(window.horizon for window in windows)):
+            active = [r for r in rollouts if k < r.window.horizon]
+            for rollout, predicted in zip(active, self._predict(active, k), strict=True):
+                terms = _advance(rollout, predicted, k, self.model, weights)
+                total = total + sum(terms.values(), torch.zeros(()))
+                for name, value in terms.items():
+                    log[name] = log.get(name, 0.0) + float(value.detach()) / steps
+        states = [r.state.gaussians for r in rollouts]
+        log["gaussians"] = sum(len(s) for s in states) / len(states)
+        log["effective_sample_size"] = sum(float(effective_sample_size(s.opacities.detach())) for s in states) / len(
+            states
+        )
+        log["splits"] = sum(_splits(r.rows) for r in rollouts) / steps
+        log["merges"] = sum(len(r.track.initial) - len(r.rows.unique()) for r in rollouts) / steps
+        return total / steps, log
+
+    def _predict(self, active: list[_Rollout], k: int) -> list[ParticleState]:
+        actions = [r.track.actions.step(r.window.start + k) for r in active]
+        pairs = zip(active, actions, strict=True)
+        frames = [self.model.frame(action).reflected(*r.window.mirror) for r, action in pairs]
+        return self.model.predict([r.state for r in active], actions, frames)
+
+
+def _splits(rows: Tensor) -> int:
+    return len(rows) - len(rows.unique())
+
+
+def _advance(
+    rollout: _Rollout, predicted: ParticleState, k: int, model: PlopModel, weights: LossWeights
+) -> dict[str, Tensor]:
+    """Score one predicted frame, then resample it in place; gives the weighted terms."""
+    frame = rollout.window.start + k + 1
+    before = rollout.state.gaussians
+    terms = _physical_terms(rollout.pairs, before, predicted, weights)
+    terms["track"] = weights.track * _track_error(rollout, predicted, frame) / weights.render.depth_unit_m
+    generator = torch.Generator().manual_seed(rollout.window.noise_seed + k)
+    state = predicted
+    if weights.image > 0:
+        tagged = replace(predicted, gaussians=predicted.gaussians.with_(ids=torch.arange(len(before))))
+        resampled = resample(tagged, model.config.resampling, generator=generator)
+        parents = resampled.gaussians.ids
+        state = replace(resampled, gaussians=resampled.gaussians.with_(ids=before.ids[parents]))
+        if len(parents) != len(before) or not torch.equal(parents, torch.arange(len(before))):
+            rollout.pairs, rollout.rows = rollout.pairs.following(parents), rollout.rows[parents]
+        terms["image"] = weights.image * _image_loss(rollout, state.gaussians, frame, k, weights.render)
+    rollout.state = state
+    return terms
+
+
+def _physical_terms(
+    pairs: Neighbourhood, before: Gaussians, predicted: ParticleState, weights: LossWeights
+) -> dict[str, Tensor]:
+    if weights.sever:
+        pairs = pairs.severed(predicted.side)
+    unit = weights.render.depth_unit_m
+    after = predicted.gaussians
+    terms = {}
+    if weights.rigid > 0:
+        terms["rigid"] = weights.rigid * rigidity(pairs, before, after) / unit
+    if weights.rotation > 0:
+        terms["rotation"] = weights.rotation * rotation_similarity(pairs, before, after)
+    if weights.isometry > 0:
+        terms["isometry"] = weights.isometry * isometry(pairs, after) / unit
+    return terms
+
+
+def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Tensor:
+    """Mean distance to the track, smooth below a tenth of a millimetre, and of turns at an arm's length [m]."""
+    track, rows = rollout.track, rollout.rows
+    shift = predicted.gaussians.means - (track.means[frame] + rollout.offset)[rows]
+    turn = ROTATION_ARM_M * (predicted.last_rotation - track.rotations[frame][rows])
+    return sum(((error.square().sum(-1) + 1e-8).sqrt().mean() for error in (shift, turn)), torch.zeros(()))
+
+
+def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
+    with Recording(rollout.track.recording_path) as recording:
+        names = recording.camera_names
+        views = measured_views(recording, frame, [names[rollout.window.cameras[k] % len(names)]])
+    if not views:
+        return torch.zeros(())
+    return render_loss(render(gaussians, views[0].camera), views[0].target, weights)[0]

@@ -1,0 +1,173 @@
+"""The optimisation: horizon curriculum, averaged weights, checkpoints, several processes.
+
+Started by `torchrun`, each process takes its share of every batch and PyTorch averages the gradients;
+the first process alone writes. Which windows a step sees depends on seed and step only, so the loss of
+several processes is that of one on the same batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from plop.dynamics.interface import at_rest
+from plop.dynamics.model import PlopConfig, PlopModel
+from plop.dynamics.model_io import save_model
+from stages.contract import Output
+from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
+from stages.train.journal import Journal
+from stages.train.objective import LossWeights, TrainingStep
+from stages.train.processes import Processes, share
+from stages.train.tracks import Track
+from stages.train.windows import draw_windows
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how fast; see TrainConfig for the meaning and unit of each."""
+
+    track_steps: int
+    image_steps: int
+    batch: int
+    horizon: int
+    learning_rate: float
+    averaging: float
+    noise_m: float
+    mirror: bool
+    validate_every: int
+    checkpoint_every: int
+    seed: int
+
+    @property
+    def steps(self) -> int:
+        """Steps of both phases."""
+        return self.track_steps + self.image_steps
+
+    def horizon_at(self, step: int) -> int:
+        """Horizon of the curriculum: 1, 2, 4, ... each for the same time, so the longer, the fewer steps."""
+        horizons = [2**level for level in range(max(self.horizon, 1).bit_length()) if 2**level < self.horizon]
+        horizons.append(self.horizon)
+        shares = np.cumsum([1 / horizon for horizon in horizons])
+        level = int(np.searchsorted(shares / shares[-1], step / max(self.track_steps, 1), side="right"))
+        return horizons[min(level, len(horizons) - 1)]
+
+    def rate_at(self, step: int) -> float:
+        """Learning rate: linear rise over a tenth of the steps, then a cosine to a hundredth."""
+        rise = max(1, self.steps // 10)
+        if step < rise:
+            return self.learning_rate * (step + 1) / rise
+        share_done = (step - rise) / max(1, self.steps - rise)
+        return self.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share_done)))
+
+
+def optimise(
+    config: PlopConfig,
+    track: Callable[[int], Track],
+    episodes: int,
+    plan: Schedule,
+    weights: LossWeights,
+    out: Output,
+    *,
+    environment: str = "",
+) -> dict[str, float]:
+    """Train a model and write the weights that roll out the training episodes best.
+
+    Args:
+        config: The model's form and units.
+        track: Gives the track of an episode by its number.
+        episodes: Number of training episodes.
+        plan: Schedule.
+        weights: Weights of the loss.
+        out: Where to write; a checkpoint found there is taken up.
+        environment: What the model is a model of; kept beside the weights.
+
+    Returns:
+        {"best_step", "rollout_error_mm"} of the chosen weights and {"loss"} of the last step.
+    """
+    torch.manual_seed(plan.seed)
+    with Processes.join() as processes:
+        model = PlopModel(config)
+        optimiser = torch.optim.AdamW(model.parameters(), lr=plan.learning_rate, weight_decay=1e-4)
+        averaged = {name: value.detach().clone() for name, value in model.state_dict().items()}
+        at = load_checkpoint(out.path, model, averaged, optimiser) or Progressed(0, math.inf, 0)
+        step_loss = processes.wrap(TrainingStep(model))
+        motions = [_motion(track(i)) for i in range(episodes)]
+        loss = math.nan
+        with Journal.open(out.path, at.step, enabled=processes.first) as journal:
+            for step in range(at.step, plan.steps):
+                loss, log = _one_step(step_loss, optimiser, track, motions, plan, weights, step, processes)
+                _average(averaged, model, plan.averaging, step)
+                journal.write(step, loss, log)
+                done = step + 1
+                if processes.first and (done % plan.validate_every == 0 or done == plan.steps):
+                    at = _validate(model, averaged, track, episodes, at, done, out, environment)
+                    journal.write(step, loss, {"rollout_error_mm": at.best_error_m * 1e3})
+                at = replace(at, step=done)
+                if processes.first and (done % plan.checkpoint_every == 0 or done == plan.steps):
+                    save_checkpoint(out.path, model, averaged, optimiser, at)
+                phase = "on tracks" if step < plan.track_steps else "on images"
+                out.progress(done, plan.steps, f"train {phase}", loss=loss, best_mm=at.best_error_m * 1e3)
+    (out.path / "checkpoint.safetensors").unlink(missing_ok=True)
+    return {"best_step": at.best_step, "rollout_error_mm": at.best_error_m * 1e3, "loss": loss}
+
+
+def _one_step(
+    step_loss: nn.Module, optimiser: torch.optim.Optimizer, track: Callable[[int], Track], motions: list[np.ndarray],
+    plan: Schedule, weights: LossWeights, step: int, processes: Processes,
+) -> tuple[float, dict[str, float]]:  # fmt: skip
+    windows = draw_windows(motions, plan.batch, plan.horizon_at(step), seed=plan.seed, step=step, mirror=plan.mirror)
+    mine = share(windows, processes)
+    if step < plan.track_steps:
+        weights = replace(weights, image=0.0)
+    for group in optimiser.param_groups:
+        group["lr"] = plan.rate_at(step)
+    optimiser.zero_grad()
+    loss, log = step_loss(mine, [track(w.episode) for w in mine], weights, plan.noise_m)
+    loss.backward()
+    nn.utils.clip_grad_norm_(step_loss.parameters(), 1.0)
+    optimiser.step()
+    return processes.mean(float(loss.detach())), log
+
+
+def _average(averaged: dict[str, Tensor], model: nn.Module, decay: float, step: int) -> None:
+    """Move the averaged weights; the decay grows from 0 so that the start does not linger."""
+    decay = min(decay, (1 + step) / (10 + step))
+    for name, value in model.state_dict().items():
+        averaged[name].lerp_(value.detach(), 1 - decay)
+
+
+def _motion(track: Track) -> np.ndarray:
+    """Mean motion of each step of an episode, shape [T - 1] [m]."""
+    return np.asarray(track.means.diff(dim=0).norm(dim=-1).mean(dim=1), dtype=np.float64)
+
+
+def _validate(
+    model: PlopModel, averaged: dict[str, Tensor], track: Callable[[int], Track], episodes: int, at: Progressed,
+    step: int, out: Output, environment: str,
+) -> Progressed:  # fmt: skip
+    """Roll out the training episodes with the averaged weights; write the weights if they are the best so far."""
+    current = {name: value.clone() for name, value in model.state_dict().items()}
+    model.load_state_dict(averaged)
+    error = sum(rollout_error_m(model, track(i)) for i in range(episodes)) / episodes
+    if error <= at.best_error_m or not (out.path / "model.json").exists():
+        facts = {"environment": environment, "step": step, "rollout_error_mm": error * 1e3}
+        save_model(out.path, model, training=facts)
+        at = Progressed(at.step, error, step)
+    model.load_state_dict(current)
+    return at
+
+
+@torch.no_grad()
+def rollout_error_m(model: PlopModel, track: Track) -> float:
+    """Mean distance of an open-loop rollout (without resampling) to the track, over frames and Gaussians [m]."""
+    state = at_rest(track.initial)
+    total = 0.0
+    for frame in range(1, len(track)):
+        state = model.predict([state], [track.actions.step(frame - 1)])[0]
+        total += float((state.gaussians.means - track.means[frame]).norm(dim=-1).mean())
+    return total / max(1, len(track) - 1)

@@ -1,0 +1,215 @@
+"""train: learn the dynamics of an object from its training episodes (PLOP, Sec. III-D).
+
+1. Follow the object through every training episode with the filter (tracks).
+2. Optimise the model: first on the tracks alone, then with the rendering loss, horizons growing.
+3. Keep the averaged weights that roll out the training episodes best.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from plop.determinism import deterministic
+from plop.dynamics.filtering import UpdateConfig
+from plop.dynamics.i2n import I2NConfig
+from plop.dynamics.model import PlopConfig
+from plop.dynamics.resampling import ResamplingConfig
+from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
+from plop.render.losses import RenderWeights
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.train.objective import LossWeights
+from stages.train.optimise import Schedule, optimise
+from stages.train.processes import Processes
+from stages.train.tracks import Track, load_track, track_episode
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Settings of `train`; their defaults are written only here."""
+
+    seed: int = 0
+    """Seed of everything random."""
+    track_steps: int = 700
+    """Optimisation steps on the filter's tracks alone."""
+    image_steps: int = 100
+    """Optimisation steps after those, with the rendering loss."""
+    batch: int = 2
+    """Windows in a step, over all processes."""
+    horizon: int = 4
+    """Longest horizon of a window, in frames; the curriculum starts at 1 and doubles."""
+    learning_rate: float = 3e-3
+    """Largest learning rate of Adam; rises over the first tenth, then falls by a cosine."""
+    averaging: float = 0.98
+    """Decay of the averaged weights that are kept [-]."""
+    noise_m: float = 0.001
+    """Disturbance of a window's start [m]."""
+    mirror: bool = True
+    """See windows mirrored half of the time."""
+    validate_every: int = 100
+    """Steps between rollouts of the training episodes, from which the best weights are chosen."""
+    checkpoint_every: int = 25
+    """Steps between checkpoints."""
+    kernel: Literal["paper", "quadratic", "cubic"] = "quadratic"
+    """Kernel between particles and grid: 8, 27 or 64 nodes."""
+    features: Literal["paper", "contact"] = "contact"
+    """What a particle tells the network; "contact" adds place and motion relative to the tool."""
+    frame: Literal["tool", "world"] = "tool"
+    """Frame of the network: turns with the tool, or the world (the paper's)."""
+    coupled: bool = True
+    """A particle also takes a learned share of the tool's motion at its place; off in the paper."""
+    width: int = 24
+    """Channels of particles and of the finest grid."""
+    cells_across: float = 8.0
+    """Grid cells along the object's longest extent."""
+    resample: bool = True
+    """Merge and split Gaussians."""
+    merge_below: float = 0.05
+    """Opacity under which a Gaussian merges into its neighbour [-]."""
+    split_above: float = 4.0
+    """Ratio of longest to shortest axis above which a Gaussian splits [-]."""
+    resampling_form: Literal["moments", "paper"] = "moments"
+    """Merging and splitting that keep the moments, or Eq. 27-28 as printed."""
+    track_weight: float = 1.0
+    """Weight of the distance to the track, per 0.1 m [-]."""
+    image_weight: float = 1.0
+    """Weight of the rendering loss in the second phase [-]."""
+    rigid_weight: float = 1.0
+    """Lambda_r of the rigidity term, per 0.1 m [-]."""
+    rotation_weight: float = 0.05
+    """Lambda_rot of the rotation term [-]."""
+    isometry_weight: float = 1.0
+    """Lambda_i of the isometry term, per 0.1 m [-]."""
+    sever: bool = True
+    """A blade severs neighbours in those terms; the paper keeps them."""
+    ssim_weight: float = 0.1
+    """Lambda_SSIM [-]."""
+    l1_weight: float = 0.9
+    """Lambda_L1 [-]."""
+    depth_weight: float = 0.2
+    """Lambda_depth, per `length_unit_m` [-]."""
+    mask_weight: float = 0.1
+    """Weight of the silhouette [-]; 0 in the paper."""
+    length_unit_m: float = 0.1
+    """Length that counts as 1 in the loss [m]; 1 in the paper, whose scenes have other units."""
+    filter_iterations: int = 40
+    """Gradient steps a frame of the filter that makes the tracks."""
+
+
+@deterministic()
+def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
+    """Train a model on the training episodes of a recording set.
+
+    Args:
+        inputs: "recordings" and "init" (fitted Gaussians of frame 0).
+        config: Settings.
+        out: Receives model.safetensors, model.json, log.jsonl, tensorboard/ and tracks/.
+
+    Returns:
+        Figures of the tracks and of the chosen weights.
+
+    Raises:
+        PlopError: There is no training episode, or one has no fitted Gaussians.
+    """
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    if not recordings.train:
+        raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
+                        found=f"{len(recordings.test)} test episodes",
+                        fix="Choose the test episodes with `plop ingest --test`.")  # fmt: skip
+    with Processes.join() as processes:
+        if processes.first:
+            _make_tracks(recordings, inputs["init"].path, config, out)
+        processes.wait()
+        return _train_on_tracks(recordings, inputs, config, out)
+
+
+def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
+    weights = _render_weights(config)
+    tracked = _make_tracks(recordings, inputs["init"].path, config, out)
+
+    def track(index: int) -> Track:
+        name = recordings.train[index]
+        return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5")
+
+    model = _model_config(config, [track(i) for i in range(len(recordings.train))])
+    plan = Schedule(
+        track_steps=config.track_steps, image_steps=config.image_steps, batch=config.batch, horizon=config.horizon,
+        learning_rate=config.learning_rate, averaging=config.averaging, noise_m=config.noise_m, mirror=config.mirror,
+        validate_every=config.validate_every, checkpoint_every=config.checkpoint_every, seed=config.seed,
+    )  # fmt: skip
+    chosen = optimise(model, track, len(recordings.train), plan, _loss_weights(config, weights), out,
+                      environment=recordings.environment)  # fmt: skip
+    return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
+                            model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
+
+
+def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out: Output) -> dict[str, float]:
+    """Follow the object through the training episodes that have no track yet; gives the tracks' mean errors."""
+    folder = out.path / "tracks"
+    folder.mkdir(exist_ok=True)
+    update = UpdateConfig(iterations=config.filter_iterations, weights=_render_weights(config))
+    total = len(recordings.train)
+    for number, name in enumerate(recordings.train):
+        if out.is_done(f"track-{name}"):
+            continue
+        splat = init / name / "object.ply"
+        if not splat.is_file():
+            raise PlopError(
+                "An episode has no fitted Gaussians.",
+                where=splat,
+                expected="object.ply of `plop fit-init`",
+                found="no file",
+                fix="Run `plop fit-init` on the same recordings.",
+            )
+
+        def on_frame(done: int, frames: int, number: int = number, name: str = name) -> None:
+            out.progress(number + done / frames, total, f"track {name}")
+
+        error = track_episode(recordings.path(name), splat, folder / f"{name}.h5", update, on_frame)
+        (folder / f"{name}.json").write_text(json.dumps(error))
+        out.mark_done(f"track-{name}")
+    errors = [json.loads((folder / f"{name}.json").read_text()) for name in recordings.train]
+    return {f"track_{key}": sum(e[key] for e in errors) / total for key in ("depth_mm", "l1")}
+
+
+def _model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
+    """Measure the units of the model's inputs and outputs on the training set."""
+    length = max(float((t.means[0].amax(0) - t.means[0].amin(0)).max()) for t in tracks)
+    square = sum(float(t.means.diff(dim=0).square().sum(-1).mean()) for t in tracks) / len(tracks)
+    return PlopConfig(
+        network=I2NConfig(config.kernel, config.features, config.width, config.cells_across),
+        resampling=ResamplingConfig(config.resample, config.merge_below, config.split_above, config.resampling_form),
+        frame=config.frame,
+        coupled=config.coupled,
+        length_m=length,
+        motion_m=max(square**0.5, 1e-5),
+    )
+
+
+def _render_weights(config: TrainConfig) -> RenderWeights:
+    return RenderWeights(
+        config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight, config.length_unit_m
+    )
+
+
+def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
+    return LossWeights(
+        track=config.track_weight, image=config.image_weight, rigid=config.rigid_weight,
+        rotation=config.rotation_weight, isometry=config.isometry_weight, sever=config.sever, render=render,
+    )  # fmt: skip
+
+
+STAGE = Stage(
+    name="train",
+    version=2,
+    help="Learn the dynamics from the training episodes.",
+    config=TrainConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest"), "Recordings; only the training episodes are opened."),
+        "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
+    },
+    run=run,
+)

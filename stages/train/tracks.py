@@ -1,0 +1,122 @@
+"""Tracks: the filter's states of every training episode, from which training starts its rollouts.
+
+Made from the images alone, by a filter that predicts with constant velocity. One file an episode,
+tracks/<episode>.h5 (Trajectory, group "updated"), kept when training is stopped and goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from plop.dynamics.episodes import Actions
+from plop.dynamics.filtering import UpdateConfig, run_filter
+from plop.dynamics.interface import ParticleState, at_rest
+from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.trivial import ConstantVelocity
+from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.state import Gaussians
+from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
+from plop.recordings.recording import Recording
+
+
+def track_episode(
+    recording_path: Path, splat_path: Path, track_path: Path, config: UpdateConfig, on_frame: Callable[[int, int], None]
+) -> dict[str, float]:
+    """Follow the object through one episode and write its track.
+
+    Args:
+        recording_path: The episode.
+        splat_path: Gaussians at frame 0.
+        track_path: File to write.
+        config: The filter's update.
+        on_frame: Called with (frames done, frames in all).
+
+    Returns:
+        Mean over frames and cameras: {"depth_mm", "l1"} of the updated states.
+    """
+    initial = read_splat(splat_path)
+    rows: list[dict[str, float]] = []
+    with Recording(recording_path) as recording, TrajectoryWriter(track_path) as writer:
+        _append(writer, 0, at_rest(initial))
+        for step in run_filter(ConstantVelocity(), recording, initial, config):
+            _append(writer, step.frame, step.updated)
+            rows += step.innovation.values()
+            on_frame(step.frame + 1, len(recording))
+    count = max(len(rows), 1)
+    return {
+        "depth_mm": sum(row["updated_depth_mm"] for row in rows) / count,
+        "l1": sum(row["updated_l1"] for row in rows) / count,
+    }
+
+
+def _append(writer: TrajectoryWriter, frame: int, state: ParticleState) -> None:
+    writer.append(
+        "updated", frame, state.gaussians,
+        last_translation=state.last_translation, last_rotation=state.last_rotation, side=state.side,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Track:
+    """The filter's states of one episode, in memory; the Gaussians are the same ones in every frame."""
+
+    name: str
+    recording_path: Path
+    initial: Gaussians
+    means: Tensor
+    """Shape [T, N, 3] [m]."""
+    quats: Tensor
+    """Shape [T, N, 4]."""
+    opacities: Tensor
+    """Shape [T, N]."""
+    translations: Tensor
+    """Shape [T, N, 3] [m]."""
+    rotations: Tensor
+    """Shape [T, N, 3] [rad]."""
+    sides: Tensor
+    """Shape [T, N]."""
+    actions: Actions
+    pairs: Neighbourhood
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    def state(self, frame: int) -> ParticleState:
+        """The filter's state at one frame."""
+        gaussians = self.initial.with_(
+            means=self.means[frame], quats=self.quats[frame], opacities=self.opacities[frame]
+        )
+        return ParticleState(
+            gaussians, self.translations[frame], self.rotations[frame], self.sides[frame], has_history=frame > 0
+        )
+
+
+@lru_cache(maxsize=8)
+def load_track(name: str, recording_path: Path, track_path: Path) -> Track:
+    """Read a track; a few episodes stay in memory, however many there are."""
+    with Trajectory(track_path) as track, Recording(recording_path) as recording:
+        frames = track.frames("updated")
+        states = [track.read("updated", frame) for frame in frames]
+
+        def extra(key: str) -> Tensor:
+            return torch.stack([track.extra("updated", frame, key) for frame in frames])
+
+        return Track(
+            name=name,
+            recording_path=recording_path,
+            initial=states[0],
+            means=torch.stack([s.means for s in states]),
+            quats=torch.stack([s.quats for s in states]),
+            opacities=torch.stack([s.opacities for s in states]),
+            translations=extra("last_translation"),
+            rotations=extra("last_rotation"),
+            sides=extra("side"),
+            actions=Actions.of(recording),
+            pairs=Neighbourhood.of(states[0].means),
+        )

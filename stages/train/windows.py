@@ -1,0 +1,93 @@
+"""Windows: short stretches of episodes from which one optimisation step learns.
+
+Which windows a step gets depends on the seed and the number of the step alone, so that a run that was
+stopped goes on as if it had not been.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from plop.dynamics.interface import ParticleState
+from stages.train.tracks import Track
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of one episode and the draws that belong to it."""
+
+    episode: int
+    start: int
+    """First frame."""
+    horizon: int
+    """Steps to predict."""
+    mirror: tuple[bool, bool]
+    """Whether the step is seen mirrored across the frame's x and y axes."""
+    noise_seed: int
+    cameras: tuple[int, ...]
+    """Camera to compare with, as a number to be taken modulo the count, one for each step."""
+
+
+def draw_windows(
+    motions: list[np.ndarray], count: int, horizon: int, *, seed: int, step: int, mirror: bool
+) -> list[Window]:
+    """Draw the windows of one optimisation step.
+
+    Half of them start anywhere, half where the object moves: most frames of a cut show hardly any motion.
+
+    Args:
+        motions: For each episode the mean motion of each step, shape [T - 1] [m].
+        count: Windows to draw.
+        horizon: Steps in each; shorter where the episode is.
+        seed: The run's seed.
+        step: Number of the optimisation step.
+        mirror: Draw reflections too.
+    """
+    rng = np.random.default_rng([seed, step])
+    windows = []
+    for _ in range(count):
+        episode = int(rng.integers(len(motions)))
+        steps = min(horizon, len(motions[episode]))
+        starts = len(motions[episode]) - steps + 1
+        weight = np.convolve(motions[episode], np.ones(steps), "valid")
+        if rng.random() < 0.5 or weight.sum() <= 0:
+            start = int(rng.integers(starts))
+        else:
+            start = int(rng.choice(starts, p=weight / weight.sum()))
+        flips = (bool(rng.random() < 0.5), bool(rng.random() < 0.5)) if mirror else (False, False)
+        cameras = tuple(int(c) for c in rng.integers(2**31, size=steps))
+        windows.append(Window(episode, start, steps, flips, int(rng.integers(2**31)), cameras))
+    return windows
+
+
+def disturbed_start(track: Track, window: Window, noise_m: float) -> tuple[ParticleState, torch.Tensor]:
+    """Give the window's first state, displaced a little as a rollout's own errors would.
+
+    The disturbance is a shift of the whole object, an opening of the cut and independent noise; the
+    history carries a share of it. Every fourth window stays as it is.
+
+    Args:
+        track: The episode's track.
+        window: The window.
+        noise_m: Standard deviation of each part [m]; 0 for none.
+
+    Returns:
+        The state, and the displacement of each Gaussian, shape [N, 3] [m]: it belongs to the targets too,
+        since no model can know that the object lay elsewhere.
+    """
+    state = track.state(window.start)
+    means = state.gaussians.means
+    generator = torch.Generator().manual_seed(window.noise_seed)
+    if noise_m <= 0 or torch.rand((), generator=generator) < 0.25:
+        return state, torch.zeros_like(means)
+    shift = torch.randn(1, 3, generator=generator) + state.side[:, None] * torch.randn(1, 3, generator=generator)
+    noise = noise_m * (shift + 0.3 * torch.randn(means.shape, generator=generator))
+    moved = replace(
+        state,
+        gaussians=state.gaussians.with_(means=means + noise),
+        last_translation=state.last_translation + 0.3 * noise,
+    )
+    return moved, noise

@@ -1,0 +1,87 @@
+"""What is stale, and why two artifacts differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from plop.artifacts.lineage import first_difference, stale_reasons
+from plop.artifacts.store import Artifact, Store
+from plop_cli.execute import execute, raw_content
+from stages.contract import Stage
+from tests.pipeline import fake_stages as fake
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    fake.raw_folder(tmp_path / "blocks")
+    return Store(tmp_path)
+
+
+def ingest(store: Store, **settings: int) -> Artifact:
+    return execute(fake.INGEST, store=store, config=fake.PiecesConfig(**settings),
+                   inputs={"raw": store.workspace / "blocks"}).artifact  # fmt: skip
+
+
+def make(store: Store, stage: Stage, **settings: bool) -> Artifact:
+    return execute(stage, store=store, config=fake.JoinConfig(**settings)).artifact
+
+
+def reasons(store: Store, **versions: int) -> dict[tuple[str, str], str]:
+    def raw_digest(artifact: Artifact, name: str, path: Path) -> str:
+        return raw_content(store, fake.INGEST, path, fake.PiecesConfig())
+
+    return stale_reasons(store, store.artifacts(), {"ingest": 1, "fuse": 1} | versions, raw_digest)
+
+
+def test_fresh_chain_is_current(store: Store):
+    ingest(store), make(store, fake.FUSE), make(store, fake.FIT)
+    assert reasons(store) == {}
+
+
+def test_replaced_input_makes_what_follows_stale(store: Store):
+    ingest(store)
+    fuse, fit = make(store, fake.FUSE), make(store, fake.FIT)
+    ingest(store, pieces=5)
+    found = reasons(store)
+    assert "was replaced by" in found[fuse.key]
+    assert fit.key in found
+
+
+def test_another_seed_stands_beside(store: Store):
+    ingest(store)
+    make(store, fake.FUSE)
+    ingest(store, seed=1)
+    assert reasons(store) == {}
+
+
+def test_changed_raw_files_and_new_version_are_told(store: Store):
+    artifact = ingest(store)
+    assert "version 2" in reasons(store, ingest=2)[artifact.key]
+    fake.raw_folder(store.workspace / "blocks", "changed ")
+    assert "have changed" in reasons(store)[artifact.key]
+
+
+def test_removed_input_is_told(store: Store):
+    artifact = ingest(store)
+    fuse = make(store, fake.FUSE)
+    for path in sorted(artifact.path.rglob("*"), reverse=True):
+        path.unlink()
+    artifact.path.rmdir()
+    assert "is gone" in reasons(store)[fuse.key]
+
+
+def test_first_difference_is_the_earliest(store: Store):
+    ingest(store)
+    one = make(store, fake.FUSE)
+    assert first_difference(store, one, one) is None
+    other = make(store, fake.FUSE, upper=True)
+    assert "fuse.upper = False, True" in str(first_difference(store, one, other))
+    ingest(store, pieces=5)
+    third = make(store, fake.FUSE, upper=True)
+    assert "ingest.pieces = 4, 5" in str(first_difference(store, one, third))
+    fake.raw_folder(store.workspace / "blocks", "changed ")
+    ingest(store, pieces=5)
+    fourth = make(store, fake.FUSE)
+    assert "raw input raw differs" in str(first_difference(store, one, fourth))

@@ -1,0 +1,170 @@
+"""The program: help, exit codes, messages, machine-readable output."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from plop_cli.app import main
+from stages import PIPELINE, StageRef
+from tests.pipeline import fake_stages as fake
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FAKES = (
+    StageRef("ingest mesh", "tests.pipeline.fake_stages:INGEST", "Write pieces."),
+    StageRef("calibrate", "tests.pipeline.fake_stages:CALIBRATE", "Join."),
+    StageRef("fuse", "tests.pipeline.fake_stages:FULL_DISK", "Fail."),
+)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give a workspace in which three commands are fake stages."""
+    loaded = {ref.command: ref for ref in FAKES}
+    original = StageRef.load
+    monkeypatch.setattr(StageRef, "load", lambda ref: original(loaded.get(ref.command, ref)))
+    monkeypatch.setenv("PLOP_WORKSPACE", str(tmp_path))
+    fake.raw_folder(tmp_path / "blocks")
+    return tmp_path
+
+
+def test_help_lists_the_pipeline_in_order(capsys: pytest.CaptureFixture[str]):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    places = [text.index(f" {name} ") for name in dict.fromkeys(ref.name for ref in PIPELINE)]
+    assert places == sorted(places)
+
+
+def test_help_imports_nothing_heavy():
+    heavy = ("torch", "numpy", "open3d", "numba", "cv2", "h5py")
+    code = f"import sys; from plop_cli.app import main; main(['--help']); print('HEAVY', sys.modules.keys() & {heavy})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=REPOSITORY, check=True)
+    assert "HEAVY set()" in done.stdout
+
+
+def test_help_of_a_stage_shows_types_defaults_and_units(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["ingest", "mesh", "--help"]) == 0
+    text = capsys.readouterr().out
+    for part in ("--pause-s", "Time a piece takes [s].", "0.0", "--seed", "RAW", "--dry-run", "PLOP_WORKSPACE"):
+        assert part in text
+
+
+def test_run_skip_and_json(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["ingest", "mesh", str(workspace / "blocks"), "--pieces", "3", "--name", "base"]
+    assert main(command) == 0
+    assert "done in" in capsys.readouterr().out
+    assert main(command) == 0
+    assert "already there" in capsys.readouterr().out
+    assert main([*command, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["skipped"] is True
+    assert facts["figures"]["pieces"] == 3
+    assert main(["calibrate", "--recordings", "base", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_settings_from_file_set_and_option(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    (workspace / "plop.toml").write_text("[ingest.mesh]\npieces = 2\nseed = 5\n")
+    base = ["ingest", "mesh", str(workspace / "blocks"), "--dry-run", "--json"]
+    for extra, expected in (([], 2), (["--set", "pieces=6"], 6), (["--set", "ingest.mesh.pieces=7"], 7),
+                            (["--set", "pieces=6", "--pieces", "8"], 8)):  # fmt: skip
+        assert main([*base, *extra]) == 0
+        assert json.loads(capsys.readouterr().out)["config"]["pieces"] == expected
+    assert not (workspace / "artifacts" / "ingest").exists()
+
+
+@pytest.mark.parametrize(("arguments", "code", "words"), [
+    (["calibrate"], 1, ["needs the input", "plop ingest"]),
+    (["calibrate", "--set", "uper=1"], 1, ["no setting 'uper'", "upper"]),
+    (["calibrate", "--recordings", "ingest@ff"], 1, ["no artifact"]),
+    (["ingest", "mesh", "nowhere"], 1, ["no such file"]),
+    (["ingest", "mesh"], 2, ["RAW"]),
+    (["calibrate", "--nonsense"], 2, ["--nonsense"]),
+    (["calibarte"], 2, ["calibarte"]),
+    (["export", "train@latest", "out"], 1, ["no artifact of `train`"]),
+    (["why", "a", "b"], 1, ["no artifact 'a'"]),
+    (["reproduce", "nowhere"], 1, ["no such folder"]),
+])  # fmt: skip
+def test_mistakes_end_with_a_message_and_no_traceback(
+    workspace: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: list[str]
+):
+    assert main(arguments) == code
+    seen = capsys.readouterr()
+    assert "Traceback" not in seen.err + seen.out
+    for word in words:
+        assert word in seen.err
+
+
+def test_errors_are_json_when_asked(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["calibrate", "--json"]) == 1
+    seen = capsys.readouterr()
+    assert seen.out == ""
+    assert "needs the input" in json.loads(seen.err)["error"]["problem"]
+
+
+def test_full_disk_and_bugs_show_no_traceback(
+    workspace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
+    assert main(["fuse"]) == 1
+    assert "disk is full" in capsys.readouterr().err
+    monkeypatch.setattr("plop_cli.stage_command.execute", lambda *a, **k: 1 / 0)
+    assert main(["calibrate"]) == 1
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_interrupt_says_that_pieces_are_kept(
+    workspace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("plop_cli.stage_command.execute", interrupted)
+    assert main(["ingest", "mesh", str(workspace / "blocks")]) == 130
+    assert "finished pieces are kept" in capsys.readouterr().err
+
+
+def test_status_verify_why_and_export(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["status"]) == 0
+    assert "no artifacts" in capsys.readouterr().out
+    raw = str(workspace / "blocks")
+    assert main(["ingest", "mesh", raw, "--name", "base", "-q"]) == 0
+    assert main(["calibrate", "-q", "--name", "joined"]) == 0
+    assert main(["ingest", "mesh", raw, "--pieces", "5", "--name", "more", "-q"]) == 0
+    assert main(["status", "--json", "--all"]) == 0
+    rows = {row["name"]: row["state"] for row in json.loads(capsys.readouterr().out)["artifacts"]}
+    assert rows["base"] == rows["more"] == "current"
+    assert rows["joined"].startswith("stale: its recordings")
+    assert main(["why", "base", "more"]) == 0
+    assert "ingest.pieces = 4, 5" in capsys.readouterr().out
+    assert main(["verify"]) == 0
+    assert main(["export", "joined", str(workspace / "out")]) == 0
+    assert (workspace / "out" / "sub" / "all.txt").exists()
+    assert (workspace / "out" / "manifest.json").exists()
+    assert main(["export", "joined", str(workspace / "out")]) == 1
+    assert main(["export", "joined", str(workspace / "out"), "--force"]) == 0
+    assert main(["export", "joined", str(workspace / "out2"), "--kind", "video"]) == 1
+    capsys.readouterr()
+    (next((workspace / "artifacts" / "calibrate").glob("[!.]*")) / "sub" / "all.txt").write_text("x")
+    assert main(["verify"]) == 1
+    assert "all.txt" in capsys.readouterr().err
+
+
+def test_doctor_explains_every_part(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    main(["doctor", "--json"])
+    found = {row["part"]: row for row in json.loads(capsys.readouterr().out)}
+    for part in ("torch", "gsplat", "Blender", "LPIPS backbone", "ZED SDK", "open3d", "ffmpeg", "cores and memory"):
+        assert found[part]["state"] in ("ok", "absent", "problem")
+        assert found[part]["state"] == "ok" or found[part]["remedy"]
+
+
+def test_program_runs_as_a_module(tmp_path: Path):
+    done = subprocess.run([sys.executable, "-m", "plop_cli", "status"], capture_output=True, text=True, cwd=tmp_path,
+                          env={**os.environ, "PYTHONPATH": str(REPOSITORY)}, check=False)  # fmt: skip
+    assert done.returncode == 0
+    assert "no artifacts" in done.stdout

@@ -1,0 +1,55 @@
+"""The filter finds a motion that it was not told."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from plop.dynamics.filtering import UpdateConfig, run_filter
+from plop.dynamics.trivial import ConstantVelocity, Persistence
+from plop.recordings.recording import Recording
+from tests.small_episode import PUSH_M, write_episode
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("episode")
+    states = write_episode(folder, "push")
+    return folder / "push.h5", states
+
+
+def filtered(path, initial, model):
+    config = UpdateConfig(iterations=30, views=3, cells_across=5)
+    with Recording(path) as recording:
+        return list(run_filter(model, recording, initial, config))
+
+
+def test_the_pushed_half_is_followed(episode):
+    path, states = episode
+    steps = filtered(path, states[0], ConstantVelocity())
+    last = steps[-1].updated.gaussians.means
+    moved = (states[-1].means - states[0].means).norm(dim=-1) > 0
+    persistence = (states[0].means - states[-1].means)[moved].norm(dim=-1).mean()
+    error = (last - states[-1].means).norm(dim=-1)
+    assert persistence == pytest.approx(3 * PUSH_M, rel=1e-3)
+    assert error[moved].mean() < 0.35 * persistence
+    assert error[~moved].mean() < 0.2 * persistence
+
+
+def test_the_update_lowers_the_innovation(episode):
+    path, states = episode
+    steps = filtered(path, states[0], Persistence())
+
+    def mean_of(term: str, first: int, last: int) -> float:
+        rows = [c[term] for s in steps if first <= s.frame <= last for c in s.innovation.values()]
+        return sum(rows) / len(rows)
+
+    # Before the push nothing is wrong: what is left there is the error of images and masks themselves.
+    floor = mean_of("updated_l1", 1, 2)
+    assert mean_of("updated_l1", 3, 5) - floor < 0.5 * (mean_of("l1", 3, 5) - floor)
+
+
+def test_lineage_is_kept(episode):
+    path, states = episode
+    steps = filtered(path, states[0], Persistence())
+    assert torch.equal(steps[-1].updated.gaussians.ids, states[0].ids)

@@ -1,0 +1,39 @@
+"""The filter stage: what it stores."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import torch
+
+from plop.errors import PlopError
+from plop.gaussians.trajectory import Trajectory
+from stages.contract import Input, Output
+from stages.filter.stage import FilterConfig, run
+from tests.small_episode import FRAMES, write_set
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    recordings, init = write_set(tmp_path_factory.mktemp("set"), train=1, test=1)
+    return {"recordings": Input(recordings), "init": Input(init)}
+
+
+def test_prediction_update_and_innovation_are_kept(inputs, tmp_path):
+    config = FilterConfig(split="test", iterations=6, views=1, cells_across=4)
+    summary = run(inputs, config, Output(tmp_path))
+    assert summary.figures["episodes"] == 1
+    with Trajectory(tmp_path / "episode_1.h5") as trajectory:
+        assert trajectory.frames("predicted") == trajectory.frames("updated") == list(range(1, FRAMES))
+        before, after = trajectory.read("predicted", 4), trajectory.read("updated", 4)
+        update = trajectory.extra("updated", 4, "update")
+    torch.testing.assert_close(before.means + update, after.means)
+    told = json.loads((tmp_path / "episode_1.json").read_text())
+    assert set(told["frames"][0]["cameras"]) == {"cam0", "cam1", "cam2"}
+    assert summary.figures["updated_l1"] < summary.figures["l1"]
+
+
+def test_an_unknown_split_is_named(inputs, tmp_path):
+    with pytest.raises(PlopError, match="no such split"):
+        run(inputs, FilterConfig(split="tset"), Output(tmp_path))

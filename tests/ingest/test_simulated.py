@@ -1,0 +1,244 @@
+"""ingest mesh and ingest disect as stages: split, bad input, resuming, equal bytes, no truth for training."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from plop.errors import PlopError
+from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
+from plop.recordings.recording import MaskLabel, Recording
+from plop.recordings.set import RecordingSet
+from plop.recordings.truth import Truth, write_without_truth
+from stages.contract import Input, Output, Summary
+from stages.ingest.selection import split_names
+from stages.ingest.settings import DisectConfig, MeshConfig
+from stages.ingest.stage import INGEST_DISECT, INGEST_MESH
+from tests.render.box_sequence import box_sequence
+
+BOX = box_sequence()
+SMALL = MeshConfig(size=24, cameras=2, supersample=1)
+
+KILLED_RUN = """
+import sys
+from pathlib import Path
+from stages.contract import Input, Output
+from stages.ingest.settings import MeshConfig
+from stages.ingest.stage import INGEST_MESH
+raw, out = map(Path, sys.argv[1:])
+INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(size=64, cameras=2), Output(out))
+"""
+
+
+def ingest(raw: Path, folder: Path, config: MeshConfig = SMALL) -> Summary:
+    folder.mkdir(exist_ok=True)
+    return INGEST_MESH.run({"raw": Input(raw)}, config, Output(folder))
+
+
+def raw_folder(folder: Path, *sequences: MeshSequence) -> Path:
+    for sequence in sequences or [box_sequence(f"box_{index:03d}") for index in range(4)]:
+        write_mesh_sequence(folder, sequence)
+    return folder
+
+
+def payload(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*"))
+            if path.is_file() and ".done" not in path.parts}  # fmt: skip
+
+
+def test_recordings_show_the_object_where_the_truth_says(tmp_path: Path) -> None:
+    summary = ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", dataclasses.replace(SMALL, size=48))
+    recordings = RecordingSet.load(tmp_path / "out")
+    assert (recordings.train, recordings.test) == (["box_000", "box_001", "box_002"], ["box_003"])
+    assert recordings.environment == "box" and summary.figures["frames"] == 12 and not summary.warnings
+    with recordings.open("box_003") as recording, Truth(recordings.path("box_003")) as truth:
+        assert recording.camera_names == ["cam_00", "cam_01"] and len(recording) == 3
+        np.testing.assert_allclose(recording.time_s, [0, 0.05, 0.1])
+        for frame in range(3):
+            left, right = truth.surface(frame).vertices[:8], truth.surface(frame).vertices[8:]
+            for name in recording.camera_names:
+                view = recording.view(name, frame)
+                points = view.camera.back_project(view.depth_m, view.object_mask)
+                gaps = [np.maximum(half.min(0) - points, points - half.max(0)).max(1) for half in (left, right)]
+                assert np.abs(np.minimum(*gaps)).max() < 1e-5, "every object pixel lies on a half, none inside"
+        assert truth.facts == {"youngs_modulus_pa": 1e4} and truth.surface_is_cut.sum() == 4
+
+
+def test_same_input_gives_the_same_bytes_and_another_seed_another_texture(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw", box_sequence())
+    noisy = dataclasses.replace(SMALL, depth_noise_m=0.002, depth_dropout=0.05)
+    for folder, config in (("a", noisy), ("b", noisy), ("c", dataclasses.replace(noisy, seed=1))):
+        ingest(raw, tmp_path / folder, config)
+    assert payload(tmp_path / "a") == payload(tmp_path / "b") != payload(tmp_path / "c")
+
+
+def test_depth_noise_has_the_size_that_was_asked_for(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw", box_sequence())
+    clean_config = dataclasses.replace(SMALL, size=64)
+    noisy_config = dataclasses.replace(clean_config, depth_noise_m=0.003, depth_dropout=0.1)
+    depths = []
+    for folder, config in (("clean", clean_config), ("noisy", noisy_config)):
+        ingest(raw, tmp_path / folder, config)
+        with Recording(tmp_path / folder / "episodes" / "box_000.h5") as recording:
+            depths.append(recording.view("cam_00", 0).depth_m)
+    clean, noisy = depths
+    kept = noisy > 0
+    assert kept[clean > 0].mean() == pytest.approx(0.9, abs=0.03)
+    assert (noisy - clean)[kept].std() == pytest.approx(0.003, rel=0.1)
+
+
+def test_finished_episodes_are_kept_when_a_run_goes_on(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw")
+    ingest(raw, tmp_path / "whole")
+    out = tmp_path / "resumed"
+    ingest(raw, out, dataclasses.replace(SMALL, episodes="box_000"))
+    before = (out / "episodes" / "box_000.h5").stat().st_mtime_ns
+    summary = ingest(raw, out)
+    assert (out / "episodes" / "box_000.h5").stat().st_mtime_ns == before
+    assert payload(out) == payload(tmp_path / "whole") and summary.figures["frames"] == 12
+
+
+def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw", *[box_sequence(f"box_{index:03d}", frames=8) for index in range(3)])
+    config = dataclasses.replace(SMALL, size=64, supersample=3)
+    ingest(raw, tmp_path / "whole", config)
+    out = tmp_path / "killed"
+    out.mkdir()
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen([sys.executable, "-c", KILLED_RUN, str(raw), str(out)], env=env)
+    deadline = time.monotonic() + 60
+    while not (out / "episodes" / "box_001.h5.tmp").exists() and process.poll() is None:
+        assert time.monotonic() < deadline, "the run never reached its second episode"
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (out / "episodes.json").exists(), "a killed run does not look finished"
+    ingest(raw, out, config)
+    assert payload(out) == payload(tmp_path / "whole")
+
+
+def test_several_environments_need_a_choice(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw", box_sequence("a_0", environment="a"), box_sequence("b_0", environment="b"))
+    with pytest.raises(PlopError, match="several environments") as caught:
+        ingest(raw, tmp_path / "out")
+    assert caught.value.found == "a, b"
+    with pytest.raises(PlopError, match="no such environment"):
+        ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, environment="c"))
+    with pytest.raises(PlopError, match="No episode"):
+        ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, environment="b", episodes="a*"))
+    ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, environment="b"))
+    assert RecordingSet.load(tmp_path / "out").names == ["b_0"]
+    assert INGEST_MESH.raw_files is not None
+    files = INGEST_MESH.raw_files(raw, dataclasses.replace(SMALL, environment="b"))
+    assert [path.name for path in files] == ["b_0.npz", "b_0.json"]
+
+
+def _scaled(factor: float) -> MeshSequence:
+    box = box_sequence()
+    return dataclasses.replace(box, vertices=box.vertices * factor, rest_vertices=box.rest * factor)
+
+
+@pytest.mark.parametrize(
+    ("sequence", "message"),
+    [
+        (_scaled(1000), "implausible size"),
+        (_scaled(1e-3), "implausible size"),
+        (dataclasses.replace(BOX, tool_vertices=BOX.tool_vertices * 1000), "tool has an implausible"),
+        (dataclasses.replace(BOX, vertices=BOX.vertices + [3.0, 0, 0]), "outside the workspace"),
+        (dataclasses.replace(BOX, table_z_m=0.06), "sees nothing"),
+    ],
+)
+def test_implausible_episodes_are_refused_and_leave_nothing(
+    tmp_path: Path, sequence: MeshSequence, message: str
+) -> None:
+    with pytest.raises(PlopError, match=message) as caught:
+        ingest(raw_folder(tmp_path / "raw", sequence), tmp_path / "out")
+    assert "box_000" in str(caught.value.where)
+    assert payload(tmp_path / "out") == {}
+
+
+def test_a_bad_episode_can_be_left_out_with_its_reason(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw")
+    (raw / "box_001.npz").write_bytes(b"")
+    with pytest.raises(PlopError, match="damaged"):
+        ingest(raw, tmp_path / "out")
+    summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, skip_bad=True))
+    recordings = RecordingSet.load(tmp_path / "out")
+    assert list(recordings.skipped) == ["box_001"] and "box_001" not in recordings.names
+    assert any("box_001 was left out" in warning for warning in summary.warnings)
+
+
+def test_a_tool_that_never_touches_is_pointed_out(tmp_path: Path) -> None:
+    box = box_sequence()
+    away = box.world_from_tool + np.eye(4)[:, [3]] * 0
+    away[:, 0, 3] += 0.2
+    summary = ingest(raw_folder(tmp_path / "raw", dataclasses.replace(box, world_from_tool=away)), tmp_path / "out")
+    assert any("never touches" in warning for warning in summary.warnings)
+
+
+def test_a_camera_that_loses_the_object_is_pointed_out(tmp_path: Path) -> None:
+    box = box_sequence()
+    vertices = box.vertices + np.array([0, 0.4, 0.8])[:, None, None] * [1.0, 1.0, 0]
+    summary = ingest(raw_folder(tmp_path / "raw", dataclasses.replace(box, vertices=vertices)), tmp_path / "out")
+    assert any("loses sight" in warning for warning in summary.warnings)
+
+
+@pytest.mark.parametrize("change", [{"size": 2}, {"cameras": 0}, {"supersample": 2}, {"depth_dropout": 1.0}])
+def test_settings_out_of_range_are_named(tmp_path: Path, change: dict[str, float]) -> None:
+    with pytest.raises(PlopError, match=f"{next(iter(change))} is out of range"):
+        ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", dataclasses.replace(SMALL, **change))
+
+
+def test_blender_that_is_not_there_is_a_clear_error(tmp_path: Path) -> None:
+    config = dataclasses.replace(SMALL, renderer="blender", blender="no-such-blender")
+    with pytest.raises(PlopError, match="Blender is not here"):
+        ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", config)
+    assert payload(tmp_path / "out") == {}
+
+
+def test_split_of_disect_names() -> None:
+    names = [f"prism_jelly_part_00{index}" for index in range(6)] + ["prism_jelly_000", "prism_jelly_001"]
+    train, test = split_names(names, DisectConfig().test)
+    assert test == ["prism_jelly_001", "prism_jelly_part_004", "prism_jelly_part_005"]
+    assert train == ["prism_jelly_000", *names[:4]]
+    assert split_names(["a"], ()) == (["a"], [])
+
+
+def test_a_recording_without_truth_gives_everything_but_the_truth(tmp_path: Path) -> None:
+    ingest(raw_folder(tmp_path / "raw", box_sequence()), tmp_path / "out")
+    path = tmp_path / "out" / "episodes" / "box_000.h5"
+    write_without_truth(path, tmp_path / "bare.h5")
+    with h5py.File(tmp_path / "bare.h5") as file:
+        assert "truth" not in file
+    with pytest.raises(PlopError, match="no truth"):
+        Truth(tmp_path / "bare.h5")
+    with Recording(path) as one, Recording(tmp_path / "bare.h5") as two:
+        np.testing.assert_array_equal(one.world_from_tool, two.world_from_tool)
+        for field in ("rgb", "depth_m", "mask"):
+            np.testing.assert_array_equal(getattr(one.view("cam_00", 1), field), getattr(two.view("cam_00", 1), field))
+
+
+def test_a_real_recording_opens_its_cut(shared_data: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pxr", reason="usd-core (the extra `disect`) is not installed")
+    config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", size=32, cameras=2, supersample=1)
+    summary = INGEST_DISECT.run({"raw": Input(shared_data / "disect")}, config, Output(tmp_path))
+    assert summary.figures["train"] == 1 and summary.table[0]["frames"] == 26
+    assert summary.warnings == ["No episode is kept for the test."]
+    path = tmp_path / "episodes" / "prism_jelly_part_000.h5"
+    with Recording(path) as recording, Truth(path) as truth:
+        assert (recording.mask("cam_00", 25) == MaskLabel.OBJECT).any()
+        assert recording.table_z_m == 0.0
+        cut = truth.surface_is_cut
+        corners = truth.surface(25).vertices[truth.surface(25).faces[cut]]
+        x = corners[..., 0].mean(1)
+        split = (x.min() + x.max()) / 2
+        assert x[x > split].min() - x[x < split].max() > 0.02, "the halves end 29 mm apart"

@@ -1,0 +1,92 @@
+"""LPIPS: the plain-torch stacks against torchmetrics' composition, with made-up backbone weights."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+from torchmetrics.functional.image import lpips as oracle
+
+from plop.errors import PlopError
+from plop.metrics.lpips import BACKBONE_FILES, Unavailable, alexnet_features, load_lpips, vgg16_features
+
+STACKS = {"alex": alexnet_features, "vgg": vgg16_features}
+
+
+def write_backbone(folder: Path, net: str) -> Path:
+    torch.manual_seed(0)
+    stack, _ = STACKS[net]()
+    for layer in stack:
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight)
+    path = folder / BACKBONE_FILES[net]
+    torch.save({f"features.{key}": value for key, value in stack.state_dict().items()}, path)
+    return path
+
+
+@pytest.fixture
+def images() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return rng.random((70, 65, 3)), rng.random((70, 65, 3))
+
+
+@pytest.mark.parametrize("net", ["alex", "vgg"])
+def test_against_torchmetrics(net, tmp_path, images, monkeypatch):
+    path = write_backbone(tmp_path, net)
+    features = {key.removeprefix("features."): value for key, value in torch.load(path, weights_only=True).items()}
+
+    def our_backbone(name, pretrained=False):
+        stack, _ = STACKS[net]()
+        stack.load_state_dict(features)
+        return stack
+
+    monkeypatch.setattr(oracle, "_get_tv_model_features", our_backbone)
+    reference = oracle._LPIPS(pretrained=True, net=net, pnet_rand=True).eval()
+    first, second = (torch.from_numpy(image).float().permute(2, 0, 1)[None] for image in images)
+    expected = float(reference(first, second, normalize=True))
+    score = load_lpips(net, str(path))
+    assert score.score(*images) == pytest.approx(expected, rel=1e-4)
+    assert score.score(images[0], images[0]) == 0
+
+
+def test_small_crops_have_a_score(tmp_path, images):
+    score = load_lpips("alex", str(write_backbone(tmp_path, "alex")))
+    assert score.score(images[0][:12, :30], images[1][:12, :30]) > 0
+
+
+def test_unavailable_without_the_backbone(tmp_path, monkeypatch):
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    found = load_lpips("alex")
+    assert isinstance(found, Unavailable)
+    assert BACKBONE_FILES["alex"] in found.reason
+
+
+def test_the_hub_folder_is_searched(tmp_path, monkeypatch, images):
+    folder = tmp_path / "hub" / "checkpoints"
+    folder.mkdir(parents=True)
+    write_backbone(folder, "alex")
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    assert load_lpips("alex").score(*images) > 0
+
+
+def test_a_named_file_that_is_missing_or_wrong_is_an_error(tmp_path):
+    with pytest.raises(PlopError, match="no LPIPS backbone"):
+        load_lpips("alex", str(tmp_path / "nowhere.pth"))
+    wrong = tmp_path / "wrong.pth"
+    wrong.write_bytes(b"not weights")
+    with pytest.raises(PlopError, match="cannot be loaded"):
+        load_lpips("alex", str(wrong))
+
+
+def test_published_pair_is_ranked_as_people_do(shared_data):
+    """Needs the real backbone in torch's hub folder, which is not part of the project."""
+    score = load_lpips("alex")
+    if isinstance(score, Unavailable):
+        pytest.skip(score.reason)
+    from PIL import Image
+
+    names = ("ex_ref.png", "ex_p0.png", "ex_p1.png")
+    folder = shared_data / "lpips_examples"
+    reference, blurred, warped = (np.asarray(Image.open(folder / name).convert("RGB")) / 255 for name in names)
+    assert score.score(warped, reference) < score.score(blurred, reference)

@@ -1,0 +1,72 @@
+"""The table over environments: shape, seeds, Markdown, markers."""
+
+import json
+
+import pytest
+
+from plop.errors import PlopError
+from plop.metrics.table import collect, replace_between_markers, to_markdown
+
+
+def write_scores(path, shift=0.0, lpips=None):
+    def parts(cd):
+        return {part: {"cd_mm": cd + add, "lpips": lpips} for part, add in (("episode", 0), ("end", 2), ("start", 0))}
+
+    episodes = {"a": {"plop": parts(1 + shift), "persistence": parts(4)},
+                "b": {"plop": parts(2 + shift), "persistence": parts(4)}}  # fmt: skip
+    methods = {method: parts(0) for method in ("plop", "persistence")}
+    path.write_text(json.dumps({"methods": methods, "episodes": episodes, "seed": 0,
+                                "conventions": {"cd_mm": "...", "lpips": "..."}}))  # fmt: skip
+    return path
+
+
+def test_the_shape_is_that_of_the_results_file(tmp_path):
+    found = collect({"prism-jelly": write_scores(tmp_path / "s.json")}, command="plop ...", versions={"plop": "1"},
+                    seeds=[0])  # fmt: skip
+    assert (found["command"], found["versions"], found["seeds"]) == ("plop ...", {"plop": "1"}, [0])
+    entry = found["environments"]["prism-jelly"]["plop"]
+    assert entry["cd_mm"] == {"mean": 1.5, "low": 1.0, "high": 2.0, "n": 2}
+    assert entry["end"]["cd_mm"]["mean"] == 3.5
+    assert entry["lpips"] is None
+    assert found["mean"]["better_than_persistence_percent"]["episode"]["plop"]["cd_mm"] == pytest.approx(62.5)
+
+
+def test_seeds_are_averaged_within_an_episode(tmp_path):
+    paths = [write_scores(tmp_path / "0.json"), write_scores(tmp_path / "1.json", shift=1)]
+    entry = collect({"e": paths})["environments"]["e"]["plop"]["cd_mm"]
+    assert entry == {"mean": 2.0, "low": 1.5, "high": 2.5, "n": 2}
+
+
+def test_markdown_by_hand(tmp_path):
+    text = to_markdown(collect({"e": write_scores(tmp_path / "s.json")}))
+    assert text.splitlines() == [
+        "| environment | method | n | CD [mm] |",
+        "|---|---|---|---|",
+        "| e | plop | 2 | 1.50 [1.00, 2.00] |",
+        "| e | persistence | 2 | 4.00 [4.00, 4.00] |",
+    ]
+    assert "6.00" in to_markdown(collect({"e": write_scores(tmp_path / "s.json")}), part="end")
+
+
+def test_what_is_undefined_in_one_environment_is_a_dash(tmp_path):
+    results = collect({"e": write_scores(tmp_path / "s.json"), "f": write_scores(tmp_path / "t.json", lpips=0.5)})
+    rows = to_markdown(results).splitlines()
+    assert rows[2].endswith("| - |")
+    assert rows[4].endswith("| 0.500 [0.500, 0.500] |")
+
+
+def test_only_the_text_between_the_markers_changes():
+    page = "before\n<!-- t:begin -->\nold\n<!-- t:end -->\nafter"
+    assert replace_between_markers(page, "t", "new") == "before\n<!-- t:begin -->\nnew\n<!-- t:end -->\nafter"
+    with pytest.raises(PlopError, match="no place"):
+        replace_between_markers(page, "other", "new")
+
+
+@pytest.mark.parametrize("content", [None, "{", "[]", '{"methods": {}}'])
+def test_files_that_are_not_scores_are_named(tmp_path, content):
+    path = tmp_path / "s.json"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(PlopError, match="not scores") as caught:
+        collect({"e": path})
+    assert "s.json" in caught.value.where

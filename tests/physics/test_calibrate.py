@@ -1,0 +1,81 @@
+"""Calibration recovers the parameters that made a motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plop.errors import PlopError
+from plop.physics.calibrate import calibrate
+from plop.physics.case import Case, case_from_sequence
+from plop.physics.config import EngineConfig
+from plop.physics.demo import CutPlan, blade_mesh, demo_episode
+from plop.physics.fill import fill_surface
+from plop.physics.lattice import lattice
+from plop.physics.material import Material
+from plop.physics.particles import Particles
+from plop.physics.tool_motion import ToolMotion
+
+CONFIG = EngineConfig(dx_m=0.012)
+
+
+def sliding_case(block, material, speed, *, noise_m=0.0, seed=0) -> Case:
+    """A block that slides while it sags, observed at every particle."""
+    body = block((0.048, 0.036, 0.03), 0.006)
+    velocity = np.tile([speed, 0.1 * speed, 0], (len(body), 1))
+    extra = np.full(len(body), 1e-6 * body.volumes[0])
+    particles = Particles(np.concatenate([body.positions] * 2), np.concatenate([body.volumes, extra]),
+                          np.concatenate([velocity] * 2))  # fmt: skip
+    away = np.eye(4)
+    away[2, 3] = 1.0
+    times = np.linspace(0, 0.12, 7)
+    case = Case("slide", particles, ToolMotion(*blade_mesh(), np.zeros(1), away[None]), times,
+                np.zeros((6, len(body), 3)), 0.0)  # fmt: skip
+    noise = np.random.default_rng(seed).normal(0, noise_m, case.observed.shape)
+    return replace(case, observed=case.predict(material, CONFIG) + noise)
+
+
+def test_recovers_stiffness_and_friction(block):
+    truth = Material(youngs_modulus_pa=4e3, table_friction=0.3, damping_per_s=3)
+    cases = [sliding_case(block, truth, s, noise_m=2e-4, seed=k) for k, s in enumerate((0.3, 0.5, -0.4, 0.2))]
+    start = replace(truth, youngs_modulus_pa=8e3, table_friction=0.5)
+    fit = calibrate(cases, start, ["youngs_modulus_pa", "table_friction"], CONFIG)
+    assert fit.material.youngs_modulus_pa == pytest.approx(4e3, rel=0.03)
+    assert fit.material.table_friction == pytest.approx(0.3, rel=0.03)
+    assert fit.rms_after_m == pytest.approx(2e-4 * np.sqrt(3), rel=0.1)
+    assert fit.rms_before_m > 5 * fit.rms_after_m
+    for name, value in (("youngs_modulus_pa", 4e3), ("table_friction", 0.3)):
+        estimate = fit.estimates[name]
+        assert estimate.low < value < estimate.high
+        assert estimate.high - estimate.low < 0.1 * value
+
+
+def test_a_parameter_that_nothing_feels_gets_an_infinite_interval(block):
+    truth = Material(youngs_modulus_pa=4e3)
+    fit = calibrate([sliding_case(block, truth, 0.3)], truth, ["tool_friction"], CONFIG, iterations=1)
+    assert np.isinf(fit.estimates["tool_friction"].high)
+
+
+def test_bad_requests(block):
+    with pytest.raises(PlopError, match="Nothing to calibrate"):
+        calibrate([], Material(), ["youngs_modulus_pa"], CONFIG)
+    with pytest.raises(PlopError, match="Nothing to calibrate"):
+        calibrate([sliding_case(block, Material(), 0.3)], Material(), ["youngs_modulus"], CONFIG)
+
+
+def test_filled_surface_has_the_volume_and_middle_of_the_solid():
+    grid = lattice((2, 2, 2))
+    sheared = grid.parameters * [0.05, 0.03, 0.04] + grid.parameters[:, 2:] * [0.01, 0.004, 0]
+    positions, volumes = fill_surface(sheared, grid.faces, 0.005)
+    assert volumes.sum() == pytest.approx(0.05 * 0.03 * 0.04, rel=0.02)
+    np.testing.assert_allclose(volumes @ positions / volumes.sum(), sheared.mean(0), atol=5e-4)
+
+
+def test_case_of_a_cut_surface_knows_its_sides():
+    case = case_from_sequence(demo_episode("x", CutPlan(0.004, 0.1, 0.1, 0.02, 0.07)), 0.006)
+    material = slice(None, case.tracers.start)
+    ahead = case.particles.positions[material] @ [np.cos(0.1), np.sin(0.1), 0] > 0.004 * np.cos(0.1)
+    assert ((case.particles.sides[material] > 0) == ahead).mean() > 0.99
+    assert case.particles.volumes.sum() == pytest.approx(0.08 * 0.05 * 0.04, rel=0.01)

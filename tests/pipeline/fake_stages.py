@@ -1,0 +1,87 @@
+"""Stages that do next to nothing, for tests of what runs them."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+
+
+@dataclass(frozen=True)
+class PiecesConfig:
+    """Settings of the fake ingest."""
+
+    pieces: int = 4
+    """Number of files."""
+    pause_s: float = 0.0
+    """Time a piece takes [s]."""
+    seed: int = 0
+    """Added to every number."""
+
+
+def write_pieces(inputs: Inputs, config: PiecesConfig, out: Output) -> Summary:
+    """Write one file a piece; keep those that an earlier run finished."""
+    text = "".join(path.read_text() for path in sorted(inputs["raw"].path.iterdir()))
+    for piece in range(config.pieces):
+        name = f"piece_{piece}"
+        if not out.is_done(name):
+            with (out.path / "attempts.log.tmp").open("a") as log:
+                log.write(f"{name}\n")
+            draft = out.path / f"{name}.txt.tmp"
+            draft.write_text(text)
+            time.sleep(config.pause_s)
+            draft.write_text(f"{text}{piece + config.seed}\n")
+            os.replace(draft, out.path / f"{name}.txt")
+            out.mark_done(name)
+        out.progress(piece + 1, config.pieces, name)
+    return Summary(figures={"pieces": config.pieces, "environment": inputs["raw"].path.name})
+
+
+@dataclass(frozen=True)
+class JoinConfig:
+    """Settings of the fake second stage."""
+
+    upper: bool = False
+    """Write capitals."""
+
+
+def join_pieces(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
+    """Join all pieces into one file."""
+    texts = [path.read_text() for path in sorted(inputs["recordings"].path.glob("piece_*.txt"))]
+    text = "".join(texts)
+    (out.path / "sub").mkdir(exist_ok=True)
+    (out.path / "sub" / "all.txt").write_text(text.upper() if config.upper else text)
+    return Summary(figures={"characters": len(text)})
+
+
+def compare(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
+    """Need a joined artifact and the recordings it was made of."""
+    (out.path / "names.txt").write_text(" ".join(sorted(inputs)))
+    return Summary()
+
+
+def fail(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
+    """Write half of something, then run out of disk."""
+    (out.path / "half.tmp").write_text("half")
+    raise OSError(28, "No space left on device")
+
+
+RECORDINGS = InputSpec(("calibrate", "ingest"), "Recordings.")
+INGEST = Stage("ingest", 1, "Write pieces.", PiecesConfig, {"raw": InputSpec((), "A folder.")}, write_pieces)
+CALIBRATE = Stage("calibrate", 1, "Join.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, join_pieces)
+FUSE = Stage("fuse", 1, "Join.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, join_pieces)
+FIT = Stage("fit-init", 1, "Compare.", JoinConfig,
+            {"recordings": RECORDINGS, "clouds": InputSpec(("fuse",), "Clouds.", optional=True)}, compare)  # fmt: skip
+TRAIN = Stage("train", 1, "Compare.", JoinConfig,
+              {"recordings": RECORDINGS, "init": InputSpec(("fit-init",), "Fits.")}, compare)  # fmt: skip
+FULL_DISK = Stage("fuse", 1, "Fail.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, fail)
+
+
+def raw_folder(path: Path, text: str = "raw ") -> Path:
+    """Make a raw folder with one file."""
+    path.mkdir(parents=True, exist_ok=True)
+    (path / "data.txt").write_text(text)
+    return path

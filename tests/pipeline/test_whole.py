@@ -1,0 +1,74 @@
+"""`plop demo` and `plop reproduce`: all stages in one command, and nothing to do the second time."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from plop.recordings.mesh_sequence import write_mesh_sequence
+from plop_cli.app import main
+from plop_cli.chain import read_profile
+from plop_cli.settings import resolve
+from stages import stage_ref
+from tests.pipeline.small_set import SMALL
+from tests.render.box_sequence import box_sequence
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def options(settings: list[str]) -> list[str]:
+    return [part for setting in settings for part in ("--set", setting)]
+
+
+def small_recordings(folder: Path, *, seed: int, progress: Any) -> None:
+    for number in range(3):
+        write_mesh_sequence(folder, box_sequence(f"demo_{number:03d}", frames=4, gap_m=0.02 + 0.002 * number))
+
+
+def test_demo_ends_with_scores_a_video_and_times(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("plop.physics.demo.make_demo_recordings", small_recordings)
+    command = ["demo", "-w", str(tmp_path), *options([*SMALL, "ingest.mesh.size=40", "ingest.mesh.cameras=4"])]
+    assert main(command) == 0
+    shown = capsys.readouterr().out
+    for word in ("plop", "persistence", "rigid", "video.mp4", "scores.json", "rollout", "all "):
+        assert word in shown
+    assert main([*command, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert set(facts["seconds"].values()) == {0.0}
+    assert all(Path(video).stat().st_size > 0 for video in facts["videos"])
+
+
+def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    shutil.copyfile(REPOSITORY / "docs" / "results.md", docs / "results.md")
+    settings = [*SMALL, "ingest.disect.size=32", "ingest.disect.cameras=3", "ingest.disect.supersample=1",
+                "ingest.disect.episodes=*_part_00[04]"]  # fmt: skip
+    command = ["reproduce", str(shared_data / "disect"), "--env", "prism-jelly", "-w", str(tmp_path / "work"),
+               "--out", str(docs), *options(settings)]  # fmt: skip
+    assert main([*command, "-q"]) == 0
+    results = json.loads((docs / "results" / "disect.json").read_text())
+    assert {"command", "versions", "seeds", "environments"} <= results.keys()
+    assert set(results["environments"]["prism-jelly"]) == {"plop", "persistence", "rigid"}
+    assert {"mean", "low", "high", "n"} <= results["environments"]["prism-jelly"]["plop"]["cd_mm"].keys()
+    assert "| prism-jelly | plop |" in (docs / "results.md").read_text()
+    assert (docs / "results" / "pictures" / "prism-jelly.png").stat().st_size > 0
+    capsys.readouterr()
+    assert main(command) == 0
+    assert capsys.readouterr().out.count("already there") == 7
+    assert main([*command[:2], "--env", "prism-jello", *command[4:]]) == 1
+    assert "no such environment" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["demo", "cpu", "paper"])
+def test_profiles_fit_the_stages(name: str):
+    seeds, settings = read_profile(name)
+    assert seeds
+    for command, values in settings.items():
+        resolve(stage_ref(command).load().config, command, (name, values))

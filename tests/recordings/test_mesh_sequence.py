@@ -1,0 +1,82 @@
+"""A mesh sequence survives the round trip; contradictions are refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plop.errors import PlopError
+from plop.recordings.mesh_sequence import list_mesh_sequences, read_mesh_sequence, write_mesh_sequence
+from tests.render.box_sequence import box_sequence
+
+
+def test_reads_back_what_was_written(tmp_path: Path) -> None:
+    sequence = box_sequence()
+    found = read_mesh_sequence(write_mesh_sequence(tmp_path, sequence))
+    for key, value in vars(sequence).items():
+        if isinstance(value, np.ndarray):
+            np.testing.assert_allclose(getattr(found, key), value, atol=1e-8, err_msg=key)
+    assert (found.name, found.environment, found.table_z_m) == (sequence.name, "box", 0.0)
+    assert found.facts == sequence.facts
+    np.testing.assert_array_equal(found.truth["nodes_m"], sequence.truth["nodes_m"])
+
+
+def test_same_sequence_gives_the_same_bytes(tmp_path: Path) -> None:
+    one, two = (write_mesh_sequence(tmp_path / folder, box_sequence()) for folder in "ab")
+    assert one.read_bytes() == two.read_bytes()
+    assert one.with_suffix(".json").read_bytes() == two.with_suffix(".json").read_bytes()
+
+
+def test_what_is_optional_has_a_meaning_when_absent(tmp_path: Path) -> None:
+    bare = dataclasses.replace(box_sequence(), rest_vertices=None, cut_faces=None, table_z_m=None, truth={})
+    found = read_mesh_sequence(write_mesh_sequence(tmp_path, bare))
+    np.testing.assert_allclose(found.rest, bare.vertices[0], atol=1e-8)
+    assert not found.is_cut_face.any() and found.table_z_m is None and found.truth == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"times": np.array([0.0, 0.1])}, "do not fit"),
+        ({"times": np.array([0.0, 0.1, 0.1])}, "Time does not increase"),
+        ({"world_from_tool": np.tile(np.eye(4), (2, 1, 1))}, "do not fit"),
+        ({"rest_vertices": np.zeros((3, 3))}, "do not fit"),
+        ({"cut_faces": np.zeros(2, bool)}, "do not fit"),
+        ({"vertices": np.full((3, 16, 3), np.nan)}, "NaN"),
+        ({"faces": np.array([[0, 1, 99]]), "cut_faces": None}, "does not exist"),
+        ({"tool_faces": np.array([[0, 1, -1]])}, "does not exist"),
+        ({"faces": np.zeros((0, 3), int), "cut_faces": None}, "do not fit"),
+    ],
+)
+def test_contradictions_are_refused(tmp_path: Path, change: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(PlopError, match=message):
+        write_mesh_sequence(tmp_path, dataclasses.replace(box_sequence(), **change))
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_damaged_and_newer_files_are_named(tmp_path: Path) -> None:
+    path = write_mesh_sequence(tmp_path, box_sequence())
+    whole, side = path.read_bytes(), path.with_suffix(".json").read_text()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(PlopError, match="damaged"):
+        read_mesh_sequence(path)
+    path.write_bytes(whole)
+    path.with_suffix(".json").write_text(json.dumps({**json.loads(side), "schema": 99}))
+    with pytest.raises(PlopError, match="newer version"):
+        read_mesh_sequence(path)
+    path.with_suffix(".json").unlink()
+    with pytest.raises(PlopError, match="JSON file is missing"):
+        read_mesh_sequence(path)
+    np.savez(path, times=np.zeros(1))
+    path.with_suffix(".json").write_text(side)
+    with pytest.raises(PlopError, match="incomplete"):
+        read_mesh_sequence(path)
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PlopError, match="no mesh sequences"):
+        list_mesh_sequences(tmp_path)

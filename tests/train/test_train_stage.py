@@ -1,0 +1,139 @@
+"""The training stage: it learns, it goes on after a stop, and several processes agree with one."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
+from stages.contract import Input, Output
+from stages.train.optimise import Schedule
+from stages.train.stage import TrainConfig, run
+from stages.train.windows import draw_windows
+from tests.small_episode import PUSH_M, write_set
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SMALL = TrainConfig(
+    track_steps=110, image_steps=4, batch=2, horizon=2, width=8, cells_across=5, learning_rate=1e-2, averaging=0.8,
+    filter_iterations=12, validate_every=57, checkpoint_every=5,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    recordings, init = write_set(tmp_path_factory.mktemp("set"))
+    return {"recordings": Input(recordings), "init": Input(init)}
+
+
+@pytest.fixture(scope="module")
+def trained(inputs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained")
+    return folder, run(inputs, SMALL, Output(folder))
+
+
+def test_training_beats_persistence_on_its_episodes(trained):
+    _, summary = trained
+    half_of_the_object_moves = PUSH_M * 1e3 * (1 + 2 + 3) / 5 / 2
+    assert summary.figures["rollout_error_mm"] < 0.9 * half_of_the_object_moves
+
+
+def test_the_log_tells_what_the_issue_asks_for(trained):
+    folder, _ = trained
+    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    steps = [line for line in lines if "track" in line]
+    assert [line["step"] for line in steps] == list(range(114))
+    assert {"loss", "gaussians", "splits", "merges", "effective_sample_size", "rigid"} <= set(steps[-1])
+    assert "image" in steps[-1] and "image" not in steps[0]
+    assert list((folder / "tensorboard").iterdir())
+
+
+class _Stopped(Exception):
+    pass
+
+
+def test_a_stopped_training_goes_on_as_if_undisturbed(inputs, trained, tmp_path):
+    def stop(done, total, label="", **figures):
+        if label.startswith("train") and done == 63:
+            raise _Stopped
+
+    with pytest.raises(_Stopped):
+        run(inputs, SMALL, Output(tmp_path, stop))
+    run(inputs, SMALL, Output(tmp_path))
+    undisturbed, again = load_file(trained[0] / "model.safetensors"), load_file(tmp_path / "model.safetensors")
+    for name, value in undisturbed.items():
+        assert torch.equal(value, again[name]), name
+    assert (trained[0] / "log.jsonl").read_text() == (tmp_path / "log.jsonl").read_text()
+
+
+def test_test_episodes_are_never_opened(inputs, tmp_path):
+    copy = tmp_path / "recordings"
+    shutil.copytree(inputs["recordings"].path, copy)
+    recordings = RecordingSet.load(copy)
+    for name in recordings.test:
+        recordings.path(name).write_bytes(b"not a recording")
+    quick = TrainConfig(track_steps=1, image_steps=1, batch=1, horizon=1, width=4, cells_across=4, filter_iterations=1)
+    (tmp_path / "out").mkdir()
+    run({**inputs, "recordings": Input(copy)}, quick, Output(tmp_path / "out"))
+
+
+def test_no_training_episode_is_an_error(inputs, tmp_path):
+    RecordingSet(tmp_path, "block", [], ["a"]).save()
+    with pytest.raises(PlopError, match="no episode to train on"):
+        run({**inputs, "recordings": Input(tmp_path)}, SMALL, Output(tmp_path))
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from stages.contract import Input, Output
+from stages.train.stage import TrainConfig, run
+recordings, init, out = map(Path, sys.argv[1:])
+config = TrainConfig(track_steps=3, image_steps=1, batch=2, horizon=2, width=4, cells_across=4, filter_iterations=1,
+                     validate_every=100)
+run({"recordings": Input(recordings), "init": Input(init)}, config, Output(out))
+"""
+
+
+def test_two_processes_have_the_loss_of_one(inputs, tmp_path):
+    def losses(*launcher: str) -> list[float]:
+        out = tmp_path / str(len(launcher))
+        out.mkdir()
+        program = tmp_path / "program.py"
+        program.write_text(PROGRAM)
+        arguments = [str(program), str(inputs["recordings"].path), str(inputs["init"].path), str(out)]
+        env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(REPOSITORY)}
+        done = subprocess.run([sys.executable, *launcher, *arguments], env=env, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-3000:]
+        lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+        return [line["loss"] for line in lines if "track" in line]
+
+    alone = losses()
+    together = losses("-m", "torch.distributed.run", "--nproc-per-node", "2", "--master-port", "29517")
+    assert together == pytest.approx(alone, rel=2e-4)
+
+
+def test_the_curriculum_grows_to_the_horizon():
+    plan = Schedule(100, 20, 2, 4, 1e-3, 0.9, 0, True, 10, 10, 0)
+    # Equal time for 1, 2 and 4: shares 4/7, 2/7 and 1/7 of the first phase, the longest ever after.
+    assert [plan.horizon_at(s) for s in (0, 57, 58, 85, 86, 119)] == [1, 1, 2, 2, 4, 4]
+    assert plan.rate_at(11) == pytest.approx(1e-3, rel=0.01)
+    assert plan.rate_at(119) < 2e-5
+
+
+def test_windows_depend_on_seed_and_step_alone():
+    import numpy as np
+
+    motions = [np.ones(9), np.linspace(0, 1, 7)]
+    one = draw_windows(motions, 3, 4, seed=1, step=5, mirror=True)
+    assert one == draw_windows(motions, 3, 4, seed=1, step=5, mirror=True)
+    assert one != draw_windows(motions, 3, 4, seed=1, step=6, mirror=True)
+    assert all(w.start + w.horizon <= len(motions[w.episode]) for w in one)
