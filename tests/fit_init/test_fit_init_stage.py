@@ -36,13 +36,16 @@ def fitted(tmp_path_factory):
     return folder, summary
 
 
-def test_a_view_that_was_not_fitted_is_rendered_well(fitted):
+def test_a_view_that_was_not_fitted_is_rendered_well(fitted, tmp_path):
     folder, summary = fitted
+    fit(folder / "set", tmp_path / "seeds", replace(SMALL, steps=0))
+    seeds = json.loads((tmp_path / "seeds" / "fit.json").read_text())["episodes"]["a"]
     score = json.loads((folder / "out" / "fit.json").read_text())["episodes"]["a"]
     assert len(score["held_out"]) == 1 and score["held_out"][0] not in score["views"]
-    assert score["psnr_db"] > 19  # 64 px, hard outlines, 120 steps
-    assert score["depth_error_mm"] < 2.5
-    assert score["coverage"] > 0.97
+    # Margins: about twice the spread over eight seeds (0.2 dB, 0.016, 0.12 mm).
+    assert score["psnr_db"] > seeds["psnr_db"] + 0.7, "the fit, not its start, did it"
+    assert score["coverage"] > seeds["coverage"], "no hole where the fitted views saw the surface"
+    assert score["depth_error_mm"] < 3.0
     assert summary.figures["psnr_db"] == pytest.approx(score["psnr_db"], abs=0.01)
     assert (folder / "out" / "a" / f"view_{score['held_out'][0]}.png").is_file()
 
