@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from plop.physics import grid, tool_contact, toughness, transfer
 from plop.physics.config import EngineConfig
+from plop.physics.effects.effect import Effect, overrides
 from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
@@ -39,7 +41,13 @@ def stable_step_s(material: Material, config: EngineConfig, speed_m_s: float = 0
 class Engine:
     """Particles and grid of one run; `plop.physics.solver.simulate` is the way in."""
 
-    def __init__(self, particles: Particles, material: Material, tool: ToolMotion | None, config: EngineConfig) -> None:
+    def __init__(
+        self, particles: Particles, material: Material, tool: ToolMotion | None, config: EngineConfig,
+        effects: Sequence[Effect] = (),
+    ) -> None:  # fmt: skip
+        self.effects = [effect for effect in effects if not effect.absent]
+        for effect in self.effects:
+            material, config = effect.material(material), effect.config(config)
         self.material, self.tool, self.config = material, tool, config
         count = len(particles)
         self.x = np.array(particles.positions, np.float32)
@@ -53,10 +61,25 @@ class Engine:
         self.side, self.fixed = (sides < 0).astype(np.int64), sides != 0
         self.cut = np.zeros(count, bool) if particles.passed is None else np.array(particles.passed, bool)
         self.number = np.arange(count)
+        self.memory = self._memories(particles)
+        self.pose = np.zeros((6, 3), np.float32)
+        self._hooks = {hook: [effect for effect in self.effects if overrides(effect, hook)]
+                       for hook in ("before", "stress", "after")}  # fmt: skip
+        self.extra = np.zeros((count if self._hooks["stress"] else 0, 6), np.float32)
         self.steps, self.halvings = 0, 0
         self._travelled, self._room = np.inf, 0
         self._constants()
-        self._base_step_s = stable_step_s(material, config, self._highest_speed())
+        limits = [effect.slowest_step_s(config.dx_m, material.density_kg_m3) for effect in self.effects]
+        self._base_step_s = min([stable_step_s(material, config, self._highest_speed()), *limits])
+
+    def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
+        """What effects remember of each particle: as given, else their first values."""
+        given, found = particles.memory or {}, {}
+        for effect in self.effects:
+            for name, (shape, first) in effect.remembers.items():
+                key = f"{effect.name}.{name}"
+                found[key] = _given(given.get(key), np.full((len(particles), *shape), first))
+        return found
 
     def _constants(self) -> None:
         """Hold what the kernels need in their own number type."""
@@ -88,12 +111,14 @@ class Engine:
 
     def save(self) -> dict[str, Any]:
         """Copy what `advance` changes."""
-        return {name: getattr(self, name).copy() for name in _PER_PARTICLE}
+        memory = {key: value.copy() for key, value in self.memory.items()}
+        return {name: getattr(self, name).copy() for name in _PER_PARTICLE} | {"memory": memory}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to a saved state."""
-        for name, value in saved.items():
-            setattr(self, name, value.copy())
+        for name in _PER_PARTICLE:
+            setattr(self, name, saved[name].copy())
+        self.memory = {key: value.copy() for key, value in saved["memory"].items()}
         self._travelled = np.inf
 
     def advance(self, start_s: float, end_s: float) -> np.ndarray:
@@ -119,12 +144,17 @@ class Engine:
         if self._travelled > 0.9 * self.config.dx_m:
             self._place_grid()
         step, tool = np.float32(dt), (self._kind, pose, self._faces, self._thickness)
+        self.pose = pose
         decay = np.float32(np.exp(-self.material.damping_per_s * dt))
         if self._kind == ToolKind.BLADE:
             tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, pose, self._faces, self._thickness,
                                     np.float32(self.config.band_cells * self._dx), self._bounds)  # fmt: skip
+        self._act("before", dt)
+        if self._hooks["stress"]:
+            self.extra[:] = 0
+            self._act("stress", dt)
         transfer.stress_p2g(self.x, self.v, self.c, self.f, self.mass, self.volume, self.side, self.cut, self._bounds,
-                            self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic,
+                            self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic, self.extra,
                             self._chunk_grid, self._chunk_uncut)  # fmt: skip
         transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
         impulse = np.zeros((2, 3))
@@ -139,9 +169,14 @@ class Engine:
                                 self._gaps, self._velocity, self._impulses)  # fmt: skip
         transfer.g2p(self.x, self.v, self.c, self.f, self.side, self._bounds, self._origin, self._dims, self._inv_dx,
                      step, self._velocity, self._report)  # fmt: skip
+        self._act("after", dt)
         self.steps += 1
         self._check(dt)
         return impulse + self._impulses.sum(0, dtype=np.float64)
+
+    def _act(self, hook: str, dt: float) -> None:
+        for effect in self._hooks[hook]:
+            getattr(effect, hook)(self, dt)
 
     def _check(self, dt: float) -> None:
         fastest, smallest = float(self._report[:, 0].max()), float(self._report[:, 1].min())
@@ -168,6 +203,7 @@ class Engine:
         order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
         for name in _PER_PARTICLE:
             setattr(self, name, np.ascontiguousarray(getattr(self, name)[order]))
+        self.memory = {key: np.ascontiguousarray(value[order]) for key, value in self.memory.items()}
         self._bounds = np.linspace(0, len(self.x), chunks + 1).astype(np.int64)
         column = cell[order, 0]
         parts = [column[a:b] for a, b in zip(self._bounds[:-1], self._bounds[1:], strict=True)]
@@ -196,8 +232,9 @@ class Engine:
         """Copy the whole state in the caller's order; a run can go on from it."""
         back = np.argsort(self.number)
         sides = np.where(self.cut | self.fixed, 1 - 2 * self.side, 0)
+        memory = {key: value[back] for key, value in self.memory.items()}
         return Particles(self.x[back], self.volume[back], self.v[back], self.f[back], sides[back], self.radius[back],
-                         self.c[back], self.cut[back])  # fmt: skip
+                         self.c[back], self.cut[back], memory)  # fmt: skip
 
 
 def _given(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:

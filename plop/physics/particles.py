@@ -32,6 +32,9 @@ class Particles:
     passed: np.ndarray | None = None
     """Whether a blade has passed, [N] bool; none when absent."""
 
+    memory: dict[str, np.ndarray] | None = None
+    """What effects remember of each particle, arrays [N, ...] by "<effect>.<name>"; their first values when absent."""
+
     def __post_init__(self) -> None:
         positions, volumes = np.asarray(self.positions), np.asarray(self.volumes)
         if positions.ndim != 2 or positions.shape[1] != 3 or volumes.shape != (len(positions),) or not len(positions):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ from numba import get_num_threads, set_num_threads
 
 from plop.errors import PlopError
 from plop.physics.config import EngineConfig
+from plop.physics.effects.effect import Effect
 from plop.physics.engine import Engine, UnstableStepError
 from plop.physics.material import Material
 from plop.physics.particles import Particles
@@ -49,6 +50,8 @@ def simulate(
     times: np.ndarray,
     config: EngineConfig | None = None,
     *,
+    effects: Sequence[Effect] = (),
+    on_frame: Callable[[Engine, int], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EngineTrajectory:
     """Advance particles through the given times.
@@ -59,6 +62,9 @@ def simulate(
         tool_motion: The tool, or None.
         times: Strictly increasing, shape [T] [s]; the first is the start.
         config: Grid, gravity, table, time step.
+        effects: Laws that act besides the material's own.
+        on_frame: Called with the engine and the frame's number when a frame has been reached and stored; may
+            move the particles (an observer).
         progress: Called after each time with (done, total).
 
     Raises:
@@ -71,16 +77,21 @@ def simulate(
     before = get_num_threads()
     set_num_threads(min(config.threads, before))
     try:
-        return _simulate(Engine(particles, material, tool_motion, config), times, progress)
+        return _simulate(Engine(particles, material, tool_motion, config, effects), times, on_frame, progress)
     finally:
         set_num_threads(before)
 
 
-def _simulate(engine: Engine, times: np.ndarray, progress: Callable[[int, int], None] | None) -> EngineTrajectory:
+def _simulate(
+    engine: Engine, times: np.ndarray, on_frame: Callable[[Engine, int], None] | None,
+    progress: Callable[[int, int], None] | None,
+) -> EngineTrajectory:  # fmt: skip
     frames, forces = [engine.snapshot()], [np.zeros((2, 3))]
     for k, (start, end) in enumerate(zip(times[:-1], times[1:], strict=True)):
         forces.append(advance_safely(engine, float(start), float(end)))
         frames.append(engine.snapshot())
+        if on_frame is not None:
+            on_frame(engine, k + 1)
         if progress is not None:
             progress(k + 1, len(times) - 1)
     positions, gradients, sides = (np.stack(part) for part in zip(*frames, strict=True))

@@ -56,7 +56,7 @@ def base_node(x, p, origin, inv_dx):
 
 @kernel(parallel=True)
 def stress_p2g(x, v, c, f, mass, volume, side, cut, bounds, planes, origin, dims, inv_dx, dt, decay, law, mu, lam, eta,
-               chunk_grid, chunk_uncut):  # fmt: skip
+               extra, chunk_grid, chunk_uncut):  # fmt: skip
     """Scatter mass and momentum, the stress' impulse included.
 
     Takes:
@@ -68,6 +68,7 @@ def stress_p2g(x, v, c, f, mass, volume, side, cut, bounds, planes, origin, dims
         origin, dims, inv_dx, dt: Position of node 0 [3] [m], nodes per axis [3], 1/dx [1/m], step [s].
         decay: Factor on the velocities, for damping [-].
         law, mu, lam, eta: Elastic law, Lame parameters [Pa] and shear viscosity [Pa s].
+        extra: Kirchhoff stress that effects add [N, 6] (xx, yy, zz, xy, xz, yz) [Pa], or [0, 6] for none.
         chunk_grid, chunk_uncut: Written; see the module's layout.
     """
     dx = _ONE / inv_dx
@@ -91,6 +92,13 @@ def stress_p2g(x, v, c, f, mass, volume, side, cut, bounds, planes, origin, dims
                 xy += eta * (c[p, 0, 1] + c[p, 1, 0])
                 xz += eta * (c[p, 0, 2] + c[p, 2, 0])
                 yz += eta * (c[p, 1, 2] + c[p, 2, 1])
+            if extra.shape[0] > 0:
+                xx += extra[p, 0]
+                yy += extra[p, 1]
+                zz += extra[p, 2]
+                xy += extra[p, 3]
+                xz += extra[p, 4]
+                yz += extra[p, 5]
             m = mass[p]
             md = m * decay
             k = -dt * volume[p] * _FOUR * inv_dx * inv_dx

@@ -1,0 +1,1 @@
+"""The library of physical effects: one file each; `library` finds them by name."""

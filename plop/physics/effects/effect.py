@@ -1,0 +1,122 @@
+"""What an effect is: one law with parameters that have units, a range, and a value that means 'absent'.
+
+A law acts through the hooks below; each does nothing unless an effect overrides it. The engine calls them
+in every time step with itself as `body`, whose arrays are those of the module `plop.physics.engine`:
+`x`, `v`, `c`, `f`, `mass`, `volume`, `side`, `cut`, `number`, the effect's own arrays in `memory`, the
+tool's `pose` (see `kernel_poses`), and `extra`, the Kirchhoff stress that effects add.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+
+from plop.errors import PlopError
+
+if TYPE_CHECKING:
+    from plop.physics.config import EngineConfig
+    from plop.physics.engine import Engine
+    from plop.physics.material import Material
+
+Kind = Literal["physics", "decoy"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect's law."""
+
+    name: str
+    unit: str
+    low: float
+    """Least value that makes sense."""
+    high: float
+    """Largest value that makes sense."""
+    step: float
+    """Small amplitude at which the response is still linear, for sensitivities; 0 for a shape parameter."""
+    default: float = 0.0
+    """Value when nothing is given; 0 means 'absent' for an amplitude."""
+    help: str = ""
+
+
+class Effect:
+    """Base of all effects; a subclass sets the class variables and overrides the hooks it needs.
+
+    Args of the constructor are the values of the parameters, by name.
+
+    Raises:
+        PlopError: An unknown parameter, or a value that is out of range or not finite.
+    """
+
+    name: ClassVar[str]
+    """Short name, as the user types it, e.g. "viscosity"."""
+    help: ClassVar[str]
+    """One line: what it is."""
+    law: ClassVar[str]
+    """The law as a formula in plain text, e.g. "tau += 2 eta dev(D)"."""
+    source: ClassVar[str]
+    """Where the law is from."""
+    kind: ClassVar[Kind] = "physics"
+    """A decoy is there to be refused: in slow motion it has no visible effect."""
+    amplitudes: ClassVar[tuple[Parameter, ...]]
+    """Numbers that are 0 when the effect is absent; the response is about linear in them while they are small."""
+    shapes: ClassVar[tuple[Parameter, ...]] = ()
+    """Further numbers, e.g. a time constant or a direction; without effect while the amplitudes are 0."""
+    variants: ClassVar[tuple[dict[str, float], ...]] = ({},)
+    """Settings of the shape parameters at which the screen tries the effect."""
+    remembers: ClassVar[dict[str, tuple[tuple[int, ...], float]]] = {}
+    """Arrays the law keeps per particle: name -> (shape after N, first value); in `body.memory` as
+    "<effect>.<name>". The engine sorts, saves and restores them with the particles."""
+
+    def __init__(self, **values: float) -> None:
+        known = {p.name: p for p in (*self.amplitudes, *self.shapes)}
+        for key in values:
+            if key not in known:
+                raise PlopError(f"The effect {self.name} has no such parameter.", where=key,
+                                expected=", ".join(known), found=key)  # fmt: skip
+        self.values = {key: float(values.get(key, p.default)) for key, p in known.items()}
+        for key, p in known.items():
+            if not (np.isfinite(self.values[key]) and p.low <= self.values[key] <= p.high):
+                raise PlopError("A parameter of an effect is out of range.", where=f"{self.name}.{key}",
+                                expected=f"{p.low:g} to {p.high:g} {p.unit}", found=f"{self.values[key]:g}",
+                                fix="Check the unit: lengths are metres, stresses pascals.")  # fmt: skip
+
+    def __getitem__(self, parameter: str) -> float:
+        """Value of one parameter."""
+        return self.values[parameter]
+
+    def __repr__(self) -> str:
+        inner = ", ".join(f"{key}={value:g}" for key, value in self.values.items())
+        return f"{self.name}({inner})"
+
+    @property
+    def absent(self) -> bool:
+        """Tell whether all amplitudes are 0."""
+        return all(self.values[p.name] == 0 for p in self.amplitudes)
+
+    def material(self, material: Material) -> Material:
+        """Change the base's parameters before the run."""
+        return material
+
+    def config(self, config: EngineConfig) -> EngineConfig:
+        """Change the engine's surroundings before the run."""
+        return config
+
+    def before(self, body: Engine, dt: float) -> None:
+        """Act before a time step: forces change `body.v` in place."""
+
+    def stress(self, body: Engine, dt: float) -> None:
+        """Add Kirchhoff stress to `body.extra`, float32 [N, 6] (xx, yy, zz, xy, xz, yz) [Pa], in place."""
+
+    def after(self, body: Engine, dt: float) -> None:
+        """Act after a time step: flow rules change `body.f` and the effect's memory in place."""
+
+    def slowest_step_s(self, dx_m: float, density_kg_m3: float) -> float:
+        """Give the longest time step at which the law is stable [s]; infinite when it sets no limit."""
+        return np.inf
+
+
+def overrides(effect: Effect, hook: str) -> bool:
+    """Tell whether an effect's class has its own version of a hook."""
+    return getattr(type(effect), hook) is not getattr(Effect, hook)

@@ -1,0 +1,102 @@
+"""Find effects by name: the project's own, and a user's from a file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import pkgutil
+import sys
+import traceback
+from collections.abc import Iterable
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path
+
+import plop.physics.effects as package
+from plop.errors import PlopError
+from plop.physics.effects.effect import Effect
+
+EffectType = type[Effect]
+
+
+@lru_cache(maxsize=1)
+def _own() -> dict[str, EffectType]:
+    found: dict[str, EffectType] = {}
+    for entry in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
+        module = importlib.import_module(f"{package.__name__}.{entry.name}")
+        for effect in _effects_of(module):
+            found[effect.name] = effect
+    return found
+
+
+def _effects_of(module: object) -> list[EffectType]:
+    return [
+        value for value in vars(module).values()
+        if inspect.isclass(value) and issubclass(value, Effect) and value is not Effect
+        and value.__module__ == getattr(module, "__name__", None)
+    ]  # fmt: skip
+
+
+def library(effect_files: Iterable[str | Path] = ()) -> dict[str, EffectType]:
+    """Give all effects by name: the project's, then those of the user's files.
+
+    Args:
+        effect_files: Python files with subclasses of `Effect`.
+
+    Raises:
+        PlopError: A file cannot be used, or names an effect that exists.
+    """
+    found = dict(_own())
+    for path in effect_files:
+        for effect in load_effect_file(Path(path)):
+            if effect.name in found:
+                raise PlopError("Two effects have the same name.", where=path, found=effect.name,
+                                fix="Give yours another name.")  # fmt: skip
+            found[effect.name] = effect
+    return found
+
+
+def effect_type(name: str, effects: dict[str, EffectType] | None = None) -> EffectType:
+    """Give one effect's class by its name.
+
+    Raises:
+        PlopError: There is none; suggests the nearest name.
+    """
+    known = library() if effects is None else effects
+    if name not in known:
+        near = get_close_matches(name, known, 1)
+        raise PlopError("There is no such effect.", expected=", ".join(known), found=name,
+                        fix=f"Did you mean {near[0]}?" if near else "See docs/effects.md.")  # fmt: skip
+    return known[name]
+
+
+def load_effect_file(path: Path) -> list[EffectType]:
+    """Import a user's file and give the effects it defines.
+
+    Raises:
+        PlopError: No such file, an error in it (its line is named), or no effect in it.
+    """
+    if not path.is_file():
+        raise PlopError("There is no such effect file.", where=path, expected="a Python file", found="no file")
+    spec = importlib.util.spec_from_file_location(f"plop_user_effect_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise user_error(path, error) from error
+    effects = _effects_of(module)
+    if not effects:
+        raise PlopError("The effect file defines no effect.", where=path, expected="a subclass of Effect",
+                        found="none", fix="See the template in docs/effects.md.")  # fmt: skip
+    return effects
+
+
+def user_error(path: Path, error: BaseException) -> PlopError:
+    """Say which line of a user's file an error came from."""
+    line = next((frame.lineno for frame in reversed(traceback.extract_tb(error.__traceback__))
+                 if Path(frame.filename) == path), getattr(error, "lineno", None))  # fmt: skip
+    return PlopError("The effect file has an error.", where=f"{path}, line {line}" if line else str(path),
+                     found=f"{type(error).__name__}: {error}", fix="Correct that line and run again.")  # fmt: skip
