@@ -154,8 +154,8 @@ class Engine:
             self.extra[:] = 0
             self._act("stress", dt)
         transfer.stress_p2g(self.x, self.v, self.c, self.f, self.mass, self.volume, self.side, self.cut, self._bounds,
-                            self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic, self.extra,
-                            self._chunk_grid, self._chunk_uncut)  # fmt: skip
+                            self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic,
+                            self.extra, self._chunk_grid, self._chunk_uncut)  # fmt: skip
         transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
         impulse = np.zeros((2, 3))
         if self._shape is not None and self._kind == ToolKind.BLADE and self.material.toughness_j_m2 > 0:
