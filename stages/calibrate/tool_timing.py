@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from plop.geometry.cameras import Camera
+from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import transform_points
 from plop.geometry.time_offset import offset_by_search
 from plop.recordings.recording import MaskLabel, Mesh, Recording
+from plop.render.silhouette import outline
 
 MAX_FRAMES = 10
 """Frames looked at, those between which the tool moves fastest."""
@@ -21,9 +21,6 @@ OUTLINE_PX = 0.5
 """How well an outline is placed [px]: with the tool's speed in the image, the resolution of the offset."""
 MIN_TOOL_PX = 20
 """Frames that show less of the tool are left out."""
-MANY_FACES = 1000
-FINER = 9
-"""Odd, so that a pixel's centre is the centre of a finer pixel."""
 
 
 @dataclass(frozen=True)
@@ -68,25 +65,6 @@ def shifted_tool_poses(recording: Recording, offset_ms: float) -> np.ndarray:
     return poses_at(recording.time_s, recording.world_from_tool, recording.time_s - offset_ms / 1e3)
 
 
-def poses_at(time_s: np.ndarray, poses: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate rigid poses (linear, slerp); before the first and after the last they stay.
-
-    Args:
-        time_s: Shape [T], increasing [s].
-        poses: Shape [T, 4, 4].
-        wanted_s: Shape [N] [s].
-
-    Returns:
-        Shape [N, 4, 4].
-    """
-    at = np.clip(wanted_s, time_s[0], time_s[-1])
-    out = np.tile(np.eye(4), (len(at), 1, 1))
-    out[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(poses[:, :3, :3]))(at).as_matrix()
-    for axis in range(3):
-        out[:, axis, 3] = np.interp(at, time_s, poses[:, axis, 3])
-    return out
-
-
 def _moving_frames(time: np.ndarray, poses: np.ndarray) -> np.ndarray:
     speed = np.linalg.norm(np.gradient(poses[:, :3, 3], time, axis=0), axis=1)
     moving = np.flatnonzero(speed > 0.25 * speed.max()) if speed.max() > 1e-4 else np.zeros(0, int)
@@ -126,31 +104,3 @@ def _image_speed(mesh: Mesh, camera: Camera, time: np.ndarray, poses: np.ndarray
     centers = np.stack([transform_points(pose, mesh.vertices.mean(0)) for pose in poses])
     pixels, _ = camera.project(centers)
     return float(np.linalg.norm(np.diff(pixels, axis=0), axis=1).sum() / (time[-1] - time[0]))
-
-
-def outline(mesh: Mesh, world_from_tool: np.ndarray, camera: Camera) -> np.ndarray:
-    """Draw the silhouette of a mesh, bool, shape [H, W].
-
-    Triangles that reach behind the camera are left out. A mesh of more than MANY_FACES triangles is drawn as the
-    convex outline of its vertices.
-    """
-    pixels, depth = camera.project(transform_points(world_from_tool, mesh.vertices))
-    faces = mesh.faces[(depth[mesh.faces] > 1e-3).all(1)]
-    image = np.zeros((camera.height, camera.width), bool)
-    if len(faces) == 0:
-        return image
-    used = pixels[np.unique(faces)]
-    low = np.clip(np.floor(used.min(0)), 0, [camera.width, camera.height]).astype(int)
-    high = np.clip(np.ceil(used.max(0)), low, [camera.width, camera.height]).astype(int)
-    if (high <= low).any():
-        return image
-    # OpenCV also fills the pixels that an edge touches: drawn FINER times finer, that hardly widens the outline.
-    fine = np.zeros(tuple((high - low)[::-1] * FINER), np.uint8)
-    corners = (np.clip(pixels, -2 * camera.width, 3 * camera.width) - low) * FINER - 0.5
-    shapes = list(corners[faces])
-    if len(faces) > MANY_FACES:
-        shapes = [cv2.convexHull(corners[np.unique(faces)].astype(np.float32))[:, 0]]
-    for shape in shapes:
-        cv2.fillConvexPoly(fine, np.round(shape * 16).astype(np.int32), 1, shift=4)
-    image[low[1] : high[1], low[0] : high[0]] = fine[FINER // 2 :: FINER, FINER // 2 :: FINER]
-    return image

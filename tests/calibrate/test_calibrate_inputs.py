@@ -11,13 +11,15 @@ import pytest
 
 from plop.errors import PlopError
 from plop.geometry.handeye import difference
+from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
+from plop.render.silhouette import outline
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import STAGE, CalibrateConfig
-from stages.calibrate.tool_timing import episode_offsets, outline, poses_at
+from stages.calibrate.tool_timing import episode_offsets
 from stages.contract import Input, Output
 from tests.geometry.scene import ring, write_set
 from tests.geometry.test_boards import CHARUCO, MATRIX, photograph, poses

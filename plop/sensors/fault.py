@@ -1,0 +1,79 @@
+"""What a sensor fault is: one law of the measurement, with parameters that have units and a range.
+
+The scene is right and the camera records it wrongly. A law turns what a camera says into what is true
+(`true_time`, `true_pose`) and what is true into what the camera would record (`depth`, with its inverse
+`true_depth`); each hook does nothing unless a fault overrides it.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.physics.effects.effect import Parameter
+
+
+class Fault:
+    """Base of all sensor faults; a subclass sets the class variables and overrides the hooks it needs.
+
+    Args of the constructor are the values of the parameters, by name; what is left out keeps the value that
+    means 'absent', the parameter's default.
+
+    Raises:
+        PlopError: An unknown parameter, or a value that is out of range or not finite.
+    """
+
+    name: ClassVar[str]
+    """Short name, as the user types it, e.g. "clock"."""
+    help: ClassVar[str]
+    """One line: what it is."""
+    law: ClassVar[str]
+    """The law as a formula in plain text."""
+    source: ClassVar[str]
+    """Where the law is from."""
+    parameters: ClassVar[tuple[Parameter, ...]]
+    """Its numbers; the first is meant when none is named."""
+
+    def __init__(self, **values: float) -> None:
+        known = {p.name: p for p in self.parameters}
+        for key in values:
+            if key not in known:
+                raise PlopError(f"The sensor fault {self.name} has no such parameter.", where=key,
+                                expected=", ".join(known), found=key)  # fmt: skip
+        self.values = {key: float(values.get(key, p.default)) for key, p in known.items()}
+        for key, p in known.items():
+            if not (np.isfinite(self.values[key]) and p.low <= self.values[key] <= p.high):
+                raise PlopError("A parameter of a sensor fault is out of range.", where=f"{self.name}.{key}",
+                                expected=f"{p.low:g} to {p.high:g} {p.unit}", found=f"{self.values[key]:g}",
+                                fix="Check the unit: seconds, metres, radians.")  # fmt: skip
+
+    def __getitem__(self, parameter: str) -> float:
+        """Value of one parameter."""
+        return self.values[parameter]
+
+    def __repr__(self) -> str:
+        inner = ", ".join(f"{key}={value:g}" for key, value in self.values.items())
+        return f"{self.name}({inner})"
+
+    def true_time(self, time_s: float) -> float:
+        """Give the scene's time that an image stamped `time_s` shows [s]."""
+        return time_s
+
+    def true_pose(self, frame_share: float, world_from_cam: np.ndarray) -> np.ndarray:
+        """Give the camera's true pose [4, 4] where `world_from_cam` is recorded.
+
+        Args:
+            frame_share: Share of the episode that has passed, 0 at the first frame and 1 at the last.
+            world_from_cam: Recorded pose, shape [4, 4].
+        """
+        return world_from_cam
+
+    def depth(self, depth_m: np.ndarray) -> np.ndarray:
+        """Give what the camera records for true depth, any shape [m]; 0 (not measured) stays 0."""
+        return depth_m
+
+    def true_depth(self, depth_m: np.ndarray) -> np.ndarray:
+        """Undo `depth`: true depth from recorded depth, any shape [m]; 0 (not measured) stays 0."""
+        return depth_m
