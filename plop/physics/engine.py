@@ -9,9 +9,11 @@ import numpy as np
 
 from plop.physics import grid, tool_contact, toughness, transfer
 from plop.physics.config import EngineConfig
+from plop.physics.effects import hooks
 from plop.physics.effects.effect import Effect, overrides
 from plop.physics.material import Material
 from plop.physics.particles import Particles
+from plop.physics.time_step import highest_speed_m_s, stable_step_s
 from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
 
 _MARGIN = 3
@@ -21,21 +23,11 @@ _PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "
 
 
 class UnstableStepError(Exception):
-    """A step in which a particle ran away; carries the reason."""
+    """A step in which a particle ran away; carries the reason and, where one is to blame, the effect's name."""
 
-
-def stable_step_s(material: Material, config: EngineConfig, speed_m_s: float = 0.0) -> float:
-    """Give the longest time step that waves, viscosity and motion allow [s].
-
-    A pressure wave and the fastest body cross `courant` cells a step; an explicit viscous step obeys
-    dt <= 0.1 dx^2 density / viscosity.
-    """
-    if config.dt_s is not None:
-        return config.dt_s
-    step = config.courant * config.dx_m / (material.wave_speed_m_s + speed_m_s)
-    if material.viscosity_pa_s > 0:
-        step = min(step, 0.1 * config.dx_m**2 * material.density_kg_m3 / material.viscosity_pa_s)
-    return step
+    def __init__(self, reason: str, effect: str | None = None) -> None:
+        super().__init__(reason)
+        self.effect = effect
 
 
 class Engine:
@@ -47,7 +39,7 @@ class Engine:
     ) -> None:  # fmt: skip
         self.effects = [effect for effect in effects if not effect.absent]
         for effect in self.effects:
-            material, config = effect.material(material), effect.config(config)
+            material, config = hooks.changed(effect, "material", material), hooks.changed(effect, "config", config)
         self.material, self.tool, self.config = material, tool, config
         count = len(particles)
         self.x = np.array(particles.positions, np.float32)
@@ -62,15 +54,15 @@ class Engine:
         self.cut = np.zeros(count, bool) if particles.passed is None else np.array(particles.passed, bool)
         self.number = np.arange(count)
         self.memory = self._memories(particles)
-        self.pose = np.zeros((6, 3), np.float32)
+        self.pose, self.impulse = np.zeros((6, 3), np.float32), np.zeros((2, 3))
         self._hooks = {hook: [effect for effect in self.effects if overrides(effect, hook)]
                        for hook in ("before", "stress", "after")}  # fmt: skip
         self.extra = np.zeros((count if self._hooks["stress"] else 0, 6), np.float32)
         self.steps, self.halvings = 0, 0
         self._travelled, self._room = np.inf, 0
         self._constants()
-        limits = [effect.slowest_step_s(config.dx_m, material.density_kg_m3) for effect in self.effects]
-        self._base_step_s = min([stable_step_s(material, config, self._highest_speed()), *limits])
+        limits = [hooks.slowest_step_s(effect, material, config) for effect in self.effects]
+        self._base_step_s = min([stable_step_s(material, config, highest_speed_m_s(self.v, self.tool)), *limits])
 
     def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
         """What effects remember of each particle: as given, else their first values."""
@@ -97,12 +89,15 @@ class Engine:
         self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)
         self._density = np.float32(material.density_kg_m3)
 
-    def _highest_speed(self) -> float:
-        speed = float(np.linalg.norm(self.v, axis=1).max())
-        if self.tool is not None and len(self.tool.times) > 1:
-            path = np.linalg.norm(np.diff(self.tool.world_from_tool[:, :3, 3], axis=0), axis=1)
-            speed = max(speed, float((path / np.diff(self.tool.times)).max()))
-        return speed
+    @property
+    def elastic(self) -> tuple[int, np.float32, np.float32]:
+        """Number of the elastic law and Lame's mu and lambda [Pa], as the kernels take them."""
+        return self._elastic[:3]
+
+    @property
+    def tool_now(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """Kind, pose, faces and thickness of the tool in this time step, as the kernels take them."""
+        return self._kind, self.pose, self._faces, self._thickness
 
     @property
     def longest_step_s(self) -> float:
@@ -143,8 +138,8 @@ class Engine:
     def _step(self, pose: np.ndarray, dt: float) -> np.ndarray:
         if self._travelled > 0.9 * self.config.dx_m:
             self._place_grid()
-        step, tool = np.float32(dt), (self._kind, pose, self._faces, self._thickness)
-        self.pose = pose
+        self.pose, self.impulse = pose, np.zeros((2, 3))
+        step, tool = np.float32(dt), self.tool_now
         decay = np.float32(np.exp(-self.material.damping_per_s * dt))
         if self._kind == ToolKind.BLADE:
             tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, pose, self._faces, self._thickness,
@@ -157,9 +152,8 @@ class Engine:
                             self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic,
                             self.extra, self._chunk_grid, self._chunk_uncut)  # fmt: skip
         transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
-        impulse = np.zeros((2, 3))
         if self._shape is not None and self._kind == ToolKind.BLADE and self.material.toughness_j_m2 > 0:
-            impulse[1] = toughness.resist_cut(
+            self.impulse[1] += toughness.resist_cut(
                 self._grid, self._uncut, self._origin, self._dims, self._inv_dx, step, pose, self._shape.edges,
                 np.float32(self.material.toughness_j_m2), self._density)  # fmt: skip
         tool_contact.contact_gaps(self.x, self.radius, self.side, self.cut, self._origin, self._dims, self._inv_dx,
@@ -172,11 +166,13 @@ class Engine:
         self._act("after", dt)
         self.steps += 1
         self._check(dt)
-        return impulse + self._impulses.sum(0, dtype=np.float64)
+        return self.impulse + self._impulses.sum(0, dtype=np.float64)
 
     def _act(self, hook: str, dt: float) -> None:
         for effect in self._hooks[hook]:
-            getattr(effect, hook)(self, dt)
+            trouble = hooks.act(effect, hook, self, dt)
+            if trouble is not None:
+                raise UnstableStepError(trouble, effect.name)
 
     def _check(self, dt: float) -> None:
         fastest, smallest = float(self._report[:, 0].max()), float(self._report[:, 1].min())

@@ -115,19 +115,26 @@ def advance_safely(engine: Engine, start_s: float, end_s: float) -> np.ndarray:
             return engine.advance(start_s, end_s)
         except UnstableStepError as reason:
             if engine.halvings >= engine.config.max_halvings or engine.config.dt_s is not None:
-                raise _unstable(engine, start_s, str(reason)) from None
+                raise _unstable(engine, start_s, reason) from None
             engine.restore(saved)
             engine.halvings += 1
 
 
-def _unstable(engine: Engine, time_s: float, reason: str) -> PlopError:
+def _unstable(engine: Engine, time_s: float, reason: UnstableStepError) -> PlopError:
     material, parameter = engine.material, "youngs_modulus_pa"
-    if engine.config.dt_s is not None:
+    if reason.effect is not None:
+        parameter = f"effect {reason.effect}"
+    elif engine.config.dt_s is not None:
         parameter = "dt_s"
     elif material.viscosity_pa_s > material.youngs_modulus_pa * engine.longest_step_s:
         parameter = "viscosity_pa_s"
     return PlopError("The engine's run is unstable.", where=f"{parameter}, t = {time_s:.4f} s",
                      expected="particles that move less than half a cell in a step and keep their volume",
-                     found=f"{reason}; the time step was {engine.longest_step_s:.2g} s",
+                     found=f"{reason}; the time step was {engine.longest_step_s:.2g} s" + _acting(engine),
                      fix="Give a smaller dt_s or courant; check that stiffness, density and tool speed are in "
                          "Pa, kg/m^3 and m/s.")  # fmt: skip
+
+
+def _acting(engine: Engine) -> str:
+    """Name the effects: any of them may be what made the run unstable."""
+    return f"; effects: {', '.join(map(repr, engine.effects))}" if engine.effects else ""

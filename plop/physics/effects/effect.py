@@ -3,7 +3,9 @@
 A law acts through the hooks below; each does nothing unless an effect overrides it. The engine calls them
 in every time step with itself as `body`, whose arrays are those of the module `plop.physics.engine`:
 `x`, `v`, `c`, `f`, `mass`, `volume`, `side`, `cut`, `number`, the effect's own arrays in `memory`, the
-tool's `pose` (see `kernel_poses`), and `extra`, the Kirchhoff stress that effects add.
+tool's `pose` (see `kernel_poses`), and `extra`, the Kirchhoff stress that effects add. `body.material` and
+`body.elastic` are the base's parameters, `body.tool_now` is the tool as the kernels take it, and forces from
+table and tool that an effect adds should be counted in `body.impulse` [2, 3] [N s].
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from plop.physics.engine import Engine
     from plop.physics.material import Material
 
-Kind = Literal["physics", "decoy"]
+Kind = Literal["physics", "decoy", "base"]
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Parameter:
     """Small amplitude at which the response is still linear, for sensitivities; 0 for a shape parameter."""
     default: float = 0.0
     """Value when nothing is given; 0 means 'absent' for an amplitude."""
+    typical: float = 0.0
+    """An amplitude at which the effect is plainly there; where to start when a signal of given size is wanted."""
     help: str = ""
 
 
@@ -58,7 +62,8 @@ class Effect:
     source: ClassVar[str]
     """Where the law is from."""
     kind: ClassVar[Kind] = "physics"
-    """A decoy is there to be refused: in slow motion it has no visible effect."""
+    """A decoy is there to be refused: in slow motion it has no visible effect. "base" marks a parameter that
+    every model has (stiffness, damping, density): to be refitted beside an effect, never to be called one."""
     amplitudes: ClassVar[tuple[Parameter, ...]]
     """Numbers that are 0 when the effect is absent; the response is about linear in them while they are small."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
@@ -112,7 +117,7 @@ class Effect:
     def after(self, body: Engine, dt: float) -> None:
         """Act after a time step: flow rules change `body.f` and the effect's memory in place."""
 
-    def slowest_step_s(self, dx_m: float, density_kg_m3: float) -> float:
+    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
         """Give the longest time step at which the law is stable [s]; infinite when it sets no limit."""
         return np.inf
 

@@ -97,6 +97,6 @@ def load_effect_file(path: Path) -> list[EffectType]:
 def user_error(path: Path, error: BaseException) -> PlopError:
     """Say which line of a user's file an error came from."""
     line = next((frame.lineno for frame in reversed(traceback.extract_tb(error.__traceback__))
-                 if Path(frame.filename) == path), getattr(error, "lineno", None))  # fmt: skip
+                 if Path(frame.filename).resolve() == path.resolve()), getattr(error, "lineno", None))  # fmt: skip
     return PlopError("The effect file has an error.", where=f"{path}, line {line}" if line else str(path),
                      found=f"{type(error).__name__}: {error}", fix="Correct that line and run again.")  # fmt: skip
