@@ -35,11 +35,11 @@ def _box(count: int, spacing_m: float = 0.005) -> tuple[np.ndarray, np.ndarray]:
 
 def _run(count: int, seconds: float, threads: int, *, cut: bool) -> tuple[EngineTrajectory, int]:
     from plop.physics.config import EngineConfig
-    from plop.physics.demo import blade_mesh
     from plop.physics.material import Material
     from plop.physics.particles import Particles
     from plop.physics.solver import simulate
     from plop.physics.tool_motion import ToolMotion
+    from plop.physics.tools import blade_mesh
 
     positions, volumes = _box(count)
     top = positions[:, 2].max() + 0.004

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from plop.physics.as_sequence import as_sequence
 from plop.physics.config import EngineConfig
-from plop.physics.lattice import lattice, surface_vertices
 from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import EngineTrajectory, simulate
+from plop.physics.motions import led_along
+from plop.physics.shapes import Shape, halved_body
+from plop.physics.solver import simulate
 from plop.physics.tool_motion import ToolMotion
+from plop.physics.tools import blade_mesh
 from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
 
 BLOCK_M = np.array([0.080, 0.050, 0.040])
@@ -74,49 +76,16 @@ def draw_plan(generator: np.random.Generator) -> CutPlan:
 
 def demo_episode(name: str, plan: CutPlan) -> MeshSequence:
     """Simulate one episode."""
-    block = _Block(plan)
+    length, width, height = (float(size) for size in BLOCK_M)
+    block = halved_body(Shape("block", (length, width, height)), _SPACING_M, plan.offset_m, plan.yaw_rad)
     motion = blade_motion(plan)
-    config = EngineConfig(dx_m=2 * _SPACING_M)
-    run = simulate(block.particles, MATERIAL, motion, motion.times, config)
-    return _as_sequence(name, plan, block, motion, run)
-
-
-class _Block:
-    """Both halves of the block as lattices that meet in the plane of the coming cut."""
-
-    def __init__(self, plan: CutPlan) -> None:
-        positions, volumes, sides, faces, cut = [], [], [], [], []
-        half, start = BLOCK_M / 2, 0
-        for sign in (-1, 1):
-            length = half[0] + sign * -plan.offset_m
-            counts = [max(2, round(size / _SPACING_M)) for size in (length, BLOCK_M[1], BLOCK_M[2])]
-            grid = lattice((counts[0], counts[1], counts[2]))
-            u, y, z = (grid.parameters * [1, *BLOCK_M[1:]] - [0, BLOCK_M[1] / 2, 0]).T
-            plane = plan.offset_m - np.tan(plan.yaw_rad) * y
-            low, high = (-half[0], plane) if sign < 0 else (plane, half[0])
-            positions.append(np.stack([low + u * (high - low), y, z], 1))
-            volumes.append(grid.weights * (high - low) * BLOCK_M[1] * BLOCK_M[2])
-            sides.append(np.full(len(u), sign))
-            faces.append(grid.faces + start)
-            cut.append(grid.face_of == (1 if sign < 0 else 0))
-            start += len(u)
-        self.surface, self.faces = surface_vertices(np.concatenate(faces))
-        self.cut_faces = np.concatenate(cut)
-        self.particles = Particles(np.concatenate(positions), np.concatenate(volumes), sides=np.concatenate(sides),
-                                   radii=np.zeros(start))  # fmt: skip
-
-
-def blade_mesh(height_m: float = 0.040, length_m: float = 0.150, edge_m: float = 8e-5, spine_m: float = 0.002
-               ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Build a straight blade: edge at z = 0, spine above, normal x, length along y.
-
-    Returns:
-        Vertices [8, 3] [m] and outward triangles [12, 3].
-    """
-    grid = lattice((1, 1, 1))
-    u, v, w = grid.parameters.T
-    vertices = np.stack([(u - 0.5) * (edge_m + w * (spine_m - edge_m)), (v - 0.5) * length_m, w * height_m], 1)
-    return vertices, grid.faces
+    run = simulate(block.particles, MATERIAL, motion, motion.times, EngineConfig(dx_m=2 * _SPACING_M))
+    facts = {
+        "plan": {key: float(value) for key, value in vars(plan).items()},
+        "material": {key: float(value) for key, value in vars(MATERIAL).items()},
+        "spacing_m": _SPACING_M,
+    }
+    return as_sequence(name, "block", block, motion, run, facts)
 
 
 def blade_motion(plan: CutPlan) -> ToolMotion:
@@ -126,34 +95,8 @@ def blade_motion(plan: CutPlan) -> ToolMotion:
     down = (top - bottom) / plan.speed_m_s
     rest = down + 0.04
     end = rest + abs(plan.push_m) / plan.push_speed_m_s
+    over = np.array([plan.offset_m, 0, 0])
+    through = over + [0, 0, bottom]
+    path = np.stack([over + [0, 0, top], through, through, through + plan.push_m * normal])
     times = np.linspace(0, end, _FRAMES)
-    height = np.clip(top - times * plan.speed_m_s, bottom, None)
-    aside = np.clip(times - rest, 0, None) * plan.push_speed_m_s * np.sign(plan.push_m)
-    poses = np.tile(np.eye(4), (_FRAMES, 1, 1))
-    cos, sin = normal[:2]
-    poses[:, :2, :2] = [[cos, -sin], [sin, cos]]
-    poses[:, :3, 3] = [plan.offset_m, 0, 0] + aside[:, None] * normal + height[:, None] * [0, 0, 1]
-    return ToolMotion(*blade_mesh(), times, poses)
-
-
-def _as_sequence(name: str, plan: CutPlan, block: _Block, motion: ToolMotion, run: EngineTrajectory) -> MeshSequence:
-    facts = {
-        "plan": {key: float(value) for key, value in vars(plan).items()},
-        "material": {key: float(value) for key, value in vars(MATERIAL).items()},
-        "spacing_m": _SPACING_M,
-    }
-    return MeshSequence(
-        name=name,
-        environment="block",
-        times=run.times,
-        vertices=run.positions[:, block.surface].astype(np.float64),
-        faces=block.faces,
-        tool_vertices=motion.vertices,
-        tool_faces=motion.faces,
-        world_from_tool=motion.world_from_tool,
-        table_z_m=0.0,
-        rest_vertices=block.particles.positions[block.surface],
-        cut_faces=block.cut_faces,
-        source="particle-grid engine",
-        facts=facts,
-    )
+    return ToolMotion(*blade_mesh(), times, led_along(np.array([0, down, rest, end]), path, plan.yaw_rad, times))

@@ -11,12 +11,13 @@ from plop.errors import PlopError
 from plop.physics.calibrate import calibrate
 from plop.physics.case import Case, case_from_sequence
 from plop.physics.config import EngineConfig
-from plop.physics.demo import CutPlan, blade_mesh, demo_episode
+from plop.physics.demo import CutPlan, demo_episode
 from plop.physics.fill import fill_surface
 from plop.physics.lattice import lattice
 from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.tool_motion import ToolMotion
+from plop.physics.tools import blade_mesh
 
 CONFIG = EngineConfig(dx_m=0.012)
 

@@ -11,13 +11,13 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.rigid import quat_from_rotation_vector, quat_to_matrix
 from plop.geometry.tool import ToolGeometry
 from plop.physics.config import EngineConfig
-from plop.physics.demo import blade_mesh
 from plop.physics.fill import particle_volumes
 from plop.physics.material import Material
 from plop.physics.model import EngineModel
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
 from plop.physics.tool_motion import ToolMotion
+from plop.physics.tools import blade_mesh
 
 SOFT = Material(youngs_modulus_pa=1.5e4, tool_friction=0, damping_per_s=5)
 CONFIG = EngineConfig(dx_m=0.01)
