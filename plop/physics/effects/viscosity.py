@@ -15,7 +15,9 @@ class Viscosity(Effect):
     help = "the material resists fast deformation"
     law = "tau += 2 eta dev(D), D the symmetric velocity gradient"
     source = "Kelvin-Voigt solid; Larson, The Structure and Rheology of Complex Fluids, 1999"
-    amplitudes = (Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, step=5.0, help="shear viscosity beyond the base's"),)
+    amplitudes = (
+        Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, step=5.0, typical=40.0, help="shear viscosity beyond the base's"),
+    )
 
     def material(self, material: Material) -> Material:
         """Add to the base's own viscosity."""

@@ -1,0 +1,124 @@
+"""Adhesion: the tool is sticky; it holds what it has touched until the bond has faded."""
+
+from __future__ import annotations
+
+# Numba infers the types of kernels; their docstrings say what they take.
+# mypy: disallow-untyped-defs=False
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from plop.physics.config import EngineConfig
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.jit import kernel
+from plop.physics.material import Material
+from plop.physics.tool_contact import half_thickness, in_outline, solid_height
+
+if TYPE_CHECKING:
+    from plop.physics.engine import Engine
+
+_ZERO = np.float32(0)
+_ONE = np.float32(1)
+_TWO = np.float32(2)
+_FAR = np.float32(1e9)
+_FADED = np.float32(0.01)
+"""A bond weaker than this is broken [-]."""
+_TOUCHING = 0.05
+"""Gap up to which the tool touches [cells]."""
+_SLIP_M = 2e-4
+"""Way over which a bond reaches its full traction [m]."""
+
+
+@njit(fastmath=True)
+def gap_to_tool(kind, faces, thickness, d, y, z, side, cut):
+    """Distance of a point of the tool's frame from the tool's surface [m]; far where a blade does not part it."""
+    if kind == 2:
+        return solid_height(faces, d, y, z)[0]
+    if not cut or not in_outline(faces, y, z, _ZERO):
+        return _FAR
+    return (d if side == 0 else -d) - half_thickness(thickness, y, z)
+
+
+@kernel()
+def stick(x, v, mass, volume, radius, side, cut, kind, pose, faces, thickness, dt, traction, keep, touching, slip_m,
+          bond, slip):  # fmt: skip
+    """Let bonds form and fade, and pull the particles back along their way relative to the tool.
+
+    Takes:
+        x, v, mass, volume, radius, side, cut: The engine's; v is changed.
+        kind, pose, faces, thickness: Tool, see `ToolShape` and `kernel_poses`.
+        dt, traction, keep: Step [s]; full traction [Pa]; what is left of an open bond after the step [-].
+        touching, slip_m: Gap up to which the tool touches [m]; way to full traction [m].
+        bond, slip: Updated: strength of the bond in [0, 1] [N], way relative to the tool [N, 3] [m].
+
+    Returns:
+        Impulse on the object [3] [N s].
+    """
+    total = np.zeros(3, np.float32)
+    largest = _ZERO
+    for p in range(x.shape[0]):
+        largest = max(largest, volume[p])
+    spacing = largest ** np.float32(1 / 3)
+    for p in range(x.shape[0]):
+        rx, ry, rz = x[p, 0] - pose[0, 0], x[p, 1] - pose[0, 1], x[p, 2] - pose[0, 2]
+        d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
+        y = rx * pose[2, 0] + ry * pose[2, 1] + rz * pose[2, 2]
+        z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
+        if gap_to_tool(kind, faces, thickness, d, y, z, side[p], cut[p]) - radius[p] <= touching:
+            bond[p] = _ONE
+        else:
+            bond[p] *= keep
+        if bond[p] < _FADED:
+            bond[p], slip[p, 0], slip[p, 1], slip[p, 2] = _ZERO, _ZERO, _ZERO, _ZERO
+            continue
+        sx = slip[p, 0] + dt * (v[p, 0] - pose[4, 0] - pose[5, 1] * rz + pose[5, 2] * ry)
+        sy = slip[p, 1] + dt * (v[p, 1] - pose[4, 1] - pose[5, 2] * rx + pose[5, 0] * rz)
+        sz = slip[p, 2] + dt * (v[p, 2] - pose[4, 2] - pose[5, 0] * ry + pose[5, 1] * rx)
+        shorten = min(_ONE, slip_m / max(math.sqrt(sx * sx + sy * sy + sz * sz), np.float32(1e-12)))
+        sx, sy, sz = shorten * sx, shorten * sy, shorten * sz
+        slip[p, 0], slip[p, 1], slip[p, 2] = sx, sy, sz
+        # a particle on the surface of a lattice stands for half a cell below its area, others for a whole one
+        area = volume[p] / spacing * (_TWO if radius[p] == _ZERO else _ONE)
+        push = -dt * traction * bond[p] * area / slip_m
+        v[p, 0] += push * sx / mass[p]
+        v[p, 1] += push * sy / mass[p]
+        v[p, 2] += push * sz / mass[p]
+        total[0] += push * sx
+        total[1] += push * sy
+        total[2] += push * sz
+    return total
+
+
+class Adhesion(Effect):
+    """A bond between tool and particle with a traction that resists separation and sliding alike.
+
+    A bond forms where the gap closes. It carries the full traction once the particle has moved 0.2 mm
+    relative to the tool, in whatever direction, and then slips. When the gap opens it fades as
+    exp(-t / release). The area of a particle is its volume over the spacing, so tracers feel what their
+    neighbours feel.
+    """
+
+    name = "adhesion"
+    help = "the tool is sticky and lets go late"
+    law = "t = -traction b s / 0.2 mm, s' = v - v_tool with |s| <= 0.2 mm, b = 1 in contact, else b' = -b / release"
+    source = "constant traction: Dugdale 1960, Maugis 1992; slip: Dahl 1968; rate: Creton & Ciccotti 2016"
+    amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=50.0, typical=300.0, help="traction of a whole bond"),)
+    shapes = (Parameter("release_s", "s", 0.001, 10.0, step=0.0, default=0.1, help="time in which an open bond fades"),)
+    remembers = {"bond": ((), 0.0), "slip": ((3,), 0.0)}
+
+    def before(self, body: Engine, dt: float) -> None:
+        """Pull."""
+        if body.tool_now[0] == 0:
+            return
+        dx = body.config.dx_m
+        body.impulse[1] += stick(
+            body.x, body.v, body.mass, body.volume, body.radius, body.side, body.cut, *body.tool_now, np.float32(dt),
+            np.float32(self["traction_pa"]), np.float32(np.exp(-dt / self["release_s"])), np.float32(_TOUCHING * dx),
+            np.float32(_SLIP_M), body.memory["adhesion.bond"], body.memory["adhesion.slip"])  # fmt: skip
+
+    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
+        """Bonds are springs on the outermost particles, a quarter of a cell thick."""
+        spring = self["traction_pa"] / _SLIP_M / (material.density_kg_m3 * config.dx_m / 4)
+        return float(0.5 / np.sqrt(spring)) if spring > 0 else np.inf

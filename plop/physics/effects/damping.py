@@ -1,0 +1,23 @@
+"""Damping, a base parameter: motion dies out faster or slower than the base believes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.material import Material
+
+
+class Damping(Effect):
+    """Velocity damping beyond the base's; the sum is not below 0."""
+
+    name = "damping"
+    kind = "base"
+    help = "all motion dies out faster or slower"
+    law = "v' += -d_c v"
+    source = "mass-proportional Rayleigh damping; Bathe, Finite Element Procedures, 1996, ch. 9"
+    amplitudes = (Parameter("d_per_s", "1/s", -100.0, 1e3, step=1.0, typical=10.0, help="change of the decay rate"),)
+
+    def material(self, material: Material) -> Material:
+        """Add to the base's own damping."""
+        return replace(material, damping_per_s=max(0.0, material.damping_per_s + self["d_per_s"]))

@@ -1,0 +1,27 @@
+"""Density, a base parameter: the object is heavier or lighter than the base believes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.material import Material
+
+
+class Density(Effect):
+    """Another density: weight and inertia change together."""
+
+    name = "density"
+    kind = "base"
+    help = "the object is heavier or lighter"
+    law = "rho -> rho exp(d_ln_rho)"
+    source = "Newton's second law"
+    amplitudes = (
+        Parameter("d_ln_rho", "-", -3.0, 3.0, step=0.05, typical=0.5, help="change of the density's logarithm"),
+    )
+
+    def material(self, material: Material) -> Material:
+        """Scale the base's density."""
+        return replace(material, density_kg_m3=material.density_kg_m3 * float(np.exp(self["d_ln_rho"])))

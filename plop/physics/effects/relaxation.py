@@ -1,0 +1,88 @@
+"""Relaxation: under held strain part of the stress fades."""
+
+from __future__ import annotations
+
+# Numba infers the types of kernels; their docstrings say what they take.
+# mypy: disallow-untyped-defs=False
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.effects.strain import add_deviator, left_cauchy_green
+from plop.physics.jit import kernel
+
+if TYPE_CHECKING:
+    from plop.physics.engine import Engine
+
+_ONE = np.float32(1)
+
+
+@kernel()
+def relax(c, branch, dt, keep):
+    """Carry the branch's strain B - I along with the motion and let it fade.
+
+    Takes:
+        c: Velocity gradient [N, 3, 3] [1/s].
+        branch: Updated: B - I (xx, yy, zz, xy, xz, yz) [N, 6].
+        dt, keep: Step [s] and what is left of B - I after it [-].
+    """
+    a, g = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
+    for p in range(c.shape[0]):
+        for i in range(3):
+            for j in range(3):
+                a[i, j] = dt * c[p, i, j]
+                same = _ONE if i == j else np.float32(0)
+                k = i if i == j else i + j + 2
+                g[i, j] = same + branch[p, k]
+                a[i, j] += same
+        for i in range(3):
+            for j in range(i, 3):
+                total = -(_ONE if i == j else np.float32(0))
+                for m in range(3):
+                    for n in range(3):
+                        total += a[i, m] * g[m, n] * a[j, n]
+                branch[p, i if i == j else i + j + 2] = keep * total
+
+
+@kernel()
+def branch_stress(f, branch, shear_pa, extra):
+    """Replace the share of the base's deviatoric stress by that of the branch: shear_pa (dev B - dev b).
+
+    Takes:
+        f, branch, shear_pa: Deformation gradient [N, 3, 3], B - I [N, 6], shear modulus of the branch [Pa].
+        extra: Added to, [N, 6] [Pa].
+    """
+    for p in range(f.shape[0]):
+        add_deviator(extra, p, -shear_pa, *left_cauchy_green(f, p))
+        add_deviator(extra, p, shear_pa, branch[p, 0], branch[p, 1], branch[p, 2], branch[p, 3], branch[p, 4],
+                     branch[p, 5])  # fmt: skip
+
+
+class Relaxation(Effect):
+    """A Maxwell branch carries part of the shear modulus: fast strain meets mu, held strain (1 - ratio) mu.
+
+    The branch's strain B follows the upper-convected law, so it is objective, and dev(B) fades as
+    exp(-t / tau) under held strain. It starts without strain: a state that is deformed at the start has
+    relaxed already.
+    """
+
+    name = "relaxation"
+    help = "under held strain part of the stress fades"
+    law = "tau += ratio mu (dev(B) - dev(F F^T)), B' = L B + B L^T - (B - I) / tau"
+    source = "Maxwell 1867; upper-convected form: Larson, Constitutive Equations for Polymer Melts, 1988, ch. 1"
+    amplitudes = (
+        Parameter("ratio", "-", 0.0, 0.95, step=0.05, typical=0.5, help="share of the shear modulus that relaxes"),
+    )
+    shapes = (Parameter("tau_s", "s", 0.005, 100.0, step=0.0, default=0.2, help="time constant"),)
+    variants = tuple({"tau_s": tau} for tau in (0.05, 0.2, 0.8))
+    remembers = {"branch": ((6,), 0.0)}
+
+    def stress(self, body: Engine, dt: float) -> None:
+        """Exchange part of the base's stress for the branch's."""
+        shear_pa = np.float32(self["ratio"] * body.material.shear_pa)
+        branch_stress(body.f, body.memory["relaxation.branch"], shear_pa, body.extra)
+
+    def after(self, body: Engine, dt: float) -> None:
+        """Strain the branch and let it relax."""
+        relax(body.c, body.memory["relaxation.branch"], np.float32(dt), np.float32(np.exp(-dt / self["tau_s"])))

@@ -1,0 +1,52 @@
+"""Strain stiffening: the more it is deformed, the stiffer the material."""
+
+from __future__ import annotations
+
+# Numba infers the types of kernels; their docstrings say what they take.
+# mypy: disallow-untyped-defs=False
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plop.physics.config import EngineConfig
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.effects.strain import add_deviator, isochoric_strain, left_cauchy_green
+from plop.physics.jit import kernel
+from plop.physics.material import Material
+from plop.physics.time_step import wave_step_s
+
+if TYPE_CHECKING:
+    from plop.physics.engine import Engine
+
+
+@kernel()
+def stiffening_stress(f, factor_pa, extra):
+    """Add factor_pa (I1bar - 3) dev(bbar).
+
+    Takes:
+        f, factor_pa: Deformation gradient [N, 3, 3]; shear modulus times amplitude [Pa].
+        extra: Added to, [N, 6] [Pa].
+    """
+    for p in range(f.shape[0]):
+        strain, scale = isochoric_strain(f, p)
+        add_deviator(extra, p, factor_pa * strain * scale, *left_cauchy_green(f, p))
+
+
+class Stiffening(Effect):
+    """Yeoh's second term, W = mu growth / 4 (I1bar - 3)^2, beside the base's law: a stress cubic in the strain."""
+
+    name = "stiffening"
+    help = "the more it is deformed, the stiffer it gets"
+    law = "tau += mu growth (I1bar - 3) dev(bbar), bbar = J^(-2/3) F F^T, I1bar = tr(bbar)"
+    source = "Yeoh 1993, Some forms of the strain energy function for rubber"
+    amplitudes = (
+        Parameter("growth", "-", 0.0, 500.0, step=0.5, typical=10.0, help="growth of the shear modulus with I1bar - 3"),
+    )
+
+    def stress(self, body: Engine, dt: float) -> None:
+        """Add the cubic term."""
+        stiffening_stress(body.f, np.float32(self["growth"] * body.material.shear_pa), body.extra)
+
+    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
+        """Waves at a stretch of about 1.2, where I1bar - 3 is 0.1; beyond it the engine halves the step."""
+        return wave_step_s(0.4 * self["growth"] * material.shear_pa, material, config)

@@ -1,0 +1,25 @@
+"""Stiffness, a base parameter: Young's modulus is not what the base believes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.material import Material
+
+
+class Stiffness(Effect):
+    """Another Young's modulus at the same Poisson's ratio."""
+
+    name = "stiffness"
+    kind = "base"
+    help = "the material is stiffer or softer"
+    law = "E -> E exp(d_ln_e)"
+    source = "Hooke's law; the logarithm makes twice and half as far from 1"
+    amplitudes = (Parameter("d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.5, help="change of the modulus' logarithm"),)
+
+    def material(self, material: Material) -> Material:
+        """Scale the base's modulus."""
+        return replace(material, youngs_modulus_pa=material.youngs_modulus_pa * float(np.exp(self["d_ln_e"])))

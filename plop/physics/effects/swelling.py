@@ -1,0 +1,32 @@
+"""Swelling and shrinkage: the stress-free volume changes with time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plop.physics.effects.effect import Effect, Parameter
+
+if TYPE_CHECKING:
+    from plop.physics.engine import Engine
+
+
+class Swelling(Effect):
+    """Multiplicative growth F = F_e F_g with F_g = exp(rate t / 3) I; the engine's `f` is the elastic part F_e.
+
+    A free body's volume grows as exp(rate t), its lengths as exp(rate t / 3). Mass stays; stress is counted
+    per original volume, which for growth by some per cent changes forces by as many per cent.
+    """
+
+    name = "swelling"
+    help = "the material swells or, with a negative rate, shrinks"
+    law = "F_e' = L F_e - (rate / 3) F_e"
+    source = "Rodriguez, Hoger & McCulloch 1994, Stress-dependent finite growth in soft elastic tissues"
+    amplitudes = (
+        Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.005, typical=-0.05, help="relative change of volume a second"),
+    )
+
+    def after(self, body: Engine, dt: float) -> None:
+        """Grow."""
+        body.f *= np.float32(np.exp(-self["rate_per_s"] * dt / 3))

@@ -1,0 +1,22 @@
+"""Table friction: the object slides more or less easily than the base believes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.material import Material
+
+
+class TableFriction(Effect):
+    """Coulomb friction at the table beyond the base's; the sum is not below 0."""
+
+    name = "table_friction"
+    help = "the table is rougher or more slippery"
+    law = "|t| <= (mu + d_mu) p at the table"
+    source = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
+    amplitudes = (Parameter("d_mu", "-", -2.0, 2.0, step=0.05, typical=0.3, help="change of the coefficient"),)
+
+    def material(self, material: Material) -> Material:
+        """Add to the base's own friction."""
+        return replace(material, table_friction=max(0.0, material.table_friction + self["d_mu"]))
