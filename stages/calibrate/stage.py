@@ -180,7 +180,7 @@ STAGE = Stage(
     help="Verify the cameras of recordings, correct what can be corrected, give a verdict per camera.",
     config=CalibrateConfig,
     inputs={
-        "recordings": InputSpec(("ingest",), "recordings to verify"),
+        "recordings": InputSpec(("ingest", "simulate"), "recordings to verify"),
         "board_images": InputSpec((), "folder with board images, one sub-folder per camera", optional=True),
         "handeye": InputSpec((), "folder with hand-eye poses, one sub-folder per camera", optional=True),
     },

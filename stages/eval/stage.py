@@ -109,7 +109,7 @@ STAGE = Stage(
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest"), "what was measured"),
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
         "init": InputSpec(("fit-init",), "Gaussians at frame 0, for the baselines"),
         "rollouts": InputSpec(("rollout",), "what was predicted"),
     },

@@ -127,7 +127,7 @@ STAGE = Stage(
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest"), "Recordings."),
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings."),
         "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
         "model": InputSpec(("train",), "Model that predicts; constant velocity without it.", optional=True),
     },

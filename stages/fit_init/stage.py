@@ -195,7 +195,7 @@ STAGE = Stage(
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest"), "Recordings with cameras."),
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings with cameras."),
         "clouds": InputSpec(("fuse",), "Clouds to start from; without them depth images are used.", optional=True),
     },
     run=run,

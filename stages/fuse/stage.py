@@ -133,6 +133,6 @@ STAGE = Stage(
     version=1,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
-    inputs={"recordings": InputSpec(("calibrate", "ingest"), "recordings with camera poses")},
+    inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},
     run=run,
 )

@@ -121,7 +121,7 @@ STAGE = Stage(
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest"), "episodes: first frame, tool motion and cameras"),
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "episodes: first frame, tool motion and cameras"),
         "init": InputSpec(("fit-init",), "Gaussians of object and tool at frame 0"),
         "model": InputSpec(("train",), "the dynamics model"),
     },

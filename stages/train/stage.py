@@ -208,7 +208,7 @@ STAGE = Stage(
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest"), "Recordings; only the training episodes are opened."),
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings; only training episodes are opened."),
         "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
     },
     run=run,
