@@ -1,0 +1,203 @@
+"""How well sensor faults are found: `python -m benchmarks.sensor_faults` writes docs/results/sensors.json."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from stages.ingest.noise import add_depth_noise
+from stages.ingest.render_episode import write_episode
+from stages.ingest.rig import ring_cameras
+
+from plop.geometry.cameras import Camera
+from plop.physics.demo import demo_episode, draw_plan
+from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.resample import resampled
+from plop.render.mesh_raycast import Look, MeshRenderer, MeshView
+from plop.render.texture import SolidTexture
+from plop.sensors.clock_offset import ClockOffset
+from plop.sensors.depth_bias import DepthBias
+from plop.sensors.depth_scale import DepthScale
+from plop.sensors.estimate import estimate_sensors
+from plop.sensors.fault import Fault
+from plop.sensors.faults import FAULTS, Faults, frame_share
+from plop.sensors.finding import SensorFinding
+from plop.sensors.pose_drift import PoseDrift
+from plop.sensors.pose_error import PoseError
+
+RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "sensors.json"
+
+
+def episode(index: int, seed: int = 0) -> MeshSequence:
+    """Simulate one cut and push of the demo."""
+    return demo_episode(f"sensors_{index:03d}", draw_plan(np.random.default_rng([seed, index])))
+
+
+def rig(sequence: MeshSequence, *, size_px: int = 128, count: int = 6, azimuth_deg: float = 30.0) -> list[Camera]:
+    """Place the cameras of `plop ingest mesh`."""
+    return ring_cameras(sequence.rest, count=count, size_px=size_px, fov_deg=35.0, low_deg=25.0, high_deg=55.0,
+                        azimuth_deg=azimuth_deg, room_m=0.025)  # fmt: skip
+
+
+def record(path: Path, sequence: MeshSequence, cameras: list[Camera], faults: Faults, *, noise_m: float,
+           seed: int = 0) -> Path:  # fmt: skip
+    """Film one episode with cameras that have faults and depth that has noise."""
+    look, frames = Look(SolidTexture.from_seed(1)), len(sequence)
+    seen = {c.name: resampled(sequence, np.array([faults.true_time(c.name, t) for t in sequence.times]))
+            for c in cameras}  # fmt: skip
+    usual = MeshRenderer(sequence, look, supersample=1)
+    late = {c.name: MeshRenderer(seen[c.name], look, supersample=1) for c in cameras
+            if not np.array_equal(seen[c.name].times, sequence.times)}  # fmt: skip
+
+    def render(frame: int, camera: Camera) -> MeshView:
+        pose = faults.true_pose(camera.name, frame_share(frame, frames), camera.world_from_cam)
+        true = Camera(camera.name, camera.width, camera.height, camera.intrinsics, pose)
+        return late.get(camera.name, usual).render(frame, true)
+
+    def sensor(depth_m: np.ndarray, camera: str, frame: int) -> np.ndarray:
+        return add_depth_noise(faults.depth(camera, depth_m), noise_m=noise_m, quantization_m=0.0, dropout=0.0,
+                               seed=(seed, sequence.name, camera, frame))  # fmt: skip
+
+    for _ in write_episode(path, sequence, cameras, render, sensor):
+        pass
+    return path
+
+
+KINDS = ("clock", "depth_scale", "depth_bias", "drift_m", "drift_deg", "pose_error")
+AMPLITUDE = {"clock": 0.02, "depth_scale": 0.01, "depth_bias": 0.003, "drift_m": 0.003, "drift_deg": 0.5,
+             "pose_error": 0.003}  # fmt: skip
+NOISES_M = (0.0005, 0.001, 0.002)
+
+
+def draw_fault(kind: str, share: float, generator: np.random.Generator) -> tuple[str, list[Fault]]:
+    """Draw a fault of the benchmark with random sign or direction; gives its library name and the law."""
+    size, sign = share * AMPLITUDE[kind], float(generator.choice([-1, 1]))
+    direction = generator.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    if kind == "clock":
+        return kind, [ClockOffset(offset_s=sign * size)]
+    if kind == "depth_scale":
+        return kind, [DepthScale(factor=1 + sign * size)]
+    if kind == "depth_bias":
+        return kind, [DepthBias(offset_m=sign * size)]
+    law = PoseError if kind == "pose_error" else PoseDrift
+    keys = ("rx_rad", "ry_rad", "rz_rad") if kind == "drift_deg" else ("x_m", "y_m", "z_m")
+    size = np.radians(size) if kind == "drift_deg" else size
+    return law.name, [law(**dict(zip(keys, (size * direction).tolist(), strict=True)))]
+
+
+@dataclass
+class Tally:
+    """What happened to the cameras of one kind."""
+
+    cameras: int = 0
+    found: int = 0
+    others: int = 0
+    """Cameras on which another fault was (also) found."""
+    ambiguous: int = 0
+    """Found, with another fault named as an equally good explanation."""
+    errors: list[float] = field(default_factory=list)
+    """Error of the amplitude: length of (found - true) over length of the true parameters."""
+    scores: list[float] = field(default_factory=list)
+    """(found - true) / standard error, every parameter."""
+
+    def add(self, finding: SensorFinding, name: str, truth: Fault | None) -> None:
+        """Count one camera."""
+        self.cameras += 1
+        self.others += any(each.fault != name for each in finding.found)
+        for each in finding.faults:
+            true = FAULTS[each.fault]() if truth is None or each.fault != name else truth
+            if truth is None or each.fault == name:
+                self.scores += [(each.values[k] - true[k]) / each.standard_errors[k] for k in each.values]
+            if each.fault == name and truth is not None and each.found:
+                self.found += 1
+                self.ambiguous += bool(each.alternatives)
+                absent = FAULTS[name]()
+                used = [k for k in each.values if true[k] != absent[k]]
+                wrong = np.array([each.values[k] - true[k] for k in used])
+                self.errors.append(float(np.linalg.norm(wrong) / np.linalg.norm([true[k] - absent[k] for k in used])))
+
+    def row(self) -> dict[str, object]:
+        """Give the figures, rates with Wilson's 95 % interval."""
+        scores = np.abs(self.scores)
+        return {"cameras": self.cameras, "found": rate(self.found, self.cameras),
+                "another_found": rate(self.others, self.cameras), "ambiguous": self.ambiguous,
+                "median_error": round(float(np.median(self.errors)), 4) if self.errors else None,
+                "within_1_96_se": round(float((scores < 1.96).mean()), 3)}  # fmt: skip
+
+
+def rate(count: int, total: int) -> dict[str, float]:
+    """Give a rate with Wilson's 95 % interval."""
+    z, share = 1.96, count / total
+    middle = (share + z * z / (2 * total)) / (1 + z * z / total)
+    half = z / (1 + z * z / total) * np.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
+    return {"rate": round(share, 4), "low": round(max(0.0, middle - half), 4), "high": round(min(1.0, middle + half), 4),
+            "n": total}  # fmt: skip
+
+
+def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSequence],
+            kinds: tuple[tuple[str, ...], ...], seed: int, size_px: int = 128) -> dict[str, Tally]:  # fmt: skip
+    """Film `recordings` episodes, camera c of recording r with the faults kinds[(c + r) % len(kinds)]."""
+    tallies: dict[str, Tally] = {}
+    for r in range(recordings):
+        generator = np.random.default_rng([seed, r])
+        sequence = sequences[r % len(sequences)]
+        cameras = rig(sequence, azimuth_deg=float(generator.uniform(0, 60)), size_px=size_px)
+        drawn = {c.name: [draw_fault(kind, share, generator) for kind in kinds[(i + r) % len(kinds)]]
+                 for i, c in enumerate(cameras)}  # fmt: skip
+        faults = Faults({name: [law for _, laws in each for law in laws] for name, each in drawn.items()})
+        path = record(folder / "episode.h5", sequence, cameras, faults, noise_m=NOISES_M[r % 3], seed=seed + r)
+        for i, finding in enumerate(estimate_sensors(path)):
+            label = "+".join(kinds[(i + r) % len(kinds)]) or "none"
+            tally = tallies.setdefault(label, Tally())
+            truth = drawn[finding.camera]
+            if len(truth) < 2:
+                tally.add(finding, truth[0][0] if truth else "", truth[0][1][0] if truth else None)
+            else:
+                names = {name for name, _ in truth}
+                tally.cameras += 1
+                tally.found += {each.fault for each in finding.found} >= names
+                tally.others += bool({each.fault for each in finding.found} - names)
+                tally.scores.append(0.0)
+    return tallies
+
+
+PAIRS = (("clock", "depth_bias"), ("depth_scale", "depth_bias"), ("depth_bias", "pose_error"),
+         ("depth_scale", "pose_error"), ("clock", "drift_m"), ("drift_deg", "pose_error"))  # fmt: skip
+
+
+def main() -> int:
+    """Measure everything and write the result file."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sensor_faults", description=__doc__)
+    parser.add_argument("--recordings", type=int, default=18, help="recordings of six cameras in each set")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=RESULT)
+    options = parser.parse_args()
+    singles = tuple((kind,) for kind in KINDS)
+    sets = {"null": (1.0, ((),), 128), "single": (1.0, singles, 128), "quarter_amplitude": (0.25, singles, 128),
+            "pairs": (1.0, PAIRS, 128), "null_64px": (1.0, ((),), 64), "single_64px": (1.0, singles, 64)}  # fmt: skip
+    result: dict[str, object] = {"command": "python -m benchmarks.sensor_faults", "seed": options.seed,
+                                 "amplitudes": AMPLITUDE, "noises_m": NOISES_M}  # fmt: skip
+    sequences = [episode(k, options.seed) for k in range(6)]
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (name, (share, kinds, size)) in enumerate(sets.items()):
+            tallies = measure(options.recordings, share, Path(folder), sequences, kinds,
+                              1000 * (number + 1) + options.seed, size)  # fmt: skip
+            result[name] = {kind: tally.row() for kind, tally in sorted(tallies.items())}
+            print(name, json.dumps(result[name], indent=1), flush=True)
+        path = record(Path(folder) / "speed.h5", sequences[0], rig(sequences[0]), Faults({}), noise_m=0.001)
+        started = time.process_time()
+        estimate_sensors(path)
+        result["cpu_s_per_episode"] = round(time.process_time() - started, 2)
+        result["frames_per_episode"] = len(sequences[0])
+    options.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
