@@ -142,8 +142,9 @@ class Engine:
         step, tool = np.float32(dt), self.tool_now
         decay = np.float32(np.exp(-self.material.damping_per_s * dt))
         if self._kind == ToolKind.BLADE:
-            tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, pose, self._faces, self._thickness,
-                                    np.float32(self.config.band_cells * self._dx), self._bounds)  # fmt: skip
+            tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, pose, self._faces,
+                                    self._thickness, np.float32(self.config.band_cells * self._dx),
+                                    self._bounds)  # fmt: skip
         self._act("before", dt)
         if self._hooks["stress"]:
             self.extra[:] = 0

@@ -122,7 +122,7 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
                     if kind != 0 and gaps[node, 1 + side] <= _TOUCHING * dx and not (bonded and kind == 1):
                         ux, uy, uz = vx, vy, vz
                         vx, vy, vz = touch_tool(kind, pose, faces, thickness, px, py, pz, vx, vy, vz, side,
-                                                friction[1], _REACH * dx)  # fmt: skip
+                                                friction[1], _REACH * dx, gaps[node, 1 + side])  # fmt: skip
                         impulses[ix, 1, 0] += mass * (vx - ux)
                         impulses[ix, 1, 1] += mass * (vy - uy)
                         impulses[ix, 1, 2] += mass * (vz - uz)

@@ -16,6 +16,8 @@ _ZERO = np.float32(0)
 _ONE = np.float32(1)
 _HALF = np.float32(0.5)
 _TINY = np.float32(1e-12)
+_RECOVERY_S = np.float32(0.020)
+"""Time in which material leaves a tool that it has got into [s]."""
 
 
 @njit(fastmath=True)
@@ -58,8 +60,12 @@ def solid_height(faces, d, y, z):
 
 
 @njit(fastmath=True)
-def touch_tool(kind, pose, faces, thickness, px, py, pz, vx, vy, vz, side, friction, reach):
-    """Keep one field's velocity at a node out of the tool; gives the new velocity [m/s]."""
+def touch_tool(kind, pose, faces, thickness, px, py, pz, vx, vy, vz, side, friction, reach, gap):
+    """Keep one field's velocity at a node out of the tool; gives the new velocity [m/s].
+
+    Material that has got into the tool (gap < 0) is led out of it within `_RECOVERY_S`: a grid alone lets the
+    tool sink into the object by an amount that grows with its cells.
+    """
     rx, ry, rz = px - pose[0, 0], py - pose[0, 1], pz - pose[0, 2]
     d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
     y = rx * pose[2, 0] + ry * pose[2, 1] + rz * pose[2, 2]
@@ -80,20 +86,23 @@ def touch_tool(kind, pose, faces, thickness, px, py, pz, vx, vy, vz, side, frict
     ux = pose[4, 0] + pose[5, 1] * rz - pose[5, 2] * ry
     uy = pose[4, 1] + pose[5, 2] * rx - pose[5, 0] * rz
     uz = pose[4, 2] + pose[5, 0] * ry - pose[5, 1] * rx
+    out = max(_ZERO, -gap) / _RECOVERY_S
     wx = nd * pose[1, 0] + ny * pose[2, 0] + nz * pose[3, 0]
     wy = nd * pose[1, 1] + ny * pose[2, 1] + nz * pose[3, 1]
     wz = nd * pose[1, 2] + ny * pose[2, 2] + nz * pose[3, 2]
-    return coulomb(vx, vy, vz, ux, uy, uz, wx, wy, wz, friction)
+    return coulomb(vx, vy, vz, ux + out * wx, uy + out * wy, uz + out * wz, wx, wy, wz, friction)
 
 
 @kernel(parallel=True)
-def mark_sides(x, side, cut, fixed, pose, faces, thickness, band, bounds):
+def mark_sides(x, side, cut, fixed, radius, pose, faces, thickness, band, bounds):
     """Give particles the side of the blade on which they are, and keep it for those that it has passed.
 
     Takes:
         x: Positions [N, 3] [m].
         side, cut: Updated, [N]: 0 in front of the blade's normal, 1 behind it; passed or not.
         fixed: Particles whose side was given beforehand and must not change [N].
+        radius: Updated where the blade leaves a face through a particle's cell: its material then ends at the
+            blade, however far its middle is from it [N] [m].
         pose, faces, thickness: Blade, see `kernel_poses` and `ToolShape`.
         band: Distance within which a passing blade separates [m].
         bounds: Chunks [chunks + 1].
@@ -111,6 +120,8 @@ def mark_sides(x, side, cut, fixed, pose, faces, thickness, band, bounds):
                 z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
                 if in_outline(faces, y, z, _ZERO):
                     cut[p] = True
+                    if not fixed[p] and abs(d) < radius[p] + radius[p]:
+                        radius[p] = abs(d)
 
 
 @kernel()
