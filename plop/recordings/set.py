@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from plop.errors import PlopError
@@ -52,3 +53,21 @@ class RecordingSet:
         except (OSError, ValueError, TypeError) as error:
             raise PlopError("This is not a set of recordings.", where=path, expected="episodes.json of `plop ingest`",
                             found=str(error), fix="Run `plop ingest` again.") from error  # fmt: skip
+
+
+def split_names(names: list[str], test: tuple[str, ...]) -> tuple[list[str], list[str]]:
+    """Split episodes into train and test.
+
+    Args:
+        names: Names of all episodes.
+        test: Globs of test episodes; none takes the last quarter, at least one of two or more.
+
+    Returns:
+        Names for training, names for the test; both sorted.
+    """
+    names = sorted(names)
+    if not test:
+        kept = len(names) - max(len(names) // 4, 1) if len(names) > 1 else len(names)
+        return names[:kept], names[kept:]
+    held_out = [name for name in names if any(fnmatchcase(name, pattern) for pattern in test)]
+    return [name for name in names if name not in held_out], held_out

@@ -1,4 +1,4 @@
-"""Which episodes of a raw folder are taken, and which of them are kept for the test."""
+"""Which episodes of a raw folder are taken."""
 
 from __future__ import annotations
 
@@ -57,21 +57,3 @@ def select(entries: Sequence[E], *, environment: str, episodes: str, where: Path
                         expected="one environment for each set of recordings", found=", ".join(found),
                         fix=f"Choose one, e.g. --environment {found[0]}.")  # fmt: skip
     return sorted(chosen, key=lambda entry: entry.name)
-
-
-def split_names(names: list[str], test: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Split episodes into train and test.
-
-    Args:
-        names: Names of all episodes.
-        test: Globs of test episodes; none takes the last quarter, at least one of two or more.
-
-    Returns:
-        Names for training, names for the test; both sorted.
-    """
-    names = sorted(names)
-    if not test:
-        kept = len(names) - max(len(names) // 4, 1) if len(names) > 1 else len(names)
-        return names[:kept], names[kept:]
-    held_out = [name for name in names if any(fnmatchcase(name, pattern) for pattern in test)]
-    return [name for name in names if name not in held_out], held_out

@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from plop.errors import PlopError
-from plop.geometry.cameras import Camera
 from plop.recordings.disect import list_disect, read_disect
 from plop.recordings.mesh_sequence import MeshSequence, list_mesh_sequences, read_mesh_sequence
-from plop.recordings.recording import MaskLabel, Recording
-from plop.recordings.set import RecordingSet
-from plop.render.blender import BlenderRenderer
-from plop.render.mesh_raycast import Light, Look, MeshRenderer
-from plop.render.texture import SolidTexture, seed_from
+from plop.recordings.overview import overview
+from plop.recordings.set import RecordingSet, split_names
+from plop.render.recorder import record
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.checks import check_scale, contact_warning
-from stages.ingest.noise import add_depth_noise
-from stages.ingest.render_episode import Render, write_episode
-from stages.ingest.rig import ring_cameras
-from stages.ingest.selection import Entry, select, split_names
+from stages.ingest.selection import Entry, select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
 
@@ -58,10 +49,8 @@ def _run(
     train, test = split_names(names, config.test)
     recordings = RecordingSet(out.path, entries[0].environment, train, test, skipped)
     recordings.save()
-    warnings += [
-        f"No episode is kept for {what}." for what, kept in (("training", train), ("the test", test)) if not kept
-    ]
-    return _summary(recordings, warnings)
+    figures, table, seen = overview(recordings)
+    return Summary(figures=figures, table=table, warnings=warnings + seen)
 
 
 def _ingest_one(
@@ -72,77 +61,11 @@ def _ingest_one(
     check_scale(sequence, workspace_m=config.workspace_m)
     if not out.is_done(entry.name):
         path = out.path / "episodes" / f"{entry.name}.h5"
-        for share in _render(path, sequence, config):
+        for share in record(path, sequence, config):
             out.progress(index + share, total, entry.name)
         out.mark_done(entry.name)
     warning = contact_warning(sequence)
     return [warning] if warning else []
-
-
-def _render(path: Path, sequence: MeshSequence, config: SimulatedConfig) -> Iterator[float]:
-    """Write one recording; yield the share that is done, 0..1."""
-    cameras = ring_cameras(
-        sequence.rest, count=config.cameras, size_px=config.size, fov_deg=config.fov_deg, low_deg=config.low_deg,
-        high_deg=config.high_deg, azimuth_deg=config.azimuth_deg, room_m=config.room_m, distance_m=config.distance_m,
-    )  # fmt: skip
-
-    def sensor(depth_m: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        return add_depth_noise(
-            depth_m, noise_m=config.depth_noise_m, quantization_m=config.depth_quantization_m,
-            dropout=config.depth_dropout, seed=(config.seed, sequence.name, camera, frame),
-        )  # fmt: skip
-
-    images = len(sequence) * len(cameras)
-    with ExitStack() as stack:
-        render = _renderer(sequence, cameras, config, stack)
-        for done in write_episode(path, sequence, cameras, render, sensor):
-            yield done / images
-
-
-def _renderer(sequence: MeshSequence, cameras: list[Camera], config: SimulatedConfig, stack: ExitStack) -> Render:
-    texture = SolidTexture.from_seed(seed_from(sequence.environment, config.seed))
-    look = Look(texture, Light(config.ambient, config.directional))
-    if config.renderer == "raycast":
-        return MeshRenderer(sequence, look, supersample=config.supersample).render
-    exact = MeshRenderer(sequence, look, supersample=1)
-    blender = stack.enter_context(
-        BlenderRenderer(sequence, look, cameras, executable=config.blender, samples=config.blender_samples)
-    )
-    return lambda frame, camera: blender.recolour(exact.render(frame, camera), frame, camera)
-
-
-def _summary(recordings: RecordingSet, warnings: list[str]) -> Summary:
-    """Tell what the recordings hold, from the files themselves, so that a resumed run says the same."""
-    table = []
-    for name in recordings.names:
-        with Recording(recordings.path(name)) as recording:
-            seen = {camera: _fewest_object_pixels(recording, camera) for camera in recording.camera_names}
-            times = recording.time_s
-        warnings += [f"{name}: {camera} loses sight of the object." for camera, pixels in seen.items() if not pixels]
-        table.append(
-            {
-                "episode": name,
-                "split": "train" if name in recordings.train else "test",
-                "frames": len(times),
-                "seconds": round(float(times[-1] - times[0]), 3),
-                "cameras": len(seen),
-                "object_px_min": min(seen.values()),
-                "megabytes": round(recordings.path(name).stat().st_size / 1e6, 2),
-            }
-        )
-    figures = {
-        "environment": recordings.environment,
-        "train": len(recordings.train),
-        "test": len(recordings.test),
-        "skipped": len(recordings.skipped),
-        "frames": sum(int(row["frames"]) for row in table),
-    }
-    return Summary(figures=figures, table=table, warnings=warnings)
-
-
-def _fewest_object_pixels(recording: Recording, camera: str) -> int:
-    counts = [int((recording.mask(camera, frame) == MaskLabel.OBJECT).sum()) for frame in range(len(recording))]
-    return min(counts)
 
 
 def _raw_files(

@@ -17,10 +17,9 @@ import pytest
 from plop.errors import PlopError
 from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
 from plop.recordings.recording import MaskLabel, Recording
-from plop.recordings.set import RecordingSet
+from plop.recordings.set import RecordingSet, split_names
 from plop.recordings.truth import Truth, write_without_truth
 from stages.contract import Input, Output, Summary
-from stages.ingest.selection import split_names
 from stages.ingest.settings import DisectConfig, MeshConfig
 from stages.ingest.stage import INGEST_DISECT, INGEST_MESH
 from tests.render.box_sequence import box_sequence

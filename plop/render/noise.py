@@ -1,4 +1,4 @@
-"""What a depth sensor adds to exact depth; off by default."""
+"""What sensors add to exact depth and colour; off by default."""
 
 from __future__ import annotations
 
@@ -31,3 +31,20 @@ def add_depth_noise(
         out = np.round(out / quantization_m) * quantization_m
     measured &= random.random(depth_m.shape) >= dropout
     return np.where(measured, np.maximum(out, 1e-6), 0).astype(np.float32)
+
+
+def add_colour_noise(rgb: np.ndarray, *, noise: float, seed: tuple[str | int, ...]) -> np.ndarray:
+    """Disturb a colour image.
+
+    Args:
+        rgb: Shape [H, W, 3], uint8.
+        noise: Standard deviation of Gaussian noise in each channel, of 255.
+        seed: As in `add_depth_noise`.
+
+    Returns:
+        Shape [H, W, 3], uint8.
+    """
+    if not noise:
+        return rgb
+    random = np.random.default_rng(seed_from("colour", *seed))
+    return np.round(rgb + noise * random.standard_normal(rgb.shape)).clip(0, 255).astype(np.uint8)

@@ -16,12 +16,11 @@ from plop.recordings.writer import RecordingWriter
 from plop.render.mesh_raycast import MeshView
 
 Render = Callable[[int, Camera], MeshView]
-DepthSensor = Callable[[np.ndarray, str, int], np.ndarray]
-"""`(depth_m [H, W], camera name, frame) -> depth_m [H, W]`."""
+"""`(frame, camera) -> what the camera records`."""
 
 
 def write_episode(
-    path: Path, sequence: MeshSequence, cameras: Sequence[Camera], render: Render, sensor: DepthSensor
+    path: Path, sequence: MeshSequence, cameras: Sequence[Camera], render: Render
 ) -> Iterator[int]:
     """Render every frame of every camera into a recording; yield the number of images written so far.
 
@@ -29,8 +28,7 @@ def write_episode(
         path: Where the recording goes.
         sequence: The episode.
         cameras: Fixed cameras.
-        render: Gives one image.
-        sensor: Disturbs exact depth.
+        render: Gives one image, noise included.
 
     Raises:
         PlopError: A camera sees nothing of the object at the start, or the disk is full.
@@ -52,7 +50,7 @@ def write_episode(
                     raise PlopError("A camera sees nothing of the object.", where=f"{sequence.name}, {camera.name}",
                                     expected="object pixels in the first frame", found="none",
                                     fix="Check elevation, distance, field of view and the table.")  # fmt: skip
-                writer.write_frame(camera.name, frame, view.rgb, sensor(view.depth_m, camera.name, frame), view.mask)
+                writer.write_frame(camera.name, frame, view.rgb, view.depth_m, view.mask)
                 done += 1
                 yield done
         _write_truth(writer, sequence)

@@ -1,0 +1,122 @@
+"""Let a ring of virtual RGB-D cameras, with their faults, record a simulated episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.cameras import Camera
+from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.resample import resampled
+from plop.render.arm import hide_behind_arm
+from plop.render.blender import BlenderRenderer
+from plop.render.mesh_raycast import Light, Look, MeshRenderer, MeshView
+from plop.render.noise import add_colour_noise, add_depth_noise
+from plop.render.render_episode import Render, write_episode
+from plop.render.rig import ring_cameras
+from plop.render.settings import CameraSettings
+from plop.render.texture import SolidTexture, seed_from
+from plop.sensors.faults import Faults, frame_share
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What is wrong with the cameras, besides noise of their depth; nothing by default."""
+
+    faults: Faults = field(default_factory=lambda: Faults({}))
+    """Wrong clocks, poses and depths, by camera."""
+    colour_noise: float = 0.0
+    """Standard deviation of noise added to each channel, of 255 [-]."""
+    arm_m: float = 0.0
+    """Width of an arm that holds the tool and hides what is behind it [m]; 0 leaves it out."""
+
+
+NOTHING = Disturbances()
+
+
+def record(
+    path: Path, sequence: MeshSequence, settings: CameraSettings, disturbances: Disturbances = NOTHING
+) -> Iterator[float]:
+    """Write one recording; yield the share that is done, 0..1.
+
+    Args:
+        path: Where it goes.
+        sequence: The episode.
+        settings: Cameras, light, noise of depth.
+        disturbances: What else is wrong.
+
+    Raises:
+        PlopError: A camera sees nothing of the object at the start, or Blender is missing or asked for faults.
+    """
+    cameras = cameras_of(sequence, settings)
+    images = len(sequence) * len(cameras)
+    with ExitStack() as stack:
+        render = disturbed_render(sequence, cameras, settings, disturbances, stack)
+        for done in write_episode(path, sequence, cameras, render):
+            yield done / images
+
+
+def cameras_of(sequence: MeshSequence, settings: CameraSettings) -> list[Camera]:
+    """Place the cameras around the object at rest."""
+    return ring_cameras(
+        sequence.rest, count=settings.cameras, size_px=settings.size, fov_deg=settings.fov_deg,
+        low_deg=settings.low_deg, high_deg=settings.high_deg, azimuth_deg=settings.azimuth_deg,
+        room_m=settings.room_m, distance_m=settings.distance_m,
+    )  # fmt: skip
+
+
+def disturbed_render(
+    sequence: MeshSequence, cameras: list[Camera], settings: CameraSettings, disturbances: Disturbances,
+    stack: ExitStack,
+) -> Render:  # fmt: skip
+    """Give the function that renders what a camera records at a frame, faults and noise included.
+
+    Args:
+        sequence: The episode.
+        cameras: As they are said to stand.
+        settings: Light, texture and noise.
+        disturbances: What is wrong with the cameras.
+        stack: Closes the renderer.
+    """
+    faults = disturbances.faults
+    if faults and settings.renderer == "blender":
+        raise PlopError("Blender cannot render cameras with faults.", where="renderer", found="blender",
+                        fix="Take the renderer raycast, or no faults.")  # fmt: skip
+    shared = _renderer(sequence, cameras, settings, stack)
+    shown = {camera.name: np.array([faults.true_time(camera.name, float(t)) for t in sequence.times])
+             for camera in cameras}  # fmt: skip
+    late = {name: _renderer(resampled(sequence, times), cameras, settings, stack) for name, times in shown.items()
+            if (times != sequence.times).any()}  # fmt: skip
+
+    def render(frame: int, camera: Camera) -> MeshView:
+        pose = faults.true_pose(camera.name, frame_share(frame, len(sequence)), camera.world_from_cam)
+        true = replace(camera, world_from_cam=pose)
+        view = late.get(camera.name, shared)(frame, true)
+        if disturbances.arm_m:
+            view = hide_behind_arm(view, true, sequence.world_from_tool[frame], sequence.tool_vertices,
+                                   disturbances.arm_m)  # fmt: skip
+        seed = (settings.seed, sequence.name, camera.name, frame)
+        depth = add_depth_noise(
+            faults.depth(camera.name, view.depth_m), noise_m=settings.depth_noise_m,
+            quantization_m=settings.depth_quantization_m, dropout=settings.depth_dropout, seed=seed,
+        )  # fmt: skip
+        return MeshView(add_colour_noise(view.rgb, noise=disturbances.colour_noise, seed=seed), depth, view.mask)
+
+    return render
+
+
+def _renderer(sequence: MeshSequence, cameras: list[Camera], settings: CameraSettings, stack: ExitStack) -> Render:
+    texture = SolidTexture.from_seed(seed_from(sequence.environment, settings.seed))
+    look = Look(texture, Light(settings.ambient, settings.directional))
+    if settings.renderer == "raycast":
+        return MeshRenderer(sequence, look, supersample=settings.supersample).render
+    exact = MeshRenderer(sequence, look, supersample=1)
+    blender = stack.enter_context(
+        BlenderRenderer(sequence, look, cameras, executable=settings.blender, samples=settings.blender_samples)
+    )
+    return lambda frame, camera: blender.recolour(exact.render(frame, camera), frame, camera)
