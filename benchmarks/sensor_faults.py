@@ -10,22 +10,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from stages.ingest.noise import add_depth_noise
-from stages.ingest.render_episode import write_episode
-from stages.ingest.rig import ring_cameras
 
-from plop.geometry.cameras import Camera
 from plop.physics.demo import demo_episode, draw_plan
 from plop.recordings.mesh_sequence import MeshSequence
-from plop.recordings.resample import resampled
-from plop.render.mesh_raycast import Look, MeshRenderer, MeshView
-from plop.render.texture import SolidTexture
+from plop.render.recorder import Disturbances, record
+from plop.render.settings import CameraSettings
 from plop.sensors.clock_offset import ClockOffset
 from plop.sensors.depth_bias import DepthBias
 from plop.sensors.depth_scale import DepthScale
 from plop.sensors.estimate import estimate_sensors
 from plop.sensors.fault import Fault
-from plop.sensors.faults import FAULTS, Faults, frame_share
+from plop.sensors.faults import FAULTS, Faults
 from plop.sensors.finding import SensorFinding
 from plop.sensors.pose_drift import PoseDrift
 from plop.sensors.pose_error import PoseError
@@ -38,32 +33,10 @@ def episode(index: int, seed: int = 0) -> MeshSequence:
     return demo_episode(f"sensors_{index:03d}", draw_plan(np.random.default_rng([seed, index])))
 
 
-def rig(sequence: MeshSequence, *, size_px: int = 128, count: int = 6, azimuth_deg: float = 30.0) -> list[Camera]:
-    """Place the cameras of `plop ingest mesh`."""
-    return ring_cameras(sequence.rest, count=count, size_px=size_px, fov_deg=35.0, low_deg=25.0, high_deg=55.0,
-                        azimuth_deg=azimuth_deg, room_m=0.025)  # fmt: skip
-
-
-def record(path: Path, sequence: MeshSequence, cameras: list[Camera], faults: Faults, *, noise_m: float,
-           seed: int = 0) -> Path:  # fmt: skip
-    """Film one episode with cameras that have faults and depth that has noise."""
-    look, frames = Look(SolidTexture.from_seed(1)), len(sequence)
-    seen = {c.name: resampled(sequence, np.array([faults.true_time(c.name, t) for t in sequence.times]))
-            for c in cameras}  # fmt: skip
-    usual = MeshRenderer(sequence, look, supersample=1)
-    late = {c.name: MeshRenderer(seen[c.name], look, supersample=1) for c in cameras
-            if not np.array_equal(seen[c.name].times, sequence.times)}  # fmt: skip
-
-    def render(frame: int, camera: Camera) -> MeshView:
-        pose = faults.true_pose(camera.name, frame_share(frame, frames), camera.world_from_cam)
-        true = Camera(camera.name, camera.width, camera.height, camera.intrinsics, pose)
-        return late.get(camera.name, usual).render(frame, true)
-
-    def sensor(depth_m: np.ndarray, camera: str, frame: int) -> np.ndarray:
-        return add_depth_noise(faults.depth(camera, depth_m), noise_m=noise_m, quantization_m=0.0, dropout=0.0,
-                               seed=(seed, sequence.name, camera, frame))  # fmt: skip
-
-    for _ in write_episode(path, sequence, cameras, render, sensor):
+def film(path: Path, sequence: MeshSequence, faults: Faults, **settings: float) -> Path:
+    """Film one episode with the cameras of `plop ingest mesh`; `settings` are those of CameraSettings."""
+    cameras = CameraSettings(**{"supersample": 1, **settings})  # type: ignore[arg-type]
+    for _ in record(path, sequence, cameras, Disturbances(faults)):
         pass
     return path
 
@@ -136,8 +109,8 @@ def rate(count: int, total: int) -> dict[str, float]:
     z, share = 1.96, count / total
     middle = (share + z * z / (2 * total)) / (1 + z * z / total)
     half = z / (1 + z * z / total) * np.sqrt(share * (1 - share) / total + z * z / (4 * total * total))
-    return {"rate": round(share, 4), "low": round(max(0.0, middle - half), 4), "high": round(min(1.0, middle + half), 4),
-            "n": total}  # fmt: skip
+    low, high = max(0.0, middle - half), min(1.0, middle + half)
+    return {"rate": round(share, 4), "low": round(low, 4), "high": round(high, 4), "n": total}
 
 
 def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSequence],
@@ -147,11 +120,11 @@ def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSeq
     for r in range(recordings):
         generator = np.random.default_rng([seed, r])
         sequence = sequences[r % len(sequences)]
-        cameras = rig(sequence, azimuth_deg=float(generator.uniform(0, 60)), size_px=size_px)
-        drawn = {c.name: [draw_fault(kind, share, generator) for kind in kinds[(i + r) % len(kinds)]]
-                 for i, c in enumerate(cameras)}  # fmt: skip
+        drawn = {f"cam_{i:02d}": [draw_fault(kind, share, generator) for kind in kinds[(i + r) % len(kinds)]]
+                 for i in range(6)}  # fmt: skip
         faults = Faults({name: [law for _, laws in each for law in laws] for name, each in drawn.items()})
-        path = record(folder / "episode.h5", sequence, cameras, faults, noise_m=NOISES_M[r % 3], seed=seed + r)
+        path = film(folder / "episode.h5", sequence, faults, depth_noise_m=NOISES_M[r % 3], seed=seed + r,
+                    size=size_px, azimuth_deg=float(generator.uniform(0, 60)))  # fmt: skip
         for i, finding in enumerate(estimate_sensors(path)):
             label = "+".join(kinds[(i + r) % len(kinds)]) or "none"
             tally = tallies.setdefault(label, Tally())
@@ -190,7 +163,7 @@ def main() -> int:
                               1000 * (number + 1) + options.seed, size)  # fmt: skip
             result[name] = {kind: tally.row() for kind, tally in sorted(tallies.items())}
             print(name, json.dumps(result[name], indent=1), flush=True)
-        path = record(Path(folder) / "speed.h5", sequences[0], rig(sequences[0]), Faults({}), noise_m=0.001)
+        path = film(Path(folder) / "speed.h5", sequences[0], Faults({}), depth_noise_m=0.001)
         started = time.process_time()
         estimate_sensors(path)
         result["cpu_s_per_episode"] = round(time.process_time() - started, 2)

@@ -75,7 +75,8 @@ def _pooled(camera: str, findings: list[SensorFinding]) -> SensorFinding:
     widening = max(1.0, scatter / (COUNT * (len(findings) - 1)))
     fits = [each.fit for each in findings]
     counts = {kind: sum(fit.counts[kind] for fit in fits) for kind in fits[0].counts}
-    fit = CameraFit(mean, np.linalg.inv(total) * widening, float(np.median([f.noise_m for f in fits])), counts)
+    noise_m = float(np.median([fit.noise_m for fit in fits]))
+    fit = CameraFit(max(f.frames for f in fits), mean, np.linalg.inv(total) * widening, noise_m, counts)
     first = findings[0].viewed
     speed = float(np.median([each.viewed.tool_speed_m_s for each in findings]))
     return judge(camera, fit, replace(first, tool_speed_m_s=speed))

@@ -6,15 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.sensors.parameters import COUNT, PRIOR_WIDTH
+from plop.sensors.parameters import COUNT, PRIOR_WIDTH, SLICES
 from plop.sensors.residuals import Rows, residuals
 from plop.sensors.scene import CameraScene
 
-BLURS_PX = (3.0, 2.0, 1.2, 1.2)
+BLURS_PX = (3.0, 2.0, *([1.2] * 8))
 """Blur of the outline in each Gauss-Newton step: wide first, to catch motions of several pixels."""
+ENOUGH = 0.1
+"""The fit ends when no parameter moves by more than this share of its standard error."""
 LEAST_SIGMA = {"table": 1e-4, "tool": 1e-4, "outline": 0.02}
 """Residuals are never trusted more than this [m, m, share of a pixel]."""
 HUBER = 1.5
+CHANGING, LEAST_FRAMES = ("clock", "pose_drift"), 6
+"""Faults that show as a change over time are only fitted to at least so many frames; else nothing is known of them."""
 LAGS = 2
 """Frames this far apart may still have errors in common."""
 
@@ -23,6 +27,8 @@ LAGS = 2
 class CameraFit:
     """What the residuals of one camera say about all parameters at once."""
 
+    frames: int
+    """Frames looked at."""
     deviation: np.ndarray
     """Best parameters as deviations from 'absent', shape [15]."""
     covariance: np.ndarray
@@ -35,21 +41,29 @@ class CameraFit:
 
 def fit_camera(scene: CameraScene) -> CameraFit:
     """Minimise the Huber loss of all residuals by Gauss-Newton (Huber 1964, iteratively reweighted)."""
-    deviation = np.zeros(COUNT)
+    deviation, fixed = np.zeros(COUNT), np.zeros(COUNT, bool)
+    for name in CHANGING:
+        fixed[SLICES[name]] = len(scene.sightings) < LEAST_FRAMES
+    width = np.where(fixed, 1e-6, 1.0) * PRIOR_WIDTH
+    prior = np.diag(width**-2.0)
     for blur in BLURS_PX:
         frames = [residuals(scene, sighting, deviation, blur) for sighting in scene.sightings]
         sigmas = {kind: _sigma(frames, kind) for kind in LEAST_SIGMA}
         information, scores = _normal(frames, sigmas, blur)
-        prior = np.diag(PRIOR_WIDTH**-2.0)
-        step = np.linalg.solve(information + prior, scores.sum(0) - prior @ deviation)
-        deviation = deviation + np.clip(step, -PRIOR_WIDTH, PRIOR_WIDTH)
+        inverse = np.linalg.inv(information + prior)
+        step = inverse @ (scores.sum(0) - prior @ deviation)
+        deviation = deviation + np.clip(step, -width, width)
+        if blur == BLURS_PX[-1] and (np.abs(step) < ENOUGH * np.sqrt(np.diag(inverse))).all():
+            break
     # Scores after the last step, by linearisation: what the sandwich needs are the residuals at the solution.
     last = [{kind: Rows(rows.residual - rows.jacobian @ step, rows.jacobian) for kind, rows in frame.items()}
             for frame in frames]  # fmt: skip
     information, scores = _normal(last, sigmas, BLURS_PX[-1])
     counts = {kind: sum(len(frame[kind].residual) for frame in frames) for kind in LEAST_SIGMA}
     noise = sigmas["table"] if counts["table"] else sigmas["tool"]
-    return CameraFit(deviation, _covariance(information + np.diag(PRIOR_WIDTH**-2.0), scores), noise, counts)
+    covariance = _covariance(information + prior, scores)
+    covariance[fixed, fixed] = PRIOR_WIDTH[fixed] ** 2
+    return CameraFit(len(frames), np.where(fixed, 0, deviation), covariance, noise, counts)
 
 
 def _sigma(frames: list[dict[str, Rows]], kind: str) -> float:
@@ -78,16 +92,16 @@ def _covariance(information: np.ndarray, scores: np.ndarray) -> np.ndarray:
     """Widen the model's covariance where the scatter over frames asks for it.
 
     The sandwich over frames (Newey and West 1987, Bartlett weights) sees errors that the pixels of a frame or
-    neighbouring frames have in common, but from a few frames it is poor as a matrix. So the model's correlations
-    are kept and each standard error is the larger of the two.
+    neighbouring frames have in common. Seen in coordinates in which the model's covariance is the identity, the
+    variance along each of the sandwich's axes is taken as the larger of the two: so what the data hardly tell
+    stays hardly told, and few frames cannot make anything surer than the model.
     """
-    inverse = np.linalg.inv(information)
     frames = len(scores)
     meat = scores.T @ scores
     for lag in range(1, min(LAGS, frames - 1) + 1):
         cross = scores[lag:].T @ scores[:-lag]
         meat += (1 - lag / (LAGS + 1)) * (cross + cross.T)
-    meat *= frames / max(frames - 4, 1)
-    robust = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0))
-    factor = np.maximum(1.0, robust / np.sqrt(np.diag(inverse)))
-    return inverse * factor[:, None] * factor
+    root = np.linalg.inv(np.linalg.cholesky(information))
+    sizes, axes = np.linalg.eigh(root @ meat @ root.T)
+    wide = (axes * np.maximum(sizes, 1.0)) @ axes.T
+    return root.T @ wide @ root

@@ -175,7 +175,7 @@ def _cast(tool: ToolTrack, setting: _Setting, rows: np.ndarray, columns: np.ndar
     rays = np.empty((len(rows), 6), np.float32)
     rays[:, :3] = tool_from_cam[:3, 3]
     rays[:, 3:] = pixel_rays(setting.camera, rows, columns) @ tool_from_cam[:3, :3].T
-    hits = tool.caster.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+    hits = tool.caster.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
     depth = hits["t_hit"].numpy().astype(np.float64)
     return np.where(np.isfinite(depth), depth, 0), hits["primitive_normals"].numpy() @ tool_from_cam[:3, :3]
 

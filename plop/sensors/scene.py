@@ -70,8 +70,8 @@ def tool_track(recording: Recording) -> ToolTrack | None:
     if not np.isfinite(poses).all() or not len(mesh.faces):
         return None
     caster = o3d.t.geometry.RaycastingScene(nthreads=1)
-    caster.add_triangles(o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
-                         o3d.core.Tensor(np.ascontiguousarray(mesh.faces, np.uint32)))  # fmt: skip
+    caster.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, np.float32)),
+                         o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, np.uint32)))  # fmt: skip
     return ToolTrack(mesh, recording.time_s, poses, caster)
 
 
