@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,19 +49,19 @@ def fit_camera(scene: CameraScene) -> CameraFit:
     for blur in BLURS_PX:
         frames = [residuals(scene, sighting, deviation, blur) for sighting in scene.sightings]
         sigmas = {kind: _sigma(frames, kind) for kind in LEAST_SIGMA}
-        information, scores = _normal(frames, sigmas, blur)
+        information, scores, _ = _normal(frames, sigmas, blur)
         inverse = np.linalg.inv(information + prior)
         step = inverse @ (scores.sum(0) - prior @ deviation)
         deviation = deviation + np.clip(step, -width, width)
         if blur == BLURS_PX[-1] and (np.abs(step) < ENOUGH * np.sqrt(np.diag(inverse))).all():
             break
     # Scores after the last step, by linearisation: what the sandwich needs are the residuals at the solution.
-    last = [{kind: Rows(rows.residual - rows.jacobian @ step, rows.jacobian) for kind, rows in frame.items()}
+    last = [{kind: replace(rows, residual=rows.residual - rows.jacobian @ step) for kind, rows in frame.items()}
             for frame in frames]  # fmt: skip
-    information, scores = _normal(last, sigmas, BLURS_PX[-1])
+    information, scores, systematic = _normal(last, sigmas, BLURS_PX[-1])
     counts = {kind: sum(len(frame[kind].residual) for frame in frames) for kind in LEAST_SIGMA}
     noise = sigmas["table"] if counts["table"] else sigmas["tool"]
-    covariance = _covariance(information + prior, scores)
+    covariance = _covariance(information + prior, scores, systematic)
     covariance[fixed, fixed] = PRIOR_WIDTH[fixed] ** 2
     return CameraFit(len(frames), np.where(fixed, 0, deviation), covariance, noise, counts)
 
@@ -73,11 +73,18 @@ def _sigma(frames: list[dict[str, Rows]], kind: str) -> float:
     return max(LEAST_SIGMA[kind], 1.4826 * float(np.median(np.abs(values - np.median(values)))))
 
 
-def _normal(frames: list[dict[str, Rows]], sigmas: dict[str, float], blur_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sum up the normal equations: information [15, 15] and the score of every frame [F, 15]."""
+def _normal(frames: list[dict[str, Rows]], sigmas: dict[str, float],
+            blur_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Sum up the normal equations.
+
+    Returns:
+        Information [15, 15], the score of every frame [F, 15], and the score of each systematic pattern if it were
+        in all frames alike [3, 15].
+    """
     # Neighbouring blurred pixels share their errors: 4 pi blur^2 of them count as one (noise equivalent area).
     shared = {"table": 1.0, "tool": 1.0, "outline": max(1.0, 4 * np.pi * blur_px**2)}
     information, scores = np.zeros((COUNT, COUNT)), np.zeros((len(frames), COUNT))
+    systematic = np.zeros((3, COUNT))
     for index, frame in enumerate(frames):
         for kind, rows in frame.items():
             size = np.abs(rows.residual) / sigmas[kind]
@@ -85,16 +92,18 @@ def _normal(frames: list[dict[str, Rows]], sigmas: dict[str, float], blur_px: fl
             weighted = rows.jacobian * weight[:, None]
             information += weighted.T @ rows.jacobian
             scores[index] += weighted.T @ rows.residual
-    return information, scores
+            systematic += rows.patterns.T @ weighted
+    return information, scores, systematic
 
 
-def _covariance(information: np.ndarray, scores: np.ndarray) -> np.ndarray:
+def _covariance(information: np.ndarray, scores: np.ndarray, systematic: np.ndarray) -> np.ndarray:
     """Widen the model's covariance where the scatter over frames asks for it.
 
     The sandwich over frames (Newey and West 1987, Bartlett weights) sees errors that the pixels of a frame or
     neighbouring frames have in common. Seen in coordinates in which the model's covariance is the identity, the
     variance along each of the sandwich's axes is taken as the larger of the two: so what the data hardly tell
-    stays hardly told, and few frames cannot make anything surer than the model.
+    stays hardly told, and few frames cannot make anything surer than the model. What all frames have in common
+    does not scatter over them: the systematic patterns come on top.
     """
     frames = len(scores)
     meat = scores.T @ scores
@@ -103,5 +112,6 @@ def _covariance(information: np.ndarray, scores: np.ndarray) -> np.ndarray:
         meat += (1 - lag / (LAGS + 1)) * (cross + cross.T)
     root = np.linalg.inv(np.linalg.cholesky(information))
     sizes, axes = np.linalg.eigh(root @ meat @ root.T)
-    wide = (axes * np.maximum(sizes, 1.0)) @ axes.T
+    shared = root @ systematic.T
+    wide = (axes * np.maximum(sizes, 1.0)) @ axes.T + shared @ shared.T
     return root.T @ wide @ root

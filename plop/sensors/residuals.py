@@ -33,6 +33,9 @@ GATE = 0.12
 """Depth that differs by a larger share is of something else."""
 ABOVE_TABLE_M = 0.004
 """The tool is looked at this far above the table, which hides what is below it [m]."""
+SYSTEMATIC_PX = np.array([0.05, 0.05, 0.1])
+"""Outlines are not trusted beyond this: shifted right, shifted down, grown. Masks that sample a thin blade once a pixel
+repeat their errors from frame to frame [px]."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,11 @@ class Rows:
     """[N], metres or share of a pixel"""
     jacobian: np.ndarray
     """[N, 15]"""
+    patterns: np.ndarray
+    """[N, 3]: what an outline that is systematically off by SYSTEMATIC_PX to the right, down, or outwards adds."""
 
 
-NONE = Rows(np.zeros(0), np.zeros((0, COUNT)))
+NONE = Rows(np.zeros(0), np.zeros((0, COUNT)), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,7 @@ class _Setting:
         jacobian = self.factor * np.einsum("nk,nkp->np", normals / facing[:, None], moved)
         jacobian[:, SLICES["depth_scale"].start] = depth
         jacobian[:, SLICES["depth_bias"].start] = 1.0
-        return Rows(recorded - self.factor * depth - self.offset_m, jacobian)
+        return Rows(recorded - self.factor * depth - self.offset_m, jacobian, np.zeros((len(depth), 3)))
 
 
 def residuals(scene: CameraScene, sighting: Sighting, deviation: np.ndarray, blur_px: float) -> dict[str, Rows]:
@@ -204,7 +209,10 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
         focal[:, None] * (moved[:, :2] - (points[:, :2] / far[:, None])[..., None] * moved[:, 2:]) / far[:, None, None]
     )
     slope = np.stack([right[rows, columns], down[rows, columns]], -1)
-    return Rows((recorded - expected)[rows, columns].astype(np.float64), -np.einsum("nk,nkp->np", slope, flow))
+    patterns = SYSTEMATIC_PX * np.column_stack([-slope, np.linalg.norm(slope, axis=1)])
+    return Rows(
+        (recorded - expected)[rows, columns].astype(np.float64), -np.einsum("nk,nkp->np", slope, flow), patterns
+    )
 
 
 def _heights(camera: Camera, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray) -> np.ndarray:
