@@ -49,7 +49,8 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
     open_specs: dict[str, InputSpec] = {}
     for name, spec in stage.inputs.items():
         if name in given and not spec.stages:
-            raw[name] = Path(given[name])
+            path = Path(given[name])
+            raw[name] = path if stage.find_raw is None else stage.find_raw(name, path)
         elif given.get(name) == LEFT_OUT and spec.optional:
             continue
         elif name in given:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import typing
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -79,7 +80,10 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     first = is_first_process()
     console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
     store = Store(values["workspace"])
-    given = {s.key: values[_variable(s.key)] for s in settings if values.get(_variable(s.key)) is not None}
+    options = {s.key: values.get(_variable(s.key)) for s in settings}
+    # a repeated option and one with commas mean the same
+    given = {key: ",".join(value) if isinstance(value, list) else value for key, value in options.items()
+             if value is not None and value != []}  # fmt: skip
     config = resolve(
         stage.config,
         ref.command,
@@ -179,14 +183,17 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
 
 
 def _setting_option(setting: Setting) -> Any:
-    kind: Any = setting.kind if setting.kind in (int, float, bool) else str
+    several = typing.get_args(setting.kind) == (str, ...)
+    kind: Any = list[str] if several else setting.kind if setting.kind in (int, float, bool) else str
     default = setting.default
     shown = ",".join(map(str, default)) if isinstance(default, (tuple, list)) else str(plain(default))
     choices = "" if kind is not str or setting.kind is str else f" ({describe(setting.kind)})"
+    choices = " May be repeated." if several else choices
     option = typer.Option(
         _option(setting.key),
         help=escape(setting.help + choices),
         show_default=escape(shown) or "empty",
+        metavar="TEXT" if several else None,
         rich_help_panel="Settings",
     )
     return Annotated[kind | None, option]

@@ -39,6 +39,7 @@ class StageRef:
 
 
 PIPELINE = (
+    StageRef("simulate", "stages.simulate.stage:STAGE", "Simulate a soft object and a tool into recordings."),
     StageRef("ingest disect", "stages.ingest.stage:INGEST_DISECT", "Render DiSECt simulations into recordings."),
     StageRef("ingest mesh", "stages.ingest.stage:INGEST_MESH", "Render mesh sequences of a simulator into recordings."),
     StageRef("ingest droid", "stages.ingest.droid:INGEST_DROID", "Turn episodes of a DROID robot into recordings."),

@@ -98,3 +98,6 @@ class Stage:
     raw_files: Callable[[Path, Any], list[Path]] | None = None
     """`raw_files(folder, config)`: which files of a raw input are read, when not all of them. Only their
     contents enter the fingerprint, so that files of another environment beside them change nothing."""
+    find_raw: Callable[[str, Path], Path] | None = None
+    """`find_raw(input, path)`: the file that a raw input means, e.g. a shipped one by its bare name; it raises
+    a PlopError when there is none. Without it the path itself."""

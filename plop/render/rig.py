@@ -42,11 +42,16 @@ def ring_cameras(
     focal = size_px / 2 / np.tan(half_fov)
     intrinsics = np.array([[focal, 0, size_px / 2], [0, focal, size_px / 2], [0, 0, 1]])
     cameras = []
-    for index in range(count):
+    for index, name in enumerate(camera_names(count)):
         azimuth = np.radians(azimuth_deg + 360 / count * index)
         elevation = np.radians(high_deg if index % 2 else low_deg)
         direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation),
                               np.sin(elevation)])  # fmt: skip
         pose = look_at(middle + distance * direction, middle, np.array([0.0, 0.0, 1.0]))
-        cameras.append(Camera(f"cam_{index:02d}", size_px, size_px, intrinsics, pose))
+        cameras.append(Camera(name, size_px, size_px, intrinsics, pose))
     return cameras
+
+
+def camera_names(count: int) -> list[str]:
+    """Give the names of a ring's cameras."""
+    return [f"cam_{index:02d}" for index in range(count)]

@@ -1,0 +1,51 @@
+"""What a run keeps of its finished pieces, so that a killed one goes on: the hidden effects, and their response."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from plop.physics.effects.effect import Effect
+from plop.physics.effects.library import EffectType
+from plop.physics.hidden import Response
+from plop.physics.scene import Scene
+from plop.physics.sealed import open_answer, seal_answer
+from plop.recordings.mesh_sequence import MeshSequence
+from stages.contract import Output
+
+
+class Pieces:
+    """Hidden files in the scratch folder; none of them becomes part of the artifact."""
+
+    def __init__(self, out: Output, scene: Scene) -> None:
+        self.out, self.scene = out, scene
+        self.folder = out.path / ".checkpoints"
+        self.response = Response(scene)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all episodes."""
+        return [self.scene.episode_name(k) for k in range(self.scene.episodes)]
+
+    def hidden(self, known: dict[str, EffectType], choose: Callable[[], Sequence[Effect]]) -> list[Effect]:
+        """Give the hidden effects: those of the run before, or chosen now."""
+        if self.out.is_done("hidden"):
+            return [known[name](**values) for name, values in open_answer(self.folder)["effects"].items()]
+        chosen = list(choose())
+        seal_answer(self.folder, {"effects": {effect.name: dict(effect.values) for effect in chosen}})
+        self.out.mark_done("hidden")
+        return chosen
+
+    def keep_response(self, k: int, sequence: MeshSequence, hidden: Sequence[Effect]) -> None:
+        """Keep how far the hidden effects moved episode k."""
+        squares = self.response.squares(k, sequence.vertices) if hidden else (0.0, 1)
+        self.folder.mkdir(exist_ok=True)
+        (self.folder / f"response_{k:03d}.json").write_text(json.dumps(squares))
+
+    def rms_m(self) -> float:
+        """Root mean square of what the hidden effects moved, over surface, frames and episodes [m]."""
+        kept = [json.loads((self.folder / f"response_{k:03d}.json").read_text()) for k in range(self.scene.episodes)]
+        total, count = np.sum(kept, axis=0)
+        return float(np.sqrt(total / count))
