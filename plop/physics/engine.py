@@ -88,6 +88,7 @@ class Engine:
         table = -np.inf if config.table_z_m is None else config.table_z_m + 1e-6
         self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)
         self._density = np.float32(material.density_kg_m3)
+        self._modulus = np.float32(material.lame_pa + 2 * material.shear_pa)
 
     @property
     def elastic(self) -> tuple[int, np.float32, np.float32]:
@@ -139,12 +140,17 @@ class Engine:
         if self._travelled > 0.9 * self.config.dx_m:
             self._place_grid()
         self.pose, self.impulse = pose, np.zeros((2, 3))
-        step, tool = np.float32(dt), self.tool_now
+        step = np.float32(dt)
         decay = np.float32(np.exp(-self.material.damping_per_s * dt))
         if self._kind == ToolKind.BLADE:
             tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, pose, self._faces,
                                     self._thickness, np.float32(self.config.band_cells * self._dx),
                                     self._bounds)  # fmt: skip
+        if self._kind != ToolKind.NONE:
+            tool_contact.push_tool(self.x, self.v, self.mass, self.radius, self.side, self.cut, self._bounds,
+                                   *self.tool_now, self._friction[1], self._modulus, self._density, self._dx, step,
+                                   self._pushes)  # fmt: skip
+            self.impulse[1] += self._pushes.sum(0, dtype=np.float64)
         self._act("before", dt)
         if self._hooks["stress"]:
             self.extra[:] = 0
@@ -157,17 +163,17 @@ class Engine:
             self.impulse[1] += toughness.resist_cut(
                 self._grid, self._uncut, self._origin, self._dims, self._inv_dx, step, pose, self._shape.edges,
                 np.float32(self.material.toughness_j_m2), self._density)  # fmt: skip
-        tool_contact.contact_gaps(self.x, self.radius, self.side, self.cut, self._origin, self._dims, self._inv_dx,
-                                  self._table, *tool, self._gaps)  # fmt: skip
+        tool_contact.table_gaps(self.x, self.radius, self._origin, self._dims, self._inv_dx, self._table, self._gaps)
         grid.grid_velocities(self._grid, self._uncut, self._origin, self._dims, self._dx, step, self._gravity,
-                                self._table, self.config.table_cone == "pyramid", self._friction, *tool, self._density,
-                                self._gaps, self._velocity, self._impulses)  # fmt: skip
+                             self._table, self.config.table_cone == "pyramid", self._friction, self._density,
+                             self._gaps, self._velocity, self._impulses)  # fmt: skip
         transfer.g2p(self.x, self.v, self.c, self.f, self.side, self._bounds, self._origin, self._dims, self._inv_dx,
                      step, self._velocity, self._report)  # fmt: skip
         self._act("after", dt)
         self.steps += 1
         self._check(dt)
-        return self.impulse + self._impulses.sum(0, dtype=np.float64)
+        self.impulse[0] += self._impulses.sum(0, dtype=np.float64)
+        return self.impulse
 
     def _act(self, hook: str, dt: float) -> None:
         for effect in self._hooks[hook]:
@@ -209,15 +215,15 @@ class Engine:
         self._travelled = 0.0
         if nodes > self._room:
             self._allocate(nodes * 5 // 4)
-        self._impulses = np.zeros((int(self._dims[0]), 2, 3), np.float32)
+        self._impulses = np.zeros((int(self._dims[0]), 3), np.float32)
 
     def _allocate(self, room: int) -> None:
         chunks, self._room = self.config.chunks, room
         self._chunk_grid = np.zeros((chunks, room, 8), np.float32)
         self._chunk_uncut = np.zeros((chunks, room), np.float32)
         self._grid, self._uncut = np.zeros((room, 8), np.float32), np.zeros(room, np.float32)
-        self._gaps, self._velocity = np.zeros((room, 3), np.float32), np.zeros((room, 2, 4), np.float32)
-        self._report = np.zeros((chunks, 2), np.float32)
+        self._gaps, self._velocity = np.zeros(room, np.float32), np.zeros((room, 2, 4), np.float32)
+        self._report, self._pushes = np.zeros((chunks, 2), np.float32), np.zeros((chunks, 3), np.float32)
 
     def snapshot(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Copy positions, deformation gradients and signed sides in the caller's order."""

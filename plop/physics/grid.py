@@ -1,11 +1,10 @@
-"""What happens on the grid between scatter and gather: gravity, the faces of a cut, tool and table.
+"""What happens on the grid between scatter and gather: gravity, the faces of a cut, the table.
 
-A node inside an obstacle must not move into it; the tangential velocity obeys Coulomb's law with the
-impulse that the normal one needed. For a blade each side has its own obstacle, the half-space beyond the
-blade's face as far as its outline reaches: what compatible particle-in-cell (Hu et al. 2018) does with
-skipped nodes and ghost velocities, written with two momentum-conserving fields. Where most of a node's
-mass has not met the blade, both fields move as one: the material is whole. After the blade has gone the
-fields stay apart and only push.
+A node at the table must not move into it; the tangential velocity obeys Coulomb's law with the impulse that
+the normal one needed. Each side of a cut has its own field of momentum: what compatible particle-in-cell
+(Hu et al. 2018) does with skipped nodes and ghost velocities, written with two momentum-conserving fields.
+Where most of a node's mass has not met the blade, both fields move as one: the material is whole. After the
+blade has gone the fields stay apart and only push. The tool itself acts on the particles (`tool_contact`).
 """
 
 # Numba infers the types of kernels; their docstrings say what they take.
@@ -19,7 +18,7 @@ import numpy as np
 from numba import njit, prange
 
 from plop.physics.jit import kernel
-from plop.physics.tool_contact import coulomb, touch_tool
+from plop.physics.tool_contact import coulomb
 
 _ZERO = np.float32(0)
 _HALF = np.float32(0.5)
@@ -29,8 +28,6 @@ _CLOSED = np.float32(0.8)
 """A cut counts as closed at a node that holds this share of a full cell's mass or more."""
 _TOUCHING = np.float32(0.01)
 """Gap up to which things touch [cells]."""
-_REACH = np.float32(4)
-"""How far behind a blade's face nodes still feel it [cells]."""
 
 
 @njit(fastmath=True)
@@ -81,8 +78,8 @@ def field_velocities(grid, node, plane, row, bonded, full, friction):
 
 
 @kernel(parallel=True)
-def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, friction, kind, pose, faces,
-                    thickness, density, gaps, velocity, impulses):  # fmt: skip
+def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, friction, density, gaps, velocity,
+                    impulses):  # fmt: skip
     """Turn momentum into velocity.
 
     Takes:
@@ -91,25 +88,22 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
         gravity: Acceleration [3] [m/s^2].
         table, pyramid: Height of the table [m], -inf when there is none; whether its friction cone is square.
         friction: Coulomb coefficients of table, tool and cut [3].
-        kind, pose, faces, thickness: Tool, see `ToolShape` and `kernel_poses`.
         density: Rest density [kg/m^3].
-        gaps: See `contact_gaps`.
+        gaps: See `table_gaps`.
         velocity: Written, [nodes, 2, 4] [m/s].
-        impulses: Written, [planes, 2, 3]: impulse on the object from table and tool [N s].
+        impulses: Written, [planes, 3]: impulse on the object from the table [N s].
     """
     row, plane = dims[2], dims[1] * dims[2]
     full = density * dx * dx * dx
     for ix in prange(dims[0]):
         for q in range(3):
-            impulses[ix, 0, q] = _ZERO
-            impulses[ix, 1, q] = _ZERO
+            impulses[ix, q] = _ZERO
         for iy in range(dims[1]):
             for iz in range(dims[2]):
                 node = ix * plane + iy * row + iz
                 m = grid[node, 0] + grid[node, 4]
                 if m <= _TINY:
                     continue
-                px, py = np.float32(ix) * dx + origin[0], np.float32(iy) * dx + origin[1]
                 pz = np.float32(iz) * dx + origin[2]
                 bonded = uncut[node] >= _HALF * m
                 ax, ay, az, bx, by, bz = field_velocities(grid, node, plane, row, bonded, full, friction[2])
@@ -119,17 +113,10 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
                     vx += dt * gravity[0]
                     vy += dt * gravity[1]
                     vz += dt * gravity[2]
-                    if kind != 0 and gaps[node, 1 + side] <= _TOUCHING * dx and not (bonded and kind == 1):
-                        ux, uy, uz = vx, vy, vz
-                        vx, vy, vz = touch_tool(kind, pose, faces, thickness, px, py, pz, vx, vy, vz, side,
-                                                friction[1], _REACH * dx, gaps[node, 1 + side])  # fmt: skip
-                        impulses[ix, 1, 0] += mass * (vx - ux)
-                        impulses[ix, 1, 1] += mass * (vy - uy)
-                        impulses[ix, 1, 2] += mass * (vz - uz)
-                    if pz <= table and gaps[node, 0] <= _TOUCHING * dx:
+                    if pz <= table and gaps[node] <= _TOUCHING * dx:
                         ux, uy, uz = vx, vy, vz
                         vx, vy, vz = coulomb_table(vx, vy, vz, friction[0], pyramid)
-                        impulses[ix, 0, 0] += mass * (vx - ux)
-                        impulses[ix, 0, 1] += mass * (vy - uy)
-                        impulses[ix, 0, 2] += mass * (vz - uz)
+                        impulses[ix, 0] += mass * (vx - ux)
+                        impulses[ix, 1] += mass * (vy - uy)
+                        impulses[ix, 2] += mass * (vz - uz)
                     velocity[node, side, 0], velocity[node, side, 1], velocity[node, side, 2] = vx, vy, vz

@@ -27,6 +27,8 @@ _GAP_M = 0.004
 _BELOW_M = 0.006
 """How far the edge of the blade goes below the table's height [m]."""
 _REST_S = 0.12
+_PUSHER = 0.4
+"""Length of the pushing block along its way, as a share of the object's narrower side."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ def _path(plan: MotionPlan, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the motion: times [K] [s] and points [K, 3] [m]."""
     direction = np.array([np.cos(plan.yaw_rad), np.sin(plan.yaw_rad), 0.0])
     if plan.kind == "push":
-        reach = shape.reach_m(direction[:2]) + _GAP_M
+        reach = shape.reach_m(direction[:2]) + _GAP_M + _PUSHER * min(shape.size_m[:2]) / 2
         start = plan.y_m * np.array([-direction[1], direction[0], 0]) - reach * direction + [0, 0, 0.003]
         return _timed(start, [(start + (_GAP_M + plan.aside_m) * direction, plan.aside_speed_m_s), 2 * _REST_S])
     over = np.array([plan.x_m, plan.y_m, 0.0])
@@ -190,7 +192,7 @@ def _tool(plan: MotionPlan, shape: Shape) -> Mesh:
     if plan.tool == "blade":
         return blade_mesh(height_m=max(0.040, shape.height_m), length_m=max(0.150, 2 * max(shape.size_m[:2])))
     if plan.kind == "push":
-        return box_mesh((0.4 * across, 0.7 * across, 0.7 * shape.height_m))
+        return box_mesh((_PUSHER * across, 0.7 * across, 0.7 * shape.height_m))
     if plan.tool == "cylinder":
         return cylinder_mesh(0.28 * across, 0.5 * shape.height_m)
     return box_mesh((0.5 * across, 0.5 * across, 0.5 * shape.height_m))
