@@ -16,7 +16,7 @@ class Damping(Effect):
     help = "all motion dies out faster or slower"
     law = "v' += -d_c v"
     source = "mass-proportional Rayleigh damping; Bathe, Finite Element Procedures, 1996, ch. 9"
-    amplitudes = (Parameter("d_per_s", "1/s", -100.0, 1e3, step=1.0, typical=10.0, help="change of the decay rate"),)
+    amplitudes = (Parameter("d_per_s", "1/s", -100.0, 1e3, step=5.0, typical=50.0, help="change of the decay rate"),)
 
     def material(self, material: Material) -> Material:
         """Add to the base's own damping."""

@@ -25,7 +25,7 @@ class Drag(Effect):
     help = "air drag: fast motion is resisted"
     law = "v' += -c |v| v"
     source = "Rayleigh's drag equation; Batchelor, An Introduction to Fluid Dynamics, 1967, ch. 5"
-    amplitudes = (Parameter("per_m", "1/m", 0.0, 100.0, step=5.0, typical=20.0, help="drag coefficient c"),)
+    amplitudes = (Parameter("per_m", "1/m", 0.0, 1e3, step=20.0, typical=200.0, help="drag coefficient c"),)
 
     def before(self, body: Engine, dt: float) -> None:
         """Slow down; exact for a free body, v / (1 + c |v| dt), so that no step is too long."""

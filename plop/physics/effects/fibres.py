@@ -53,7 +53,7 @@ class Fibres(Effect):
     law = "tau += ratio E / 2 (I4 - 1) a a^T, a = F a0, I4 = |a|^2"
     source = "standard reinforcing model: Merodio & Ogden 2003, Int. J. Solids and Structures 40, 4707"
     amplitudes = (
-        Parameter("ratio", "-", 0.0, 50.0, step=0.05, typical=1.0, help="added stiffness along the fibres over E"),
+        Parameter("ratio", "-", 0.0, 50.0, step=0.1, typical=3.0, help="added stiffness along the fibres over E"),
     )
     shapes = (Parameter("angle_deg", "deg", -180.0, 180.0, step=0.0, help="direction, from x towards y"),)
     variants = tuple({"angle_deg": angle} for angle in (0.0, 45.0, 90.0, 135.0))

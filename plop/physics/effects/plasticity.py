@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
 _THIRD = np.float32(1 / 3)
+_TWO_THIRDS = np.float32(2 / 3)
 _HALF = np.float32(0.5)
 _SMALLEST = np.float32(1e-6)
 _ROUNDS = 4
@@ -36,39 +37,46 @@ def von_mises(xx, yy, zz, xy, xz, yz):
 
 
 @njit(fastmath=True)
-def admissible_share(law, mu, lam, mean, x, y, z, yield_pa, trial_pa):
-    """The share of the deviatoric logarithmic strain (x, y, z) that the base's law can carry at the yield stress.
+def admissible_share(law, mu, lam, mean, x, y, z, limit_pa, slope_pa, trial_pa):
+    """The share s of the deviatoric logarithmic strain (x, y, z) at which the base's stress is on the limit.
 
-    The stress is nearly linear in that share: four rounds of scaling reach float32 precision.
+    The limit is limit_pa + slope_pa (1 - s). The stress is nearly linear in s: four rounds of Newton's
+    method reach float32 precision.
     """
     share, stress = _ONE, trial_pa
     for _ in range(_ROUNDS):
-        share *= yield_pa / stress
+        above = stress - limit_pa - slope_pa * (_ONE - share)
+        share -= above / (stress / share + slope_pa)
+        share = min(max(share, _SMALLEST), _ONE)
         p, q, r = math.exp(mean + share * x), math.exp(mean + share * y), math.exp(mean + share * z)
         stress = von_mises(*kirchhoff_stress(law, p, _ZERO, _ZERO, _ZERO, q, _ZERO, _ZERO, _ZERO, r, mu, lam))
     return share
 
 
 @kernel()
-def yield_flow(f, law, mu, lam, yield_pa):
-    """Shrink the elastic strain of every particle until its von Mises stress is not above `yield_pa`.
+def yield_flow(f, flow, law, mu, lam, yield_pa, hardening_pa):
+    """Shrink the elastic strain of every particle until its von Mises stress is not above the yield stress.
 
     Takes:
         f: Elastic deformation gradient, updated, [N, 3, 3]; its volume and its rotation are kept.
+        flow: Updated: equivalent plastic strain so far [N].
         law, mu, lam: The base's law, see `plop.physics.elastic`.
-        yield_pa: Yield stress [Pa].
+        yield_pa, hardening_pa: First yield stress; its growth with the plastic strain [Pa].
     """
     a, v, g = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
     for p in range(f.shape[0]):
         trial = von_mises(*kirchhoff_stress(law, *row_major(f, p), mu, lam))
-        if trial <= yield_pa:
+        limit = yield_pa + hardening_pa * flow[p]
+        if trial <= limit:
             continue
         eigen_symmetric(*left_cauchy_green(f, p), a, v)
         x, y = _HALF * math.log(max(a[0, 0], _SMALLEST)), _HALF * math.log(max(a[1, 1], _SMALLEST))
         z = _HALF * math.log(max(a[2, 2], _SMALLEST))
         mean = (x + y + z) * _THIRD
         x, y, z = x - mean, y - mean, z - mean
-        less = admissible_share(law, mu, lam, mean, x, y, z, yield_pa, trial) - _ONE
+        size = math.sqrt(_TWO_THIRDS * (x * x + y * y + z * z))
+        less = admissible_share(law, mu, lam, mean, x, y, z, limit, hardening_pa * size, trial) - _ONE
+        flow[p] -= less * size
         p0, p1, p2 = math.exp(less * x), math.exp(less * y), math.exp(less * z)
         for i in range(3):
             for j in range(3):
@@ -80,24 +88,30 @@ def yield_flow(f, law, mu, lam, yield_pa):
 
 
 class Plasticity(Effect):
-    """Perfect plasticity after von Mises; the engine's `f` is the elastic part F_e of F = F_e F_p.
+    """Plasticity after von Mises with linear hardening; the engine's `f` is the elastic part F_e of F = F_e F_p.
 
     The yield stress is 1 / softness, so that 0 means 'never yields'. The stress judged is the base's Kirchhoff
     stress. Nothing happens until the largest stress of a motion reaches the yield stress: the response
-    starts at a threshold.
+    starts at a threshold. Without hardening the flow would gather in a layer one cell thick.
     """
 
     name = "plasticity"
     help = "beyond a yield stress it flows and keeps its new shape"
-    law = "sqrt(3/2) |dev(tau)| <= 1 / softness, by shrinking the deviatoric logarithmic elastic strain"
+    law = "sqrt(3/2) |dev(tau)| <= 1 / softness + 3 mu hardening e_p, by shrinking the elastic strain by the flow e_p"
     source = "von Mises 1913; return mapping: Simo & Hughes, Computational Inelasticity, 1998, ch. 9"
-    amplitudes = (Parameter("softness_per_kpa", "1/kPa", 0.0, 20.0, step=0.2, typical=0.5, help="1 / yield stress"),)
+    amplitudes = (Parameter("softness_per_kpa", "1/kPa", 0.0, 20.0, step=1.0, typical=3.0, help="1 / yield stress"),)
+    shapes = (
+        Parameter("hardening", "-", 0.0, 1.0, step=0.0, default=0.1, help="slope of stress over flow, over 3 mu"),
+    )
+    remembers = {"flow": ((), 0.0)}
 
     @property
     def yield_pa(self) -> float:
-        """Yield stress [Pa]."""
+        """First yield stress [Pa]."""
         return 1e3 / self["softness_per_kpa"] if self["softness_per_kpa"] else np.inf
 
     def after(self, body: Engine, dt: float) -> None:
         """Flow."""
-        yield_flow(body.f, *body.elastic, np.float32(self.yield_pa))
+        hardening_pa = 3 * self["hardening"] * body.material.shear_pa
+        yield_flow(body.f, body.memory["plasticity.flow"], *body.elastic, np.float32(self.yield_pa),
+                   np.float32(hardening_pa))  # fmt: skip

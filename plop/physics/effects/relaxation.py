@@ -72,7 +72,7 @@ class Relaxation(Effect):
     law = "tau += ratio mu (dev(B) - dev(F F^T)), B' = L B + B L^T - (B - I) / tau"
     source = "Maxwell 1867; upper-convected form: Larson, Constitutive Equations for Polymer Melts, 1988, ch. 1"
     amplitudes = (
-        Parameter("ratio", "-", 0.0, 0.95, step=0.05, typical=0.5, help="share of the shear modulus that relaxes"),
+        Parameter("ratio", "-", 0.0, 0.95, step=0.1, typical=0.6, help="share of the shear modulus that relaxes"),
     )
     shapes = (Parameter("tau_s", "s", 0.005, 100.0, step=0.0, default=0.2, help="time constant"),)
     variants = tuple({"tau_s": tau} for tau in (0.05, 0.2, 0.8))

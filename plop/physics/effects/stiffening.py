@@ -40,7 +40,7 @@ class Stiffening(Effect):
     law = "tau += mu growth (I1bar - 3) dev(bbar), bbar = J^(-2/3) F F^T, I1bar = tr(bbar)"
     source = "Yeoh 1993, Some forms of the strain energy function for rubber"
     amplitudes = (
-        Parameter("growth", "-", 0.0, 500.0, step=0.5, typical=10.0, help="growth of the shear modulus with I1bar - 3"),
+        Parameter("growth", "-", 0.0, 500.0, step=5.0, typical=100.0, help="growth of the modulus with I1bar - 3"),
     )
 
     def stress(self, body: Engine, dt: float) -> None:
