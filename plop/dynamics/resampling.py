@@ -21,7 +21,7 @@ class ResamplingConfig:
     """Off: the set of Gaussians never changes (the comparison in docs/results.md)."""
     merge_below: float = 0.05
     """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor [-]."""
-    split_above: float = 4.0
+    split_above: float = 20.0
     """Ratio tau_s of longest to shortest axis above which a Gaussian splits [-]."""
     form: Literal["moments", "paper"] = "moments"
     """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28 as printed."""

@@ -105,7 +105,7 @@ def _summary(report: dict) -> Summary:
 
 STAGE = Stage(
     name="eval",
-    version=1,
+    version=2,
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={

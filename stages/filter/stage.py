@@ -123,7 +123,7 @@ def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) 
 
 STAGE = Stage(
     name="filter",
-    version=1,
+    version=2,
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={

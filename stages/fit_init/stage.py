@@ -28,9 +28,9 @@ class FitInitConfig:
 
     episodes: str = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
-    count: int = 3000
+    count: int = 3600
     """Gaussians of the object, inside included."""
-    inner_share: float = 0.35
+    inner_share: float = 0.33
     """Share of `count` that fills the inside ("solid" only)."""
     steps: int = 2000
     """Optimisation steps, one view each."""
@@ -44,10 +44,11 @@ class FitInitConfig:
     """Cells of the opacity grid along the object's longest side (16 in the paper, used for "paper" always)."""
     inner_opacity: float = 0.9
     """Opacity of the inner Gaussians."""
-    overlap: float = 0.5
+    overlap: float = 0.6
     """Standard deviation of a new Gaussian as a share of the spacing."""
-    flatness: float = 2.5
-    """Of new surface Gaussians: standard deviation along the surface over the one across it."""
+    flatness: float = 10.0
+    """Of new surface Gaussians: standard deviation along the surface over the one across it. Thick ones hide each
+    other by halves, so that depth comes from behind the surface."""
     start_share: float = 0.8
     """Share of the surface's Gaussians that is there from the start; densification adds the others."""
     densifications: int = 4
@@ -71,13 +72,13 @@ class FitInitConfig:
     """Weight of the mean absolute error of alpha against the mask; 0 in the paper."""
     anisotropy_weight: float = 0.1
     """Weight of the hinge on elongation."""
-    anisotropy_ratio: float = 2.5
+    anisotropy_ratio: float = 10.0
     """Elongation that costs nothing."""
-    max_scale: float = 1.0
+    max_scale: float = 1.2
     """Largest standard deviation as a share of the seeds' spacing."""
-    lr_means: float = 0.02
+    lr_means: float = 0.01
     """Learning rate of the means, in spacings of the seeds a step."""
-    lr_quats: float = 0.01
+    lr_quats: float = 0.005
     """Learning rate of the quaternions."""
     lr_scales: float = 0.01
     """Learning rate of log-scales."""
@@ -85,7 +86,7 @@ class FitInitConfig:
     """Learning rate of opacity logits."""
     lr_sh: float = 0.02
     """Learning rate of the colours' coefficients."""
-    tool_count: int = 400
+    tool_count: int = 3000
     """Gaussians of the tool."""
     seed: int = 0
     """Seed of the order of views and of the filling."""
@@ -191,7 +192,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=1,
+    version=2,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={

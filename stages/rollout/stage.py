@@ -117,7 +117,7 @@ def _device(wanted: str) -> torch.device:
 
 STAGE = Stage(
     name="rollout",
-    version=1,
+    version=2,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

@@ -69,8 +69,8 @@ class TrainConfig:
     """Merge and split Gaussians."""
     merge_below: float = 0.05
     """Opacity under which a Gaussian merges into its neighbour [-]."""
-    split_above: float = 4.0
-    """Ratio of longest to shortest axis above which a Gaussian splits [-]."""
+    split_above: float = 20.0
+    """Ratio of longest to shortest axis above which a Gaussian splits [-]; `fit-init` makes them up to 12."""
     resampling_form: Literal["moments", "paper"] = "moments"
     """Merging and splitting that keep the moments, or Eq. 27-28 as printed."""
     track_weight: float = 1.0
@@ -204,7 +204,7 @@ def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
 
 STAGE = Stage(
     name="train",
-    version=2,
+    version=3,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
