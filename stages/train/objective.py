@@ -25,6 +25,9 @@ from stages.train.windows import Window, disturbed_start
 
 ROTATION_ARM_M = 0.01
 """Length at which a wrong turn of a Gaussian counts like a wrong place [m]."""
+SMOOTH_M = 1e-5
+"""Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there by a
+few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
 
 
 @dataclass(frozen=True)
@@ -153,11 +156,11 @@ def _physical_terms(
 
 
 def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Tensor:
-    """Mean distance to the track, smooth below a tenth of a millimetre, and of turns at an arm's length [m]."""
+    """Mean distance to the track and of turns at an arm's length, smooth below `SMOOTH_M` [m]."""
     track, rows = rollout.track, rollout.rows
     shift = predicted.gaussians.means - (track.means[frame] + rollout.offset)[rows]
     turn = ROTATION_ARM_M * (predicted.last_rotation - track.rotations[frame][rows])
-    return sum(((error.square().sum(-1) + 1e-8).sqrt().mean() for error in (shift, turn)), torch.zeros(()))
+    return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in (shift, turn)), torch.zeros(()))
 
 
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
