@@ -72,6 +72,8 @@ class Tally:
     found: int = 0
     others: int = 0
     """Cameras on which another fault was (also) found."""
+    wrong: dict[str, list[float]] = field(default_factory=dict)
+    """The other faults that were found, and how much they would move the object [m]."""
     ambiguous: int = 0
     """Found, with another fault named as an equally good explanation."""
     errors: list[float] = field(default_factory=list)
@@ -82,7 +84,7 @@ class Tally:
     def add(self, finding: SensorFinding, name: str, truth: Fault | None) -> None:
         """Count one camera."""
         self.cameras += 1
-        self.others += any(each.fault != name for each in finding.found)
+        self.count_others(finding, {name})
         for each in finding.faults:
             true = FAULTS[each.fault]() if truth is None or each.fault != name else truth
             if truth is None or each.fault == name:
@@ -95,11 +97,18 @@ class Tally:
                 wrong = np.array([each.values[k] - true[k] for k in used])
                 self.errors.append(float(np.linalg.norm(wrong) / np.linalg.norm([true[k] - absent[k] for k in used])))
 
+    def count_others(self, finding: SensorFinding, names: set[str]) -> None:
+        """Count a camera on which other faults than these were found."""
+        others = [each for each in finding.found if each.fault not in names]
+        self.others += bool(others)
+        for each in others:
+            self.wrong.setdefault(each.fault, []).append(round(each.effect_m, 6))
+
     def row(self) -> dict[str, object]:
         """Give the figures, rates with Wilson's 95 % interval."""
         scores = np.abs(self.scores)
         return {"cameras": self.cameras, "found": rate(self.found, self.cameras),
-                "another_found": rate(self.others, self.cameras), "ambiguous": self.ambiguous,
+                "another_found": rate(self.others, self.cameras), "another_m": self.wrong, "ambiguous": self.ambiguous,
                 "median_error": round(float(np.median(self.errors)), 4) if self.errors else None,
                 "within_1_96_se": round(float((scores < 1.96).mean()), 3)}  # fmt: skip
 
@@ -135,7 +144,7 @@ def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSeq
                 names = {name for name, _ in truth}
                 tally.cameras += 1
                 tally.found += {each.fault for each in finding.found} >= names
-                tally.others += bool({each.fault for each in finding.found} - names)
+                tally.count_others(finding, names)
                 tally.scores.append(0.0)
     return tallies
 

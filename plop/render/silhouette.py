@@ -13,6 +13,8 @@ MANY_FACES = 1000
 """A mesh of more triangles is drawn as the convex outline of its vertices."""
 FINER = 9
 """Odd, so that a pixel's centre is the centre of a finer pixel."""
+INK = 127
+"""Value of a drawn fine pixel: two of them fit into a byte."""
 
 
 def outline(mesh: Mesh, world_from_tool: np.ndarray, camera: Camera) -> np.ndarray:
@@ -40,9 +42,8 @@ def coverage(mesh: Mesh, world_from_tool: np.ndarray, camera: Camera) -> np.ndar
         # A cross takes a whole one away, so that the mean of both is right on average.
         thin = cv2.erode(fine, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
         height, width = fine.shape[0] // FINER, fine.shape[1] // FINER
-        part = cv2.resize(np.float32(0.5) * (fine + thin).astype(np.float32), (width, height),
-                          interpolation=cv2.INTER_AREA)  # fmt: skip
-        image[top : top + height, left : left + width] = part
+        part = cv2.resize(fine + thin, (width, height), interpolation=cv2.INTER_AREA)
+        image[top : top + height, left : left + width] = part / np.float32(2 * INK)
     return image
 
 
@@ -64,5 +65,5 @@ def _draw(mesh: Mesh, world_from_tool: np.ndarray, camera: Camera) -> tuple[np.n
     if len(faces) > MANY_FACES:
         shapes = [cv2.convexHull(corners[np.unique(faces)].astype(np.float32))[:, 0]]
     for shape in shapes:
-        cv2.fillConvexPoly(fine, np.round(shape * 16).astype(np.int32), 1, shift=4)
+        cv2.fillConvexPoly(fine, np.round(shape * 16).astype(np.int32), INK, shift=4)
     return fine, (int(low[0]), int(low[1]))

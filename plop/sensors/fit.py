@@ -12,7 +12,7 @@ from plop.sensors.scene import CameraScene
 
 BLURS_PX = (3.0, 2.0, *([1.2] * 8))
 """Blur of the outline in each Gauss-Newton step: wide first, to catch motions of several pixels."""
-ENOUGH = 0.1
+ENOUGH = 0.3
 """The fit ends when no parameter moves by more than this share of its standard error."""
 LEAST_SIGMA = {"table": 1e-4, "tool": 1e-4, "outline": 0.02}
 """Residuals are never trusted more than this [m, m, share of a pixel]."""
@@ -47,7 +47,8 @@ def fit_camera(scene: CameraScene) -> CameraFit:
     width = np.where(fixed, 1e-6, 1.0) * PRIOR_WIDTH
     prior = np.diag(width**-2.0)
     for blur in BLURS_PX:
-        frames = [residuals(scene, sighting, deviation, blur) for sighting in scene.sightings]
+        some = scene.sightings[:: 3 if blur > BLURS_PX[-1] and len(scene.sightings) > 3 * LEAST_FRAMES else 1]
+        frames = [residuals(scene, sighting, deviation, blur) for sighting in some]
         sigmas = {kind: _sigma(frames, kind) for kind in LEAST_SIGMA}
         information, scores, _ = _normal(frames, sigmas, blur)
         inverse = np.linalg.inv(information + prior)

@@ -10,6 +10,7 @@ image c whose content moves by dp changes by -grad c . dp (optical flow constrai
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -24,7 +25,7 @@ from plop.sensors.pose_error import moved_pose
 from plop.sensors.scene import CameraScene, Sighting, ToolTrack
 
 MOST_PIXELS = 250
-"""Pixels of one kind used in one frame; more are thinned out evenly."""
+"""Pixels of one kind used in one frame; of more, some are drawn."""
 NEAR_REACHES, NEAR_LEAST_M = 3.0, 0.15
 """Table is looked at this near to the object: in half diagonals of it, and at least [m]."""
 GRAZING = 0.25
@@ -122,13 +123,10 @@ def _setting(scene: CameraScene, sighting: Sighting, deviation: np.ndarray) -> _
     when = sighting.time_s - float(values[SLICES["clock"].start])
     time = scene.tool.time_s
     half = 0.25 * float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    rate = (scene.tool.at(when - half) - scene.tool.at(when + half)) / (2 * half)
-    return _Setting(sighting, camera, factor, offset, scene.tool.at(when), _rotate(camera, rate))
-
-
-def _rotate(camera: Camera, rate: np.ndarray) -> np.ndarray:
-    """Turn the rate of world_from_tool into that of cam_from_tool (a rate has no homogeneous 1)."""
-    return camera.cam_from_world @ rate
+    before, now, after = scene.tool.at(when + half * np.array([-1, 0, 1]))
+    # The difference of two poses has no homogeneous 1, so that cam_from_world only turns it.
+    rate = camera.cam_from_world @ ((before - after) / (2 * half))
+    return _Setting(sighting, camera, factor, offset, now, rate)
 
 
 def pixel_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -140,14 +138,14 @@ def pixel_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndar
 def _table(scene: CameraScene, setting: _Setting) -> Rows:
     view, camera = setting.sighting.view, setting.camera
     clear = cv2.erode((view.mask == MaskLabel.BACKGROUND).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    rows, columns = _thinned(np.nonzero(clear & (view.depth_m > 0)), 4 * MOST_PIXELS)
+    rows, columns = np.nonzero(clear & (view.depth_m > 0))
     rays = pixel_rays(camera, rows, columns)
     rotation, eye = camera.world_from_cam[:3, :3], camera.world_from_cam[:3, 3]
     down = rays @ rotation[2]
     depth = (float(scene.table_z_m or 0.0) - eye[2]) / np.where(np.abs(down) < 1e-6, np.nan, down)
     aside = np.linalg.norm((eye + (rays @ rotation.T) * depth[:, None] - scene.middle)[:, :2], axis=1)
     near = np.flatnonzero(aside < max(NEAR_REACHES * scene.reach_m, NEAR_LEAST_M))
-    near = near[:: max(1, len(near) // MOST_PIXELS)]
+    near = near[_few(camera, rows[near], columns[near])]
     normals = np.tile(rotation[2], (len(near), 1))
     return setting.depth_rows(rows[near], columns[near], depth[near], normals, on_tool=False)
 
@@ -168,7 +166,7 @@ def _tool(scene: CameraScene, tool: ToolTrack, setting: _Setting, blur_px: float
     use = inside[rows, columns] & (depth > 0)
     use[use] = _heights(camera, rows[use], columns[use], depth[use]) > floor
     chosen = np.flatnonzero(use)
-    chosen = chosen[:: max(1, len(chosen) // MOST_PIXELS)]
+    chosen = chosen[_few(camera, rows[chosen], columns[chosen])]
     surface = setting.depth_rows(rows[chosen], columns[chosen], depth[chosen], normals[chosen], on_tool=True)
     return surface, outline
 
@@ -198,7 +196,8 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
     rows, columns = np.nonzero(band & (behind > 0))
     if not len(rows):
         return NONE
-    rows, columns = rows[:: (step := max(1, len(rows) // MOST_PIXELS))], columns[::step]
+    few = _few(camera, rows, columns)
+    rows, columns = rows[few], columns[few]
     far = behind[rows, columns].astype(np.float64)
     high = _heights(camera, rows, columns, far) > floor_m + reach * far / camera.intrinsics[0, 0]
     rows, columns, far = rows[high], columns[high], far[high]
@@ -228,6 +227,11 @@ def _disc(reach: int) -> np.ndarray:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
 
 
-def _thinned(places: tuple[np.ndarray, ...], most: int) -> tuple[np.ndarray, np.ndarray]:
-    step = max(1, len(places[0]) // most)
-    return places[0][::step], places[1][::step]
+def _few(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Choose about MOST_PIXELS pixels, always the same ones as far as they are there: so that a fit settles."""
+    return _lots(camera.height, camera.width)[rows, columns] * len(rows) <= MOST_PIXELS
+
+
+@cache
+def _lots(height: int, width: int) -> np.ndarray:
+    return np.random.default_rng(0).random((height, width))

@@ -26,9 +26,9 @@ class ToolTrack:
     """[T, 4, 4]"""
     caster: o3d.t.geometry.RaycastingScene
 
-    def at(self, time_s: float) -> np.ndarray:
-        """Pose at one time, shape [4, 4]."""
-        return poses_at(self.time_s, self.poses, np.array([time_s]))[0] if len(self.time_s) > 1 else self.poses[0]
+    def at(self, times_s: np.ndarray) -> np.ndarray:
+        """Poses at some times [N] [s], shape [N, 4, 4]."""
+        return poses_at(self.time_s, self.poses, times_s) if len(self.time_s) > 1 else self.poses[[0] * len(times_s)]
 
     @property
     def speed_m_s(self) -> float:
