@@ -50,7 +50,7 @@ class Softening(Effect):
     law = "dev(tau) -> (1 - loss (1 - exp(-(peak - w) / (3 strain^2)))) dev(tau), w = I1bar - 3, peak = max w so far"
     source = "Ogden & Roxburgh 1999, A pseudo-elastic model for the Mullins effect in filled rubber, with exp for erf"
     amplitudes = (
-        Parameter("loss", "-", 0.0, 0.95, step=0.25, typical=0.9, help="largest share of stress that is lost"),
+        Parameter("loss", "-", 0.0, 0.95, step=0.1, typical=0.9, help="largest share of stress that is lost"),
     )
     shapes = (
         Parameter("strain", "-", 0.001, 1.0, step=0.0, default=0.02, help="uniaxial strain that counts as large"),

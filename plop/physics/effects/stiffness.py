@@ -18,7 +18,7 @@ class Stiffness(Effect):
     help = "the material is stiffer or softer"
     law = "E -> E exp(d_ln_e)"
     source = "Hooke's law; the logarithm makes twice and half as far from 1"
-    amplitudes = (Parameter("d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.5, help="change of the modulus' logarithm"),)
+    amplitudes = (Parameter("d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.7, help="change of the modulus' logarithm"),)
 
     def material(self, material: Material) -> Material:
         """Scale the base's modulus."""

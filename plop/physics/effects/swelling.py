@@ -24,7 +24,7 @@ class Swelling(Effect):
     law = "F_e' = L F_e - (rate / 3) F_e"
     source = "Rodriguez, Hoger & McCulloch 1994, Stress-dependent finite growth in soft elastic tissues"
     amplitudes = (
-        Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.005, typical=-0.05, help="relative change of volume a second"),
+        Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.01, typical=-0.1, help="relative change of volume a second"),
     )
 
     def after(self, body: Engine, dt: float) -> None:

@@ -16,8 +16,8 @@ class Tilt(Effect):
     law = "g += (gx, gy, 0)"
     source = "Newton's second law in a tilted frame"
     amplitudes = (
-        Parameter("gx_m_s2", "m/s^2", -5.0, 5.0, step=0.1, typical=0.5, help="sideways acceleration along x"),
-        Parameter("gy_m_s2", "m/s^2", -5.0, 5.0, step=0.1, typical=0.5, help="sideways acceleration along y"),
+        Parameter("gx_m_s2", "m/s^2", -5.0, 5.0, step=0.1, typical=1.0, help="sideways acceleration along x"),
+        Parameter("gy_m_s2", "m/s^2", -5.0, 5.0, step=0.1, typical=1.0, help="sideways acceleration along y"),
     )
 
     def config(self, config: EngineConfig) -> EngineConfig:

@@ -16,7 +16,7 @@ class Viscosity(Effect):
     law = "tau += 2 eta dev(D), D the symmetric velocity gradient"
     source = "Kelvin-Voigt solid; Larson, The Structure and Rheology of Complex Fluids, 1999"
     amplitudes = (
-        Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, step=5.0, typical=40.0, help="shear viscosity beyond the base's"),
+        Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, step=2.0, typical=100.0, help="viscosity beyond the base's"),
     )
 
     def material(self, material: Material) -> Material:

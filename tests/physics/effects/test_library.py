@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def press(block, plate):
     velocities = np.tile([0.15, 0, 0], (len(positions), 1))
     motion = plate((0, 0.0302), (0.004, 0.027), (0.004, 0.027), (0.004, 0.031), times=[0, 0.04, 0.05, 0.06])
 
-    def run(effects, times=(0, 0.03, 0.06), start=None, order=None):
+    def run(effects, times=(0, 0.05, 0.07), start=None, order=None):
         particles = start or Particles(positions, volumes, velocities)
         if order is not None:
             particles = Particles(positions[order], volumes[order], velocities[order])
@@ -76,10 +78,13 @@ def test_every_effect_keeps_its_memory_and_leaves_tracers_alone(name, press):
     assert np.isfinite(whole.positions).all() and np.isfinite(whole.F).all()
     shuffle = np.random.default_rng(0).permutation(len(whole.positions[0]))
     mixed = press([effect], order=shuffle)
-    np.testing.assert_allclose(mixed.positions, whole.positions[:, shuffle], atol=3e-5)
-    half = press([effect], times=(0, 0.03))
-    rest = press([effect], times=(0.03, 0.06), start=half.final)
-    np.testing.assert_allclose(rest.positions[-1], whole.positions[-1], atol=3e-5)
+    np.testing.assert_allclose(mixed.positions, whole.positions[:, shuffle], atol=2e-6)
+    half = press([effect], times=(0, 0.05))
+    rest = press([effect], times=(0.05, 0.07), start=half.final)
+    np.testing.assert_allclose(rest.positions[-1], whole.positions[-1], atol=2e-6)
+    if effect.remembers:
+        forgetful = press([effect], times=(0.05, 0.07), start=replace(half.final, memory=None))
+        assert np.abs(forgetful.positions[-1] - whole.positions[-1]).max() > 5e-6
     moved = whole.positions[-1] - whole.positions[0]
     np.testing.assert_allclose(moved[-2:], moved[[100, 150]], atol=4e-4)
 
