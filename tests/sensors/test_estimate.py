@@ -1,0 +1,118 @@
+"""Sensor faults are found, named and measured from table and tool; good cameras are left alone."""
+
+from __future__ import annotations
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from plop.recordings.recording import Recording
+from plop.recordings.resample import resampled
+from plop.sensors.correct import correct_view, found_faults
+from plop.sensors.estimate import estimate_sensors, pool
+from plop.sensors.faults import FAULTS
+from tests.sensors.conftest import CAMERAS, film
+
+TRUE = {"cam_00": {"clock": {"offset_s": 0.02}}, "cam_01": {"depth_scale": {"factor": 1.01}},
+        "cam_02": {"depth_bias": {"offset_m": 0.003}}, "cam_03": {"pose_drift": {"x_m": 0.003}},
+        "cam_04": {"pose_drift": {"ry_rad": 0.00873}},
+        "cam_05": {"clock": {"offset_s": -0.02}, "pose_error": {"z_m": 0.003}}}  # fmt: skip
+CLOSE = {"offset_s": 2e-3, "factor": 1e-3, "offset_m": 4e-4, "x_m": 8e-4, "ry_rad": 2e-3, "z_m": 8e-4}
+
+
+@pytest.fixture(scope="module")
+def found(faulty):
+    return {finding.camera: finding for finding in estimate_sensors(faulty)}
+
+
+@pytest.fixture(scope="module")
+def good(lagging_object):
+    return estimate_sensors(lagging_object)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_the_faults_of_a_camera_are_found_and_nothing_else(found, camera):
+    assert {each.fault for each in found[camera].found} == set(TRUE[camera])
+    for each in found[camera].found:
+        for key, value in TRUE[camera][each.fault].items():
+            assert each.values[key] == pytest.approx(value, abs=CLOSE[key])
+            assert 0 < each.standard_errors[key] < CLOSE[key]
+
+
+def test_an_object_that_lags_is_no_fault_of_the_cameras(good):
+    assert [(f.camera, each.fault) for f in good for each in f.found] == []
+    for finding in good:
+        assert finding.fit.noise_m == pytest.approx(0.001, rel=0.15)
+
+
+def test_standard_errors_are_honest(good):
+    scores = [(each.values[key] - FAULTS[each.fault]()[key]) / each.standard_errors[key]
+              for finding in good for each in finding.faults for key in each.values]  # fmt: skip
+    assert np.mean(np.abs(scores) < 3) > 0.95
+
+
+def test_episodes_together_are_surer_than_one(good, found):
+    one = good[0]
+    both = pool([[one], [one]])[0]
+    index = {each.fault: each for each in both.faults}
+    for each in one.faults:
+        key = next(iter(each.values))
+        assert index[each.fault].standard_errors[key] < 0.8 * each.standard_errors[key]
+    mixed = pool([list(found.values()), [found["cam_00"]]])
+    assert [finding.camera for finding in mixed] == CAMERAS
+    assert {each.fault for each in mixed[0].found} == {"clock"}
+
+
+def test_episodes_that_disagree_are_less_sure(good, found):
+    agreed = pool([[found["cam_00"]], [found["cam_00"]]])[0].faults[0]
+    torn = pool([[found["cam_00"]], [good[0]]])[0].faults[0]
+    assert torn.standard_errors["offset_s"] > 2 * agreed.standard_errors["offset_s"]
+
+
+def test_without_a_tool_scale_and_pose_are_one(faulty, tmp_path):
+    path = shutil.copy(faulty, tmp_path / "cut.h5")
+    with h5py.File(path, "a") as file:
+        file["tool/world_from_tool"][:] = np.nan
+    findings = {finding.camera: finding for finding in estimate_sensors(path)}
+    scale = findings["cam_01"].found
+    assert [each.fault for each in scale] == ["depth_scale"] and scale[0].alternatives == ("pose_error",)
+    clock = findings["cam_00"].faults[0]
+    assert not clock.found and clock.standard_errors["offset_s"] > 0.1
+
+
+def test_a_correction_undoes_the_faults(faulty, found):
+    faults = found_faults(list(found.values()))
+    with Recording(faulty) as recording:
+        last = len(recording) - 1
+        for camera in ("cam_01", "cam_02", "cam_03", "cam_05"):
+            raw = recording.view(camera, last)
+            fixed = correct_view(recording, camera, last, faults)
+            before, after = (_table_rms(view) for view in (raw, fixed.view))
+            assert after < 0.00125 and (camera == "cam_03" or before > 2 * after)
+        late = correct_view(recording, "cam_00", last, faults)
+        assert late.scene_time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
+        untouched = correct_view(recording, "cam_00", 0, found_faults([]))
+        np.testing.assert_array_equal(untouched.view.depth_m, recording.view("cam_00", 0).depth_m)
+
+
+def _table_rms(view):
+    heights = view.camera.back_project(view.depth_m, view.mask == 0)[:, 2]
+    return float(np.sqrt(np.median(heights**2)) * 1.4826)
+
+
+def test_a_single_frame_says_nothing_of_time(cut, tmp_path):
+    path = film(tmp_path / "one.h5", resampled(cut, np.array([0.0])), ["depth_scale=1.01"], size=64)
+    first = estimate_sensors(path)[0]
+    assert [each.fault for each in first.found] == ["depth_scale"]
+    by_name = {each.fault: each for each in first.faults}
+    assert by_name["clock"].standard_errors["offset_s"] > 0.1
+
+
+def test_the_truth_is_not_looked_at(faulty, tmp_path, found):
+    path = shutil.copy(faulty, tmp_path / "cut.h5")
+    with h5py.File(path, "a") as file:
+        for key in ("truth", *(f"cameras/{camera}" for camera in CAMERAS[1:])):
+            del file[key]
+    assert estimate_sensors(path)[0].as_dict() == found["cam_00"].as_dict()
