@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
 _TWO = np.float32(2)
+_TINY = np.float32(1e-12)
 _FAR = np.float32(1e9)
 _FADED = np.float32(0.01)
 """A bond weaker than this is broken [-]."""
@@ -41,6 +42,14 @@ def gap_to_tool(kind, faces, thickness, d, y, z, side, cut):
     return (d if side == 0 else -d) - half_thickness(thickness, y, z)
 
 
+@njit(fastmath=True)
+def drag_along(slip, p, x, y, z, most):
+    """Add a way (x, y, z) to row p of slip [N, 3] and shorten the sum to the length `most` [m]."""
+    x, y, z = slip[p, 0] + x, slip[p, 1] + y, slip[p, 2] + z
+    shorten = min(_ONE, most / max(math.sqrt(x * x + y * y + z * z), _TINY))
+    slip[p, 0], slip[p, 1], slip[p, 2] = shorten * x, shorten * y, shorten * z
+
+
 @kernel()
 def stick(x, v, mass, volume, radius, side, cut, kind, pose, faces, thickness, dt, traction, keep, touching, slip_m,
           bond, slip):  # fmt: skip
@@ -57,10 +66,7 @@ def stick(x, v, mass, volume, radius, side, cut, kind, pose, faces, thickness, d
         Impulse on the object [3] [N s].
     """
     total = np.zeros(3, np.float32)
-    largest = _ZERO
-    for p in range(x.shape[0]):
-        largest = max(largest, volume[p])
-    spacing = largest ** np.float32(1 / 3)
+    spacing = volume.max() ** np.float32(1 / 3)
     for p in range(x.shape[0]):
         rx, ry, rz = x[p, 0] - pose[0, 0], x[p, 1] - pose[0, 1], x[p, 2] - pose[0, 2]
         d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
@@ -73,21 +79,16 @@ def stick(x, v, mass, volume, radius, side, cut, kind, pose, faces, thickness, d
         if bond[p] < _FADED:
             bond[p], slip[p, 0], slip[p, 1], slip[p, 2] = _ZERO, _ZERO, _ZERO, _ZERO
             continue
-        sx = slip[p, 0] + dt * (v[p, 0] - pose[4, 0] - pose[5, 1] * rz + pose[5, 2] * ry)
-        sy = slip[p, 1] + dt * (v[p, 1] - pose[4, 1] - pose[5, 2] * rx + pose[5, 0] * rz)
-        sz = slip[p, 2] + dt * (v[p, 2] - pose[4, 2] - pose[5, 0] * ry + pose[5, 1] * rx)
-        shorten = min(_ONE, slip_m / max(math.sqrt(sx * sx + sy * sy + sz * sz), np.float32(1e-12)))
-        sx, sy, sz = shorten * sx, shorten * sy, shorten * sz
-        slip[p, 0], slip[p, 1], slip[p, 2] = sx, sy, sz
+        ux = pose[4, 0] + pose[5, 1] * rz - pose[5, 2] * ry
+        uy = pose[4, 1] + pose[5, 2] * rx - pose[5, 0] * rz
+        uz = pose[4, 2] + pose[5, 0] * ry - pose[5, 1] * rx
+        drag_along(slip, p, dt * (v[p, 0] - ux), dt * (v[p, 1] - uy), dt * (v[p, 2] - uz), slip_m)
         # a particle on the surface of a lattice stands for half a cell below its area, others for a whole one
         area = volume[p] / spacing * (_TWO if radius[p] == _ZERO else _ONE)
         push = -dt * traction * bond[p] * area / slip_m
-        v[p, 0] += push * sx / mass[p]
-        v[p, 1] += push * sy / mass[p]
-        v[p, 2] += push * sz / mass[p]
-        total[0] += push * sx
-        total[1] += push * sy
-        total[2] += push * sz
+        for k in range(3):
+            v[p, k] += push * slip[p, k] / mass[p]
+            total[k] += push * slip[p, k]
     return total
 
 
@@ -104,7 +105,7 @@ class Adhesion(Effect):
     help = "the tool is sticky and lets go late"
     law = "t = -traction b s / 0.2 mm, s' = v - v_tool with |s| <= 0.2 mm, b = 1 in contact, else b' = -b / release"
     source = "constant traction: Dugdale 1960, Maugis 1992; slip: Dahl 1968; rate: Creton & Ciccotti 2016"
-    amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=300.0, help="traction of a whole bond"),)
+    amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=150.0, help="traction of a whole bond"),)
     shapes = (Parameter("release_s", "s", 0.001, 10.0, step=0.0, default=0.1, help="time in which an open bond fades"),)
     remembers = {"bond": ((), 0.0), "slip": ((3,), 0.0)}
 
