@@ -161,8 +161,8 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
     singles = tuple((kind,) for kind in KINDS)
-    sets = {"null": (1.0, ((),), 128), "single": (1.0, singles, 128), "quarter_amplitude": (0.25, singles, 128),
-            "pairs": (1.0, PAIRS, 128), "null_64px": (1.0, ((),), 64), "single_64px": (1.0, singles, 64)}  # fmt: skip
+    sets = {"null": (1.0, ((),), 128), "single": (1.0, singles, 128), "pairs": (1.0, PAIRS, 128),
+            "quarter_amplitude": (0.25, singles, 128), "null_64px": (1.0, ((),), 64)}  # fmt: skip
     result: dict[str, object] = {"command": "python -m benchmarks.sensor_faults", "seed": options.seed,
                                  "amplitudes": AMPLITUDE, "noises_m": NOISES_M}  # fmt: skip
     sequences = [episode(k, options.seed) for k in range(6)]

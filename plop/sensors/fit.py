@@ -79,13 +79,12 @@ def _normal(frames: list[dict[str, Rows]], sigmas: dict[str, float],
     """Sum up the normal equations.
 
     Returns:
-        Information [15, 15], the score of every frame [F, 15], and the score of each systematic pattern if it were
-        in all frames alike [3, 15].
+        Information [15, 15], the score of every frame [F, 15], and the score of each systematic pattern [6, 15].
     """
     # Neighbouring blurred pixels share their errors: 4 pi blur^2 of them count as one (noise equivalent area).
     shared = {"table": 1.0, "tool": 1.0, "outline": max(1.0, 4 * np.pi * blur_px**2)}
     information, scores = np.zeros((COUNT, COUNT)), np.zeros((len(frames), COUNT))
-    systematic = np.zeros((3, COUNT))
+    systematic = np.zeros((6, COUNT))
     for index, frame in enumerate(frames):
         for kind, rows in frame.items():
             size = np.abs(rows.residual) / sigmas[kind]

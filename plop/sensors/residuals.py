@@ -48,10 +48,11 @@ class Rows:
     jacobian: np.ndarray
     """[N, 15]"""
     patterns: np.ndarray
-    """[N, 3]: what an outline that is systematically off by SYSTEMATIC_PX to the right, down, or outwards adds."""
+    """[N, 6]: what an outline adds that is systematically off by SYSTEMATIC_PX to the right, down, or outwards, in all
+    frames alike or growing from the first to the last."""
 
 
-NONE = Rows(np.zeros(0), np.zeros((0, COUNT)), np.zeros((0, 3)))
+NONE = Rows(np.zeros(0), np.zeros((0, COUNT)), np.zeros((0, 6)))
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class _Setting:
         jacobian = self.factor * np.einsum("nk,nkp->np", normals / facing[:, None], moved)
         jacobian[:, SLICES["depth_scale"].start] = depth
         jacobian[:, SLICES["depth_bias"].start] = 1.0
-        return Rows(recorded - self.factor * depth - self.offset_m, jacobian, np.zeros((len(depth), 3)))
+        return Rows(recorded - self.factor * depth - self.offset_m, jacobian, np.zeros((len(depth), 6)))
 
 
 def residuals(scene: CameraScene, sighting: Sighting, deviation: np.ndarray, blur_px: float) -> dict[str, Rows]:
@@ -209,6 +210,7 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
     )
     slope = np.stack([right[rows, columns], down[rows, columns]], -1)
     patterns = SYSTEMATIC_PX * np.column_stack([-slope, np.linalg.norm(slope, axis=1)])
+    patterns = np.hstack([patterns, setting.sighting.share * patterns])
     return Rows(
         (recorded - expected)[rows, columns].astype(np.float64), -np.einsum("nk,nkp->np", slope, flow), patterns
     )
