@@ -110,7 +110,7 @@ class Tally:
         return {"cameras": self.cameras, "found": rate(self.found, self.cameras),
                 "another_found": rate(self.others, self.cameras), "another_m": self.wrong, "ambiguous": self.ambiguous,
                 "median_error": round(float(np.median(self.errors)), 4) if self.errors else None,
-                "within_1_96_se": round(float((scores < 1.96).mean()), 3)}  # fmt: skip
+                "within_1_96_se": round(float((scores < 1.96).mean()), 3) if len(scores) else None}  # fmt: skip
 
 
 def rate(count: int, total: int) -> dict[str, float]:
@@ -145,7 +145,6 @@ def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSeq
                 tally.cameras += 1
                 tally.found += {each.fault for each in finding.found} >= names
                 tally.count_others(finding, names)
-                tally.scores.append(0.0)
     return tallies
 
 
