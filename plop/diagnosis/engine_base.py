@@ -40,10 +40,6 @@ class EngineBase:
         """Grid and surroundings; the table's height is the episode's."""
         return EngineConfig(dx_m=CELLS * self.spacing_m, table_cone=self.table_cone)  # type: ignore[arg-type]
 
-    def with_material(self, **values: float) -> EngineBase:
-        """Change the material."""
-        return replace(self, material=replace(self.material, **values))
-
 
 def start_particles(base: EngineBase, episode: Episode, effects: Sequence[Effect] = ()) -> Particles:
     """Fill the object at the first frame; one tracer for each measured point comes last.

@@ -41,7 +41,8 @@ class Episode:
         frames, count = len(self.times), len(self.patch)
         if self.points.shape != (frames, count, 3) or frames < 3 or not np.isfinite(self.points).all():
             raise PlopError("An episode cannot be compared.", where=self.name,
-                            expected="at least 3 frames of finite points", found=f"points {self.points.shape}")  # fmt: skip
+                            expected="at least 3 frames of finite points",
+                            found=f"points {self.points.shape}")  # fmt: skip
 
     @property
     def patches(self) -> int:
@@ -121,7 +122,8 @@ def convex_surface(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         hull = ConvexHull(points)
     except (QhullError, ValueError) as error:
         raise PlopError("The object's points enclose nothing.", expected="points all around an object",
-                        found=f"{len(points)} points", fix="Check the masks of the first frame.") from error  # fmt: skip
+                        found=f"{len(points)} points",
+                        fix="Check the masks of the first frame.") from error  # fmt: skip
     used, numbered = np.unique(hull.simplices, return_inverse=True)
     vertices, faces = points[used].astype(np.float64), numbered.reshape(-1, 3)
     corner = vertices[faces]

@@ -106,6 +106,7 @@ def push_tool(x, v, mass, radius, side, cut, bounds, kind, pose, faces, thicknes
     """
     rate = _TWO * _STIFFNESS * modulus / (density * dx * dx)
     loss = _TWO * _DAMPING * math.sqrt(rate)
+    whole = density * dx * dx * dx / np.float32(8)
     for chunk in prange(bounds.shape[0] - 1):
         px, py, pz = _ZERO, _ZERO, _ZERO
         for p in range(bounds[chunk], bounds[chunk + 1]):
@@ -124,7 +125,9 @@ def push_tool(x, v, mass, radius, side, cut, bounds, kind, pose, faces, thicknes
             uy = v[p, 1] - pose[4, 1] - pose[5, 2] * rx + pose[5, 0] * rz
             uz = v[p, 2] - pose[4, 2] - pose[5, 0] * ry + pose[5, 1] * rx
             along = ux * wx + uy * wy + uz * wz
-            push = dt * (rate * depth - loss * along)
+            # a particle that lies on the surface stands for less mass and as much surface as one a layer below
+            lightness = min(_TWO, max(_ONE, whole / mass[p]))
+            push = dt * (lightness * rate * depth - loss * along)
             if push <= _ZERO:
                 continue
             tx, ty, tz = ux - along * wx, uy - along * wy, uz - along * wz

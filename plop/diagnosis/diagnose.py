@@ -1,0 +1,127 @@
+"""From measured episodes and a base to a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.candidates import Candidate, candidates_of
+from plop.diagnosis.engine_base import EngineBase
+from plop.diagnosis.evidence import Evidence, MisfitModel
+from plop.diagnosis.findings import State
+from plop.diagnosis.limits import detection_limits
+from plop.diagnosis.screen import Score, confounded, one_per_effect
+from plop.diagnosis.shams import SHAMS, sham_gains
+from plop.diagnosis.table import Measured, RunJobs, Table
+from plop.diagnosis.verdict import Finding, Verdict, judge
+from plop.errors import PlopError
+from plop.physics.effects.library import EffectType
+
+LEAST_EPISODES = 4
+REFITTED = 5
+"""Effects whose response is computed anew at the amplitude found."""
+ROUNDS = 2
+"""How often."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that was found."""
+
+    verdict: Verdict
+    scores: list[Score]
+    """Best first, one for each effect; the best were refitted."""
+    findings: list[Finding]
+    """The same with parameters, p and contrast; the base's own parameters come last."""
+    shams: np.ndarray
+    """Best gain over the library under each sham."""
+    limits: dict[str, dict[str, Any]]
+    """Effect -> smallest detectable amplitude and displacement."""
+    error: float
+    """Mean squared residual of the base, in units of its expectation [-]."""
+    floor: float | None
+    """The same in the reference recordings."""
+    dropped: dict[str, str]
+    """Episodes and columns left out, with the reason."""
+    evidence: list[Evidence]
+    control: list[Evidence]
+    misfit: MisfitModel
+
+
+def diagnose(
+    measured: Measured, base: EngineBase, types: Mapping[str, EffectType], run_jobs: RunJobs, *,
+    reference: Measured | None = None, effects: Iterable[str] | None = None, sensors: Sequence[str] = (),
+    shams: int = SHAMS, seed: int = 0,
+) -> Diagnosis:  # fmt: skip
+    """Find which effect the base is missing.
+
+    Args:
+        measured: Episodes to explain.
+        base: The engine, calibrated to the reference; it computes the responses.
+        types: The library.
+        run_jobs: How engine runs are carried out.
+        reference: Episodes that the base was fitted to: they tell how far it is off when nothing is missing.
+        effects: Only these effects; all when absent.
+        sensors: Significant sensor faults, in words.
+        shams: Number of shams.
+        seed: Draws the shams.
+
+    Raises:
+        PlopError: Too few episodes, or the engine cannot follow any.
+    """
+    _check(measured)
+    candidates = candidates_of(types, None if effects is None else list(effects))
+    tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
+    for table in tables:
+        table.respond([column for candidate in candidates for column in candidate.columns])
+    state = State(tables, candidates)
+    for _ in range(ROUNDS):
+        scores = one_per_effect(state.scores())[:REFITTED]
+        candidates = _moved(candidates, scores)
+        chosen = {s.candidate.key for s in scores}
+        for table in tables:
+            table.respond([column for c in candidates if c.key in chosen for column in c.columns])
+        state = State(tables, candidates)
+    return _conclude(state, sensors, shams, seed)
+
+
+def _check(measured: Measured) -> None:
+    if len(measured.episodes) < LEAST_EPISODES:
+        raise PlopError("There are too few episodes for a verdict.", expected=f"at least {LEAST_EPISODES}",
+                        found=str(len(measured.episodes)),
+                        fix="Record more motions; a verdict from fewer would be a guess.")  # fmt: skip
+
+
+def _moved(candidates: list[Candidate], scores: list[Score]) -> list[Candidate]:
+    """Set the amplitudes of the best candidates to what was fitted, as far as a response can be seen there."""
+    fitted = {score.candidate.key: score.values for score in scores}
+
+    def one(candidate: Candidate) -> Candidate:
+        if candidate.key not in fitted:
+            return candidate
+        columns = []
+        for column, value in zip(candidate.columns, fitted[candidate.key], strict=True):
+            inside = float(np.clip(value, column.low, column.high))
+            usable = abs(inside) > 0.05 * abs(column.value)
+            columns.append(replace(column, value=inside if usable else column.value))
+        return replace(candidate, columns=tuple(columns))
+
+    return [one(candidate) for candidate in candidates]
+
+
+def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Diagnosis:
+    scores = one_per_effect(state.scores())
+    sham = sham_gains(state.screen, seed=seed, count=shams)
+    findings = [state.finding(score, sham) for score in scores]
+    base = state.base_finding(sham)
+    error, floor = state.errors()
+    left = state.left(scores[0]) if scores else None
+    alike = [s.candidate.effect for s in confounded(state.screen, scores[0], scores)] if scores else []
+    verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left)
+    limits = detection_limits(state.screen, scores, sham, state.response_rms_m)
+    dropped = {key: why for table in state.tables for key, why in table.dropped.items()}
+    return Diagnosis(verdict, scores, [*findings, base], sham, limits, error, floor, dropped, state.evidence,
+                     state.control, state.misfit)  # fmt: skip

@@ -1,0 +1,116 @@
+"""Scores turned into findings: parameters with units and intervals, p, and the contrast with the reference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
+from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
+from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, known_misfit
+from plop.diagnosis.screen import Score, Screen
+from plop.diagnosis.shams import p_value
+from plop.diagnosis.table import Table
+from plop.diagnosis.verdict import Finding
+
+
+class State:
+    """Everything computed so far: evidence, screen, and the same columns in the reference recordings."""
+
+    def __init__(self, tables: list[Table], candidates: list[Candidate]) -> None:
+        """Whiten and multiply out.
+
+        Args:
+            tables: Measured episodes and, where there is one, the reference.
+            candidates: The hypotheses.
+        """
+        self.tables = tables
+        self.evidence = tables[0].evidence()
+        self.control: list[Evidence] = tables[1].evidence() if len(tables) > 1 else []
+        gone = {key for table in tables for key in table.dropped}
+        usable = [c for c in candidates if not gone & {column.key for column in c.columns}]
+        self.keys = list(dict.fromkeys(column.key for c in usable for column in c.columns))
+        self.misfit = MisfitModel.of(self.control or self.evidence)
+        self.known = np.zeros(len(self.keys))
+        if self.control:
+            plain = [whiten(e, self.misfit, self.keys) for e in self.control]
+            trial = Screen(plain, self.keys, usable)
+            self.known = known_misfit(trial.grams, trial.base, [trial.columns(c) for c in trial.candidates])
+            self.misfit = MisfitModel.of([corrected(e, self.keys, self.known) for e in self.control])
+        whitened = self._whitened(self.evidence)
+        self.screen = Screen(whitened, self.keys, usable)
+        self.base_candidates = [c for c in usable if c.effect in BASE_COLUMNS]
+        self.reference = Grams.of(self._whitened(self.control)) if self.control else None
+        self.numbers = sum(len(e.residual) for e in whitened)
+
+    def _whitened(self, episodes: list[Evidence]) -> list[Whitened]:
+        return [whiten(corrected(e, self.keys, self.known), self.misfit, self.keys) for e in episodes]
+
+    def scores(self) -> list[Score]:
+        """Score all candidates, best first."""
+        return self.screen.scores(self.response_rms_m)
+
+    def response_rms_m(self, key: str) -> float:
+        """RMS displacement by one unit of a column over all episodes [m]."""
+        squares = [(e.responses[key] ** 2).sum(-1).mean() for e in self.evidence]
+        return float(np.sqrt(np.mean(squares)))
+
+    def errors(self) -> tuple[float, float | None]:
+        """Mean squared whitened residual, base parameters refitted: measured, and reference."""
+        floor = None
+        if self.reference is not None:
+            count = sum(e.residual.size for e in self.control)
+            floor = float(held_out_energy(self.reference, self.screen.base).sum() / count)
+        return float(self.screen.before().sum() / self.numbers), floor
+
+    def left(self, score: Score) -> float:
+        """Mean squared whitened held-out residual with an effect."""
+        return float(score.after.sum() / self.numbers)
+
+    def finding(self, score: Score, shams: np.ndarray) -> Finding:
+        """Add parameters, intervals, p and contrast to a score."""
+        columns = score.candidate.columns
+        parameters = _parameters(columns, score.fit, len(self.screen.base))
+        for name, value in columns[0].shapes:
+            parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
+                                "at_bound": False, "chosen": True}  # fmt: skip
+        rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
+        return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
+                       p_value(score.gain, shams), self._contrast(rows, len(columns), score.fit))  # fmt: skip
+
+    def base_finding(self, shams: np.ndarray) -> Finding:
+        """Judge a change of the base's own parameters, against leaving them as they are."""
+        raw, refitted = self.screen.grams.energy, self.screen.before()
+        rows = self.screen.base
+        fitted = fit(self.screen.grams, rows)
+        columns = [column for c in self.base_candidates for column in c.columns]
+        improvement, error = gain(raw, refitted), self.screen.gain_error(np.array([], int), rows)
+        contrast = self._contrast(rows, len(rows), fitted)
+        # The same kind of p as for effects: sham gains are shares of the error, too.
+        return Finding("base parameters", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
+                       p_value(improvement, shams), contrast)  # fmt: skip
+
+    def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> float | None:
+        """Distance of the last `own` amplitudes from those in the reference, in standard errors (Welch)."""
+        if self.reference is None:
+            return None
+        other = fit(self.reference, rows)
+        difference = fitted.values[-own:] - other.values[-own:]
+        spread = fitted.spread[-own:, -own:] + other.spread[-own:, -own:]
+        return float(np.sqrt(difference @ np.linalg.pinv(spread) @ difference / own))
+
+
+def _parameters(columns: tuple[Column, ...], fitted: Fit, first: int) -> dict[str, dict[str, Any]]:
+    """Give values with 95 % intervals over episodes, and whether they are at the end of their range."""
+    found = {}
+    width = student.ppf(0.975, max(fitted.episodes - 1, 1))
+    for k, column in enumerate(columns):
+        value, error = fitted.values[first + k], float(np.sqrt(fitted.spread[first + k, first + k]))
+        at_bound = value >= column.high or value <= column.low and column.low != 0
+        found[column.amplitude] = {
+            "value": float(np.clip(value, column.low, column.high)), "low": float(value - width * error),
+            "high": float(value + width * error), "unit": column.unit, "at_bound": bool(at_bound or value < column.low),
+        }  # fmt: skip
+    return found

@@ -1,0 +1,73 @@
+"""Detection limits by injection and recovery: how large must an effect be to be seen in these very recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.regression import Grams, gain, held_out_energy
+from plop.diagnosis.screen import Score, Screen
+from plop.diagnosis.verdict import ERRORS_LEAST, GAIN_LEAST, P_LARGEST
+
+_STEPS = 24
+
+
+def detection_limits(
+    screen: Screen, scores: list[Score], shams: np.ndarray, response_rms_m: Callable[[str], float]
+) -> dict[str, dict[str, Any]]:
+    """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
+
+    Args:
+        screen: The evidence.
+        scores: One for each effect.
+        shams: Best gains under shams.
+        response_rms_m: RMS response of one unit of a column [m].
+
+    Returns:
+        Effect -> {"amplitude", "unit", "displacement_m"}; None where even 1000 times the response's own
+        amplitude would not be seen.
+    """
+    threshold = float(np.quantile(shams, 1 - P_LARGEST))
+    return {score.candidate.effect: _limit(screen, score, threshold, response_rms_m) for score in scores}
+
+
+def _limit(screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float]) -> dict[str, Any]:
+    column = score.candidate.columns[0]
+    row = screen.index[column.key]
+    rows = np.concatenate([screen.base, screen.columns(score.candidate)])
+    left = _without(screen, rows, score.fit.values)
+
+    def seen(amplitude: float) -> bool:
+        grams = _injected(left, row, amplitude)
+        before, after = held_out_energy(grams, screen.base), held_out_energy(grams, rows)
+        won = gain(before, after)
+        return won > max(GAIN_LEAST, threshold) and won > ERRORS_LEAST * score.gain_error
+
+    high = abs(column.value)
+    while not seen(high):
+        high *= 4
+        if high > 1000 * abs(column.value):
+            return {"amplitude": None, "unit": column.unit, "parameter": column.amplitude, "displacement_m": None}
+    low = 0.0
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if seen(middle) else (middle, high)
+    return {"amplitude": high, "unit": column.unit, "parameter": column.amplitude,
+            "displacement_m": high * response_rms_m(column.key)}  # fmt: skip
+
+
+def _without(screen: Screen, rows: np.ndarray, values: np.ndarray) -> Grams:
+    """Take the fitted columns out of the residuals."""
+    grams = screen.grams
+    explained = grams.hessian[:, :, rows] @ values
+    energy = (grams.energy - 2 * grams.gradient[:, rows] @ values
+              + np.einsum("c,ecd,d->e", values, grams.hessian[:, rows][:, :, rows], values))  # fmt: skip
+    return Grams(grams.hessian, grams.gradient - explained, energy)
+
+
+def _injected(grams: Grams, row: int, amplitude: float) -> Grams:
+    """Add a response to the residuals."""
+    energy = grams.energy + 2 * amplitude * grams.gradient[:, row] + amplitude**2 * grams.hessian[:, row, row]
+    return Grams(grams.hessian, grams.gradient + amplitude * grams.hessian[:, :, row], energy)

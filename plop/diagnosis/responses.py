@@ -1,0 +1,52 @@
+"""Predictions and responses of one episode: the jobs that fill the cores, one (episode, column) each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.diagnosis.candidates import Column
+from plop.diagnosis.engine_base import EngineBase, predict_points, start_particles
+from plop.diagnosis.episode import Episode
+from plop.errors import PlopError
+from plop.physics.effects.library import EffectType
+
+
+@dataclass(frozen=True)
+class Job:
+    """One engine run."""
+
+    episode: Episode
+    base: EngineBase
+    settings: tuple[tuple[Column, float], ...] = ()
+    """Columns and their amplitudes; empty: the engine without effects."""
+
+    @property
+    def key(self) -> str:
+        """What is added to the engine, e.g. "viscosity().viscosity_pa_s=12"."""
+        return " + ".join(f"{column.key}={value:.6g}" for column, value in self.settings)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a job gives."""
+
+    points: np.ndarray | None
+    """[T, M, 3] [m]; None when the run was unstable."""
+    trouble: str = ""
+    """Why not."""
+
+
+def run_job(job: Job, types: Mapping[str, EffectType]) -> Answer:
+    """Simulate one episode with some effects; an unstable run is an answer, not an error."""
+    effects = []
+    for name in dict.fromkeys(column.effect for column, _ in job.settings):
+        own = [(column, value) for column, value in job.settings if column.effect == name]
+        values = {c.amplitude: float(np.clip(v, c.low, c.high)) for c, v in own}
+        effects.append(types[name](**values, **dict(own[0][0].shapes)))
+    try:
+        return Answer(predict_points(job.base, job.episode, start_particles(job.base, job.episode, effects), effects))
+    except PlopError as error:
+        return Answer(None, f"{error.problem} {error.where}: {error.found}")

@@ -1,0 +1,123 @@
+"""Carry out engine runs in parallel processes, or on a Dask cluster; what is finished survives a kill."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from joblib import Parallel, delayed, parallel_config
+
+from plop.diagnosis.responses import Answer, Job, run_job
+from plop.errors import PlopError
+from plop.physics.effects.library import library
+
+
+@dataclass
+class Runs:
+    """Runs jobs and remembers their answers by content; use it as a function."""
+
+    folder: Path | None = None
+    """Where answers are kept, one file a job; nowhere when None."""
+    effect_files: tuple[str, ...] = ()
+    """The user's effect files; every process reads them itself."""
+    jobs: int = -1
+    """Processes on this machine; -1 is one a core."""
+    scheduler: str = ""
+    """Address of a Dask scheduler, e.g. tcp://10.0.0.5:8786; this machine's processes when empty."""
+    progress: Callable[[int, int, str], None] | None = None
+    """Called with (done, total, job) after each job of a batch."""
+    done: int = field(default=0, init=False)
+    """Engine runs carried out, not counting those that were remembered."""
+
+    def __call__(self, jobs: Sequence[Job]) -> list[Answer]:
+        """Answer all jobs, in their order.
+
+        Raises:
+            PlopError: The scheduler cannot be reached.
+        """
+        answers = [self._remembered(job) for job in jobs]
+        missing = [k for k, answer in enumerate(answers) if answer is None]
+        ready = len(jobs) - len(missing)
+        with self._backend():
+            lazily = Parallel(n_jobs=self.jobs, return_as="generator", batch_size=1)
+            running = lazily(delayed(answer_job)(jobs[k], self.effect_files) for k in missing)
+            for k, answer in zip(missing, running, strict=True):
+                answers[k] = answer
+                self.done += 1
+                self._remember(jobs[k], answer)
+                ready += 1
+                if self.progress is not None:
+                    self.progress(ready, len(jobs), f"{jobs[k].episode.name} {jobs[k].key}")
+        return [answer for answer in answers if answer is not None]
+
+    @contextmanager
+    def _backend(self) -> Iterator[None]:
+        if not self.scheduler:
+            with parallel_config("loky"):
+                yield
+            return
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise PlopError("A Dask scheduler needs the package distributed.", expected="pip install plop[cluster]",
+                            found=str(error)) from error  # fmt: skip
+        try:
+            client = Client(self.scheduler, timeout="20s", set_as_default=True)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise PlopError("The Dask scheduler cannot be reached.", where=self.scheduler,
+                            expected="an address such as tcp://host:8786", found=str(error) or "no answer",
+                            fix="Start `dask scheduler` and workers, or leave --scheduler out.") from error  # fmt: skip
+        try:
+            with parallel_config("dask", wait_for_workers_timeout=60):
+                yield
+        finally:
+            client.close()
+
+    def _remembered(self, job: Job) -> Answer | None:
+        path = self._path(job)
+        if path is None or not path.is_file():
+            return None
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return Answer(file["points"] if "points" in file else None, str(file["trouble"]))
+        except (OSError, ValueError, KeyError):
+            return None
+
+    def _remember(self, job: Job, answer: Answer) -> None:
+        path = self._path(job)
+        if path is None:
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_suffix(".tmp")
+        arrays = {"trouble": np.array(answer.trouble)}
+        if answer.points is not None:
+            arrays["points"] = answer.points.astype(np.float32)
+        with scratch.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+        os.replace(scratch, path)
+
+    def _path(self, job: Job) -> Path | None:
+        return None if self.folder is None else self.folder / f"{digest(job)}.npz"
+
+
+def answer_job(job: Job, effect_files: tuple[str, ...]) -> Answer:
+    """Run one job in whatever process it lands in."""
+    answer = run_job(job, library(effect_files))
+    # single precision is what a remembered answer has, too: a resumed diagnosis says the same to the last digit
+    points = None if answer.points is None else answer.points.astype(np.float32)
+    return Answer(points, answer.trouble)
+
+
+def digest(job: Job) -> str:
+    """Name a job by everything that decides its answer."""
+    total = hashlib.sha256(f"{job.base!r}|{job.key}|{job.episode.table_z_m}".encode())
+    episode = job.episode
+    for array in (episode.times, episode.points[0], episode.vertices, episode.faces, episode.tool.vertices,
+                  episode.tool.world_from_tool):  # fmt: skip
+        total.update(np.ascontiguousarray(array, np.float64).tobytes())
+    return total.hexdigest()[:32]

@@ -1,0 +1,149 @@
+"""Rank all candidates: how much of the error on held-out episodes each explains beyond the base's own parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.diagnosis.candidates import BASE_COLUMNS, Candidate
+from plop.diagnosis.evidence import Whitened
+from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, held_out_values, solve
+
+CONFOUNDED_COSINE = 0.95
+"""Signatures closer than this, after the base's parameters are taken out, cannot be told apart here."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How one candidate did."""
+
+    candidate: Candidate
+    gain: float
+    """Share of the held-out error that it takes away, beyond the base's own parameters [-]."""
+    gain_error: float
+    """Standard error of the gain [-]."""
+    after: np.ndarray
+    """Held-out sum of squares with it, per episode [E]."""
+    fit: Fit
+    """Its amplitudes, fitted to all episodes together with the base's parameters (those come first)."""
+    size_m: float
+    """RMS displacement that it makes at the fitted amplitude [m]."""
+
+    @property
+    def values(self) -> np.ndarray:
+        """Fitted amplitudes, one a column of the candidate."""
+        return self.fit.values[-len(self.candidate.columns) :]
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Their standard errors over episodes."""
+        return np.sqrt(np.diag(self.fit.spread))[-len(self.candidate.columns) :]
+
+
+class Screen:
+    """Grams of all columns, and the scores made from them."""
+
+    def __init__(self, episodes: list[Whitened], keys: list[str], candidates: list[Candidate]) -> None:
+        """Multiply out once.
+
+        Args:
+            episodes: At least two.
+            keys: Names of the columns of `Whitened.matrix`.
+            candidates: Hypotheses whose columns are among them; base parameters included.
+        """
+        self.episodes, self.keys, self.grams = episodes, keys, Grams.of(episodes)
+        self.index = {key: k for k, key in enumerate(keys)}
+        own = [column.key for c in candidates if c.effect in BASE_COLUMNS for column in c.columns]
+        self.base = np.array([self.index[key] for key in own], int)
+        self.candidates = [c for c in candidates if c.effect not in BASE_COLUMNS and self._felt(c)]
+
+    def _felt(self, candidate: Candidate) -> bool:
+        rows = self.columns(candidate)
+        return bool((np.einsum("ecc->c", self.grams.hessian)[rows] > 0).all())
+
+    def columns(self, candidate: Candidate) -> np.ndarray:
+        """Indices of a candidate's columns."""
+        return np.array([self.index[c.key] for c in candidate.columns], int)
+
+    def before(self, grams: Grams | None = None) -> np.ndarray:
+        """Held-out sum of squares with the base's own parameters refitted, [E]."""
+        return held_out_energy(grams or self.grams, self.base)
+
+    def scores(self, response_rms_m: Callable[[str], float]) -> list[Score]:
+        """Score every candidate, best first.
+
+        Args:
+            response_rms_m: RMS response of one unit of a column [m].
+        """
+        before, found = self.before(), []
+        for candidate in self.candidates:
+            rows = np.concatenate([self.base, self.columns(candidate)])
+            after = held_out_energy(self.grams, rows)
+            fitted = fit(self.grams, rows)
+            sizes = [abs(v) * response_rms_m(c.key)
+                     for v, c in zip(fitted.values[len(self.base) :], candidate.columns, strict=True)]  # fmt: skip
+            found.append(Score(candidate, gain(before, after), self.gain_error(self.base, rows), after, fitted,
+                               float(np.hypot.reduce(sizes))))  # fmt: skip
+        return sorted(found, key=lambda s: -s.gain)
+
+    def gain_error(self, less: np.ndarray, more: np.ndarray) -> float:
+        """Give the standard error of the gain of some columns over others [-].
+
+        The parts of the object in each episode are what counts as independent; episodes are strata, because
+        some motions show an effect and others cannot.
+        """
+        before, after = self.held_out_blocks(less), self.held_out_blocks(more)
+        spread = (before - after).var(1, ddof=1).sum() * before.shape[1]
+        return float(np.sqrt(spread) / max(before.sum(), 1e-30))
+
+    def held_out_blocks(self, columns: np.ndarray) -> np.ndarray:
+        """Sum of squares left in each part of each episode when the columns were fitted to the others, [E, BLOCKS]."""
+        values = held_out_values(self.grams, columns)
+        return np.stack([e.by_block((e.residual - v @ e.matrix[columns]) ** 2)
+                         for e, v in zip(self.episodes, values, strict=True)])  # fmt: skip
+
+    def best_gain(self, grams: Grams) -> float:
+        """Largest gain over the library, for shams."""
+        before = self.before(grams)
+        return max((gain(before, held_out_energy(grams, np.concatenate([self.base, self.columns(c)])))
+                    for c in self.candidates), default=0.0)  # fmt: skip
+
+    def signature(self, candidate: Candidate, values: np.ndarray) -> np.ndarray:
+        """Response of a candidate without what the base's parameters can do, all episodes in a row, unit length."""
+        rows = self.columns(candidate)
+        total = self.grams.hessian.sum(0)
+        response = [np.tensordot(values, e.matrix[rows], 1) for e in self.episodes]
+        if len(self.base):
+            mix = solve(total[np.ix_(self.base, self.base)], total[np.ix_(self.base, rows)] @ values)
+            response = [r - np.tensordot(mix, e.matrix[self.base], 1)
+                        for r, e in zip(response, self.episodes, strict=True)]  # fmt: skip
+        flat = np.concatenate(response)
+        return flat / max(float(np.linalg.norm(flat)), 1e-30)
+
+
+def one_per_effect(scores: list[Score]) -> list[Score]:
+    """Keep the best setting of each effect, best first."""
+    seen: dict[str, Score] = {}
+    for score in scores:
+        seen.setdefault(score.candidate.effect, score)
+    return list(seen.values())
+
+
+def confounded(screen: Screen, best: Score, others: list[Score]) -> list[Score]:
+    """Find the effects that these recordings cannot tell from the best one.
+
+    Either their signatures coincide, or they explain the held-out error as well: the difference in held-out
+    error is less than two standard errors over episodes, and they keep at least 70 % of the gain.
+    """
+    mine, found = screen.signature(best.candidate, best.values), []
+    for other in others:
+        if other.candidate.effect == best.candidate.effect or other.gain <= 0:
+            continue
+        cosine = abs(float(mine @ screen.signature(other.candidate, other.values)))
+        worse = other.after - best.after
+        unclear = worse.sum() < 2 * np.std(worse, ddof=1) * np.sqrt(len(worse)) and other.gain > 0.7 * best.gain
+        if cosine > CONFOUNDED_COSINE or unclear:
+            found.append(other)
+    return found

@@ -1,0 +1,77 @@
+"""The table of evidence: residuals of all episodes, and responses that can be computed anew at other amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.diagnosis.candidates import Column
+from plop.diagnosis.engine_base import EngineBase
+from plop.diagnosis.episode import Episode
+from plop.diagnosis.evidence import Evidence, evidence_of
+from plop.diagnosis.responses import Answer, Job
+from plop.errors import PlopError
+
+RunJobs = Callable[[Sequence[Job]], list[Answer]]
+"""Runs jobs in any order, in parallel, and gives their answers in the order of the jobs."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Episodes, with the base's prediction of each where the base is not the engine."""
+
+    episodes: list[Episode]
+    predictions: Mapping[str, np.ndarray] | None = None
+    """Episode -> the followed points as the base predicts them, [T, M, 3] [m]; None: the engine is the base."""
+
+
+class Table:
+    """Evidence of one set of episodes."""
+
+    def __init__(self, measured: Measured, base: EngineBase, run_jobs: RunJobs) -> None:
+        """Run the engine without effects; episodes that it cannot follow are dropped.
+
+        Raises:
+            PlopError: It can follow none.
+        """
+        self.base, self.run_jobs, self.dropped = base, run_jobs, dict[str, str]()
+        answers = run_jobs([Job(episode, base) for episode in measured.episodes])
+        self.episodes: list[Episode] = []
+        self.plain: list[np.ndarray] = []
+        for episode, answer in zip(measured.episodes, answers, strict=True):
+            if answer.points is None:
+                self.dropped[episode.name] = answer.trouble
+            else:
+                self.episodes.append(episode)
+                self.plain.append(answer.points)
+        if not self.episodes:
+            raise PlopError("The engine can follow no episode.", found="; ".join(self.dropped.values())[:300],
+                            fix="Calibrate the engine to recordings of this object: `plop identify`.")  # fmt: skip
+        given = measured.predictions
+        self.predictions = [self.plain[k] if given is None else given[e.name] for k, e in enumerate(self.episodes)]
+        self.responses: list[dict[str, np.ndarray]] = [{} for _ in self.episodes]
+
+    def respond(self, columns: Sequence[Column]) -> None:
+        """Compute the response of each column at its amplitude, per unit of it; replaces what was there.
+
+        A column that makes the engine unstable in any episode is left out everywhere.
+        """
+        wanted = [c for c in columns if c.key not in self.dropped]
+        jobs = [Job(episode, self.base, ((column, column.value),)) for column in wanted for episode in self.episodes]
+        answers = iter(self.run_jobs(jobs))
+        for column in wanted:
+            own = [next(answers) for _ in self.episodes]
+            trouble = next((a.trouble for a in own if a.points is None), None)
+            if trouble is not None:
+                self.dropped[column.key] = trouble
+            for k, answer in enumerate(own):
+                if trouble is not None:
+                    self.responses[k].pop(column.key, None)
+                elif answer.points is not None:
+                    self.responses[k][column.key] = (answer.points - self.plain[k]) / column.value
+
+    def evidence(self) -> list[Evidence]:
+        """Reduce everything to patches and compared frames."""
+        return [evidence_of(episode, self.predictions[k], self.responses[k]) for k, episode in enumerate(self.episodes)]

@@ -1,0 +1,144 @@
+"""The decision, from scores, shams and intervals; never without its evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+P_LARGEST = 0.02
+"""Family-wise chance of a false alarm up to which an effect is named."""
+GAIN_LEAST = 0.05
+"""Least share of the held-out error that a named effect takes away."""
+ERRORS_LEAST = 2.0
+"""Least gain in standard errors over episodes."""
+PARTLY_SHARE = 0.5
+"""Share of the explainable gap below which an effect is named only as a part."""
+EXCESS_LEAST = 1.10
+"""Ratio of the error to the reference's from which on something is wrong."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named thing with its evidence."""
+
+    name: str
+    kind: str
+    """physics, decoy, base or sensor."""
+    parameters: dict[str, dict[str, Any]]
+    """Name -> {"value", "low", "high", "unit", "at_bound"}."""
+    gain: float
+    gain_error: float
+    p: float | None
+    contrast: float | None
+    """How far its amplitude is from that in the reference recordings, in standard errors; None without reference."""
+
+    @property
+    def at_bound(self) -> bool:
+        """Tell whether a parameter ran into its range."""
+        return any(p["at_bound"] for p in self.parameters.values())
+
+    def passes(self) -> bool:
+        """Tell whether all conditions for being named hold."""
+        clear = self.contrast is None or abs(self.contrast) > 3
+        return (self.p is not None and self.p <= P_LARGEST and self.gain > GAIN_LEAST
+                and self.gain > ERRORS_LEAST * self.gain_error and not self.at_bound and clear)  # fmt: skip
+
+    def reasons(self) -> list[str]:
+        """Say which conditions fail."""
+        found = []
+        if self.p is None or self.p > P_LARGEST:
+            found.append(f"p = {self.p:.3f} > {P_LARGEST}" if self.p is not None else "no shams")
+        if self.gain <= GAIN_LEAST:
+            found.append(f"gain {100 * self.gain:.1f} % <= {100 * GAIN_LEAST:g} %")
+        if self.gain <= ERRORS_LEAST * self.gain_error:
+            found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
+        if self.at_bound:
+            found.append("a parameter is at its bound")
+        if self.contrast is not None and abs(self.contrast) <= 3:
+            found.append(f"the same amplitude as in the reference recordings ({self.contrast:.1f} standard errors)")
+        return found
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What diagnosis says."""
+
+    kind: str
+    """NOTHING DETECTABLE, SENSOR, EFFECT, BASE PARAMETER, CONFOUNDED, PARTLY or NONE OF THESE."""
+    named: list[str]
+    """Effects, base parameters or sensor faults it names; the most likely first."""
+    text: str
+    """One sentence."""
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+
+def judge(
+    findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
+    error: float, floor: float | None, left: float | None,
+) -> Verdict:  # fmt: skip
+    """Decide.
+
+    Args:
+        findings: Effects, best first.
+        confounds: Effects that cannot be told from the best.
+        base: Change of the base's own parameters.
+        sensors: Significant sensor faults, in words.
+        error: Mean squared whitened error of the base.
+        floor: The same in the reference recordings; None without reference.
+        left: The same with the best effect.
+    """
+    named = [f for f in findings if f.passes() and f.kind != "decoy"]
+    decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
+    facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "decoys": decoys}
+    excess = floor is not None and error > EXCESS_LEAST * floor
+    if named and findings[0].name == named[0].name:
+        best = named[0]
+        share = _closed(error, floor, left)
+        partly = share is not None and share < PARTLY_SHARE
+        others = [name for name in confounds if name != best.name]
+        kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
+        return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share, sensors), facts)
+    if base is not None and base.passes():
+        return Verdict("BASE PARAMETER", [base.name], _base_text(base, sensors), facts)
+    if sensors:
+        return Verdict("SENSOR", sensors, f"A sensor is off: {'; '.join(sensors)}. Nothing else is detectable.", facts)
+    if decoys or excess:
+        return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
+    return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
+
+
+def _closed(error: float, floor: float | None, left: float | None) -> float | None:
+    """Share of the explainable gap that closed; None when it is not known."""
+    if floor is None or left is None or error <= floor:
+        return None
+    return (error - left) / (error - floor)
+
+
+def parameters_text(finding: Finding) -> str:
+    """Write parameters with intervals and units."""
+
+    def one(name: str, p: dict[str, Any]) -> str:
+        known = np.isfinite([p["low"], p["high"]]).all()
+        interval = f" ({p['low']:.3g} to {p['high']:.3g})" if known else ""
+        return f"{name} = {p['value']:.3g}{interval} {p['unit']}"
+
+    return ", ".join(one(name, p) for name, p in finding.parameters.items())
+
+
+def _effect_text(kind: str, best: Finding, others: list[str], share: float | None, sensors: list[str]) -> str:
+    gained = f"it explains {100 * best.gain:.0f} % of the held-out error"
+    closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
+    also = f" Also: {'; '.join(sensors)}." if sensors else ""
+    what = {
+        "EFFECT": f"Missing: {best.name}",
+        "PARTLY": f"Partly {best.name}",
+        "CONFOUNDED": f"{best.name}, or {' or '.join(others)}, which these motions cannot tell apart",
+    }[kind]
+    return f"{what}; {parameters_text(best)}; {gained}{closed}.{also}"
+
+
+def _base_text(base: Finding, sensors: list[str]) -> str:
+    also = f" Also: {'; '.join(sensors)}." if sensors else ""
+    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}.{also}"
