@@ -107,8 +107,11 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
 
 
 def _counts(shape: Shape, length_m: float, spacing_m: float) -> tuple[int, int, int]:
-    cells = [max(2, round(size / spacing_m)) for size in (length_m, *shape.size_m[1:])]
-    return cells[0], cells[1], cells[2]
+    # an even number of cells across puts a node where a round object touches the table
+    step = 1 if shape.kind == "block" else 2
+    first = max(2, round(length_m / spacing_m))
+    across, up = (step * max(1, round(size / spacing_m / step)) for size in shape.size_m[1:])
+    return first, max(2, across), max(2, up)
 
 
 def _placed(shape: Shape, cube: np.ndarray, offset_m: float, yaw_rad: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
-from plop.physics.hidden import Response
+from plop.physics.response import Response
 from plop.physics.scene import Scene
 from plop.physics.sealed import open_answer, seal_answer
 from plop.recordings.mesh_sequence import MeshSequence

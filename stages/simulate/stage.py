@@ -7,10 +7,11 @@ from pathlib import Path
 
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
-from plop.physics.hidden import Wish, choose, parse_hidden
+from plop.physics.hidden import choose
 from plop.physics.scene import Scene, simulate_episode
 from plop.physics.scenes import find_scene
 from plop.physics.sealed import seal_answer
+from plop.physics.wish import Wish, parse_hidden
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, split_names
 from plop.render.recorder import Disturbances, record

@@ -1,0 +1,89 @@
+"""Effects that a user wants hidden, as typed: EFFECT=AMPLITUDE, EFFECT.PARAMETER=VALUE, EFFECT, or random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.physics.effects.effect import Effect
+from plop.physics.effects.library import EffectType, effect_type
+
+RANDOM = "random"
+"""What a user types to have an effect drawn."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """One effect that shall be hidden."""
+
+    effect: EffectType | None
+    """None: to be drawn."""
+    values: dict[str, float]
+    """Parameters that were given."""
+
+    def scaled(self, factor: float) -> Effect:
+        """Give the effect with its amplitudes multiplied.
+
+        Raises:
+            PlopError: An amplitude leaves its range.
+        """
+        assert self.effect is not None
+        ends = {p.name: (p.low, p.high) for p in self.effect.amplitudes}
+        values = {key: value * factor if key in ends else value for key, value in self._start().items()}
+        if factor == self.most():  # rounding must not lead out of the range
+            values |= {key: float(np.clip(value, *ends[key])) for key, value in values.items() if key in ends}
+        return self.effect(**values)
+
+    def most(self) -> float:
+        """Give the largest factor at which all amplitudes stay in their ranges."""
+        assert self.effect is not None
+        start, limits = self._start(), [np.inf]
+        for p in self.effect.amplitudes:
+            value = start.get(p.name, 0.0)
+            limits += [(p.high if value > 0 else p.low) / value] if value else []
+        return float(min(limits))
+
+    def _start(self) -> dict[str, float]:
+        """Values at factor 1: as given, or typical ones when no amplitude was given."""
+        assert self.effect is not None
+        given = {p.name for p in self.effect.amplitudes} & self.values.keys()
+        return self.values if given else typical(self.effect) | self.values
+
+
+def parse_hidden(texts: Sequence[str], effects: dict[str, EffectType] | None = None) -> list[Wish]:
+    """Read `EFFECT=AMPLITUDE`, `EFFECT.PARAMETER=VALUE`, `EFFECT` alone, or `random`.
+
+    Several texts on one effect are one wish; `random` may stand several times.
+
+    Args:
+        texts: What the user typed, one each.
+        effects: All effects there are; None takes the project's.
+
+    Raises:
+        PlopError: An unknown effect or parameter, no number, or a value out of range.
+    """
+    drawn, named = [Wish(None, {}) for text in texts if text.strip() == RANDOM], dict[str, Wish]()
+    for text in (text.strip() for text in texts if text.strip() != RANDOM):
+        left, equals, number = text.partition("=")
+        name, _, parameter = left.strip().partition(".")
+        effect = effect_type(name, effects)
+        wish = named.setdefault(name, Wish(effect, {}))
+        if not equals:
+            continue
+        try:
+            wish.values[parameter or effect.amplitudes[0].name] = float(number)
+        except ValueError:
+            raise PlopError("A hidden effect cannot be read.", where=text, found=repr(number),
+                            expected="EFFECT=AMPLITUDE or EFFECT.PARAMETER=VALUE with a number",
+                            fix=f"For example {name}={effect.amplitudes[0].typical:g}.") from None  # fmt: skip
+    for wish in named.values():
+        wish.scaled(1.0)
+    return [*named.values(), *drawn]
+
+
+def typical(effect: EffectType) -> dict[str, float]:
+    """Give the amplitudes at which an effect is plainly there."""
+    return {p.name: p.typical or p.step for p in effect.amplitudes}
