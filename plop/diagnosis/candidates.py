@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
 
-BASE_COLUMNS = ("stiffness", "damping")
-"""Base parameters that are always fitted along, so that no effect is credited with what they can explain."""
+BASE_COLUMNS = ("stiffness",)
+"""Base parameters that are always fitted along, so that no effect is credited with what they can explain. Damping
+is not among them: it would take the place of viscosity, which it resembles; the two compete instead."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def candidates_of(types: Mapping[str, EffectType], names: Iterable[str] | None =
     """
     found = []
     for name, kind in types.items():
-        if names is not None and name not in names and name not in BASE_COLUMNS:
+        if names is not None and name not in names and kind.kind != "base":
             continue
         for variant in kind.variants:
             shapes = tuple(sorted({p.name: variant.get(p.name, p.default) for p in kind.shapes}.items()))

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.candidates import Candidate, candidates_of
-from plop.diagnosis.engine_base import EngineBase
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.findings import State
 from plop.diagnosis.limits import detection_limits
@@ -19,6 +18,7 @@ from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.verdict import Finding, Verdict, judge
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
+from plop.physics.filled import EngineBase
 
 LEAST_EPISODES = 4
 REFITTED = 5
@@ -44,6 +44,8 @@ class Diagnosis:
     """Mean squared residual of the base, in units of its expectation [-]."""
     floor: float | None
     """The same in the reference recordings."""
+    excess: float | None
+    """How much larger the error is than in the reference, in standard errors."""
     dropped: dict[str, str]
     """Episodes and columns left out, with the reason."""
     evidence: list[Evidence]
@@ -117,11 +119,12 @@ def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Di
     sham = sham_gains(state.screen, seed=seed, count=shams)
     findings = [state.finding(score, sham) for score in scores]
     base = state.base_finding(sham)
-    error, floor = state.errors()
+    error, floor = float(state.errors().mean()), float(state.floors.mean()) if len(state.floors) else None
     left = state.left(scores[0]) if scores else None
     alike = [s.candidate.effect for s in confounded(state.screen, scores[0], scores)] if scores else []
-    verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left)
+    verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left,
+                    excess=state.excess())
     limits = detection_limits(state.screen, scores, sham, state.response_rms_m)
     dropped = {key: why for table in state.tables for key, why in table.dropped.items()}
-    return Diagnosis(verdict, scores, [*findings, base], sham, limits, error, floor, dropped, state.evidence,
-                     state.control, state.misfit)  # fmt: skip
+    return Diagnosis(verdict, scores, [*findings, base], sham, limits, error, floor, state.excess(), dropped,
+                     state.evidence, state.control, state.misfit)  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 
 from plop.errors import PlopError
+from plop.geometry.convex import convex_surface
 from plop.physics.tool_motion import ToolMotion
 from plop.recordings.mesh_sequence import MeshSequence
 
@@ -108,26 +109,3 @@ def episode_from_sequence(
     vertices, faces = convex_surface(sequence.vertices[0, outer])
     return Episode(name or sequence.name, np.asarray(sequence.times, float), measured, noise_m,
                    patches_of(exact[0], exact[-1]), tool, sequence.table_z_m, vertices, faces)  # fmt: skip
-
-
-def convex_surface(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Wrap points in their convex hull: vertices [V, 3] [m] and outward triangles [F, 3].
-
-    Raises:
-        PlopError: Fewer than four points, or all in one plane.
-    """
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError) as error:
-        raise PlopError("The object's points enclose nothing.", expected="points all around an object",
-                        found=f"{len(points)} points",
-                        fix="Check the masks of the first frame.") from error  # fmt: skip
-    used, numbered = np.unique(hull.simplices, return_inverse=True)
-    vertices, faces = points[used].astype(np.float64), numbered.reshape(-1, 3)
-    corner = vertices[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    inward = ((corner[:, 0] - vertices.mean(0)) * normal).sum(1) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return vertices, faces

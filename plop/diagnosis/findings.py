@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
-from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, known_misfit
+from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
@@ -33,12 +33,16 @@ class State:
         usable = [c for c in candidates if not gone & {column.key for column in c.columns}]
         self.keys = list(dict.fromkeys(column.key for c in usable for column in c.columns))
         self.misfit = MisfitModel.of(self.control or self.evidence)
-        self.known = np.zeros(len(self.keys))
+        self.known, self.floors = np.zeros(len(self.keys)), np.zeros(0)
         if self.control:
             plain = [whiten(e, self.misfit, self.keys) for e in self.control]
             trial = Screen(plain, self.keys, usable)
-            self.known = known_misfit(trial.grams, trial.base, [trial.columns(c) for c in trial.candidates])
+            groups = [trial.columns(c) for c in trial.candidates]
+            self.known, _ = known_misfit(trial.grams, trial.base, groups)
             self.misfit = MisfitModel.of([corrected(e, self.keys, self.known) for e in self.control])
+            again = Screen([whiten(e, self.misfit, self.keys) for e in self.control], self.keys, usable)
+            _, left = known_misfit(again.grams, again.base, groups)
+            self.floors = left / [len(e.residual) for e in again.episodes]
         whitened = self._whitened(self.evidence)
         self.screen = Screen(whitened, self.keys, usable)
         self.base_candidates = [c for c in usable if c.effect in BASE_COLUMNS]
@@ -57,13 +61,17 @@ class State:
         squares = [(e.responses[key] ** 2).sum(-1).mean() for e in self.evidence]
         return float(np.sqrt(np.mean(squares)))
 
-    def errors(self) -> tuple[float, float | None]:
-        """Mean squared whitened residual, base parameters refitted: measured, and reference."""
-        floor = None
-        if self.reference is not None:
-            count = sum(e.residual.size for e in self.control)
-            floor = float(held_out_energy(self.reference, self.screen.base).sum() / count)
-        return float(self.screen.before().sum() / self.numbers), floor
+    def errors(self) -> np.ndarray:
+        """Mean squared whitened residual of each episode, base parameters fitted to the others, [E]."""
+        return self.screen.before() / [len(e.residual) for e in self.screen.episodes]
+
+    def excess(self) -> float | None:
+        """How much larger the error is than in the reference, in standard errors (Welch, of logarithms)."""
+        if len(self.floors) < 2:
+            return None
+        ours, theirs = np.log(self.errors()), np.log(self.floors)
+        error = np.sqrt(ours.var(ddof=1) / len(ours) + theirs.var(ddof=1) / len(theirs))
+        return float((ours.mean() - theirs.mean()) / max(error, 1e-12))
 
     def left(self, score: Score) -> float:
         """Mean squared whitened held-out residual with an effect."""
@@ -89,7 +97,7 @@ class State:
         improvement, error = gain(raw, refitted), self.screen.gain_error(np.array([], int), rows)
         contrast = self._contrast(rows, len(rows), fitted)
         # The same kind of p as for effects: sham gains are shares of the error, too.
-        return Finding("base parameters", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
+        return Finding("stiffness", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
                        p_value(improvement, shams), contrast)  # fmt: skip
 
     def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> float | None:

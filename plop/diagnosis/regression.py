@@ -91,8 +91,8 @@ def fit(grams: Grams, columns: np.ndarray) -> Fit:
     return Fit(values, inverse @ meat @ inverse, count)
 
 
-def known_misfit(reference: Grams, base: np.ndarray, groups: list[np.ndarray]) -> np.ndarray:
-    """Describe what the base misses where nothing is hidden, as a mixture of few columns; shape [C].
+def known_misfit(reference: Grams, base: np.ndarray, groups: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Describe what the base misses where nothing is hidden, as a mixture of few columns.
 
     Forward selection by held-out error among the reference episodes. The result is a description, not a
     finding: it is taken off before anything is tested.
@@ -101,10 +101,13 @@ def known_misfit(reference: Grams, base: np.ndarray, groups: list[np.ndarray]) -
         reference: Episodes that the base was fitted to.
         base: Columns of the base's own parameters, always in.
         groups: Columns of each candidate.
+
+    Returns:
+        Mixture [C], and the sum of squares that it leaves in each episode when fitted to the others [E].
     """
     values = np.zeros(reference.gradient.shape[1])
     if len(reference.energy) < 3:
-        return values
+        return values, reference.energy
     chosen, left = base, held_out_energy(reference, base).sum()
     while groups:
         trials = [held_out_energy(reference, np.concatenate([chosen, group])).sum() for group in groups]
@@ -115,7 +118,7 @@ def known_misfit(reference: Grams, base: np.ndarray, groups: list[np.ndarray]) -
         groups = [g for k, g in enumerate(groups) if k != best and not set(g) & set(chosen)]
     if len(chosen):
         values[chosen] = fit(reference, chosen).values
-    return values
+    return values, held_out_energy(reference, chosen)
 
 
 def gain(before: np.ndarray, after: np.ndarray) -> float:

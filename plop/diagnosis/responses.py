@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.engine_base import EngineBase, predict_points, start_particles
+from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
+from plop.physics.filled import EngineBase
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class Runs:
             return None
         try:
             with np.load(path, allow_pickle=False) as file:
-                return Answer(file["points"] if "points" in file else None, str(file["trouble"]))
+                return Answer(file.get("points"), str(file["trouble"]))
         except (OSError, ValueError, KeyError):
             return None
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.engine_base import EngineBase
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
 from plop.diagnosis.responses import Answer, Job
 from plop.errors import PlopError
+from plop.physics.filled import EngineBase
 
 RunJobs = Callable[[Sequence[Job]], list[Answer]]
 """Runs jobs in any order, in parallel, and gives their answers in the order of the jobs."""

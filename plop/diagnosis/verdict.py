@@ -15,8 +15,10 @@ ERRORS_LEAST = 2.0
 """Least gain in standard errors over episodes."""
 PARTLY_SHARE = 0.5
 """Share of the explainable gap below which an effect is named only as a part."""
-EXCESS_LEAST = 1.10
-"""Ratio of the error to the reference's from which on something is wrong."""
+EXCESS_LEAST = 3.0
+"""Standard errors by which the error must exceed the reference's for something to be wrong."""
+EXCESS_RATIO = 1.5
+"""And the least ratio of the two."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Verdict:
 
 def judge(
     findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
-    error: float, floor: float | None, left: float | None,
+    error: float, floor: float | None, left: float | None, excess: float | None,
 ) -> Verdict:  # fmt: skip
     """Decide.
 
@@ -88,23 +90,26 @@ def judge(
         error: Mean squared whitened error of the base.
         floor: The same in the reference recordings; None without reference.
         left: The same with the best effect.
+        excess: By how many standard errors the error exceeds the reference's.
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
-    facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "decoys": decoys}
-    excess = floor is not None and error > EXCESS_LEAST * floor
+    facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "excess": excess, "decoys": decoys}
+    wrong = excess is not None and floor is not None and excess > EXCESS_LEAST and error > EXCESS_RATIO * floor
     if named and findings[0].name == named[0].name:
         best = named[0]
         share = _closed(error, floor, left)
         partly = share is not None and share < PARTLY_SHARE
         others = [name for name in confounds if name != best.name]
         kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
+        if best.kind == "base" and kind != "CONFOUNDED":
+            return Verdict("BASE PARAMETER", [best.name], _base_text(best, sensors), facts)
         return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share, sensors), facts)
     if base is not None and base.passes():
         return Verdict("BASE PARAMETER", [base.name], _base_text(base, sensors), facts)
     if sensors:
         return Verdict("SENSOR", sensors, f"A sensor is off: {'; '.join(sensors)}. Nothing else is detectable.", facts)
-    if decoys or excess:
+    if decoys or wrong:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
 

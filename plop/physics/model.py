@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from plop.dynamics.interface import ParticleState, ToolStep
-from plop.gaussians.covariance import scales_quats_from_covariance
-from plop.geometry.rigid import matrix_to_quat, rotation_vector_from_quat
+from plop.gaussians.carried import carried
 from plop.physics.config import EngineConfig
 from plop.physics.fill import particle_volumes
 from plop.physics.material import Material
@@ -55,24 +54,19 @@ class EngineModel:
         """Advance one frame; nothing is random, `generator` is not used."""
         gaussians = state.gaussians
         motion = tool_motion(action)
-        same_normal = _same_normal(motion, action)
-        particles, dx_m = self._start(state, same_normal, action.dt_s)
+        normal = same_normal(motion, action)
+        particles, dx_m = self._start(state, normal, action.dt_s)
         config = replace(self.config or EngineConfig(dx_m=dx_m), table_z_m=action.table_z_m)
         run = simulate(particles, self.material, motion, np.array([0.0, action.dt_s]), config)
         self._memory = _Memory(gaussians.ids.clone(), run.final, dx_m)
-        means = torch.from_numpy(run.positions[-1]).to(gaussians.means)
-        turned = torch.from_numpy(run.F[-1] @ np.linalg.inv(run.F[0])).to(gaussians.means)
-        scales, quats = scales_quats_from_covariance(turned @ gaussians.covariances @ turned.transpose(1, 2))
-        left, _, right = torch.linalg.svd(turned.double())
-        rotation = rotation_vector_from_quat(matrix_to_quat(left @ right)).to(gaussians.means)
-        side = torch.from_numpy(same_normal * run.sides[-1].astype(np.float32)).to(state.side)
-        after = gaussians.with_(means=means, scales=scales, quats=quats)
-        return ParticleState(after, means - gaussians.means, rotation, side, has_history=True)
+        after, rotation = carried(gaussians, run.positions[-1], run.F[-1] @ np.linalg.inv(run.F[0]))
+        side = torch.from_numpy(normal * run.sides[-1].astype(np.float32)).to(state.side)
+        return ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True)
 
-    def _start(self, state: ParticleState, same_normal: int, dt_s: float) -> tuple[Particles, float]:
+    def _start(self, state: ParticleState, normal: int, dt_s: float) -> tuple[Particles, float]:
         """Combine the state with what is remembered; a first frame forgets everything."""
         means = state.gaussians.means.detach().cpu().double().numpy()
-        side = same_normal * state.side.detach().cpu().numpy().round().astype(np.int64)
+        side = normal * state.side.detach().cpu().numpy().round().astype(np.int64)
         memory = self._memory
         if memory is None or not state.has_history or not torch.equal(memory.ids, state.gaussians.ids):
             volumes, spacing = particle_volumes(means)
@@ -90,7 +84,7 @@ def tool_motion(action: ToolStep) -> ToolMotion:
                       np.array([0.0, action.dt_s]), poses)  # fmt: skip
 
 
-def _same_normal(motion: ToolMotion, action: ToolStep) -> int:
+def same_normal(motion: ToolMotion, action: ToolStep) -> int:
     """+1 where the engine and the state's sides call the same direction the blade's normal, else -1."""
     normal = ToolShape.from_mesh(motion.vertices, motion.faces, thin_below_m=np.inf).axes[:, 0]
     return 1 if normal @ action.tool.axes[:, 0].cpu().double().numpy() > 0 else -1

@@ -105,7 +105,7 @@ class Adhesion(Effect):
     help = "the tool is sticky and lets go late"
     law = "t = -traction b s / 0.2 mm, s' = v - v_tool with |s| <= 0.2 mm, b = 1 in contact, else b' = -b / release"
     source = "constant traction: Dugdale 1960, Maugis 1992; slip: Dahl 1968; rate: Creton & Ciccotti 2016"
-    amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=150.0, help="traction of a whole bond"),)
+    amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=300.0, help="traction of a whole bond"),)
     shapes = (Parameter("release_s", "s", 0.001, 10.0, step=0.0, default=0.1, help="time in which an open bond fades"),)
     remembers = {"bond": ((), 0.0), "slip": ((3,), 0.0)}
 

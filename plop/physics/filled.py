@@ -1,4 +1,4 @@
-"""The engine in an episode: fill the object, let it carry its own weight, run it, read the points off."""
+"""The engine's settings for one object, and the object filled with particles, under its own weight if need be."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plop.diagnosis.episode import Episode
 from plop.physics.config import EngineConfig
 from plop.physics.effects.effect import Effect
 from plop.physics.fill import fill_surface
@@ -37,57 +36,39 @@ class EngineBase:
 
     @property
     def config(self) -> EngineConfig:
-        """Grid and surroundings; the table's height is the episode's."""
+        """Grid and surroundings; the table's height is the recording's."""
         return EngineConfig(dx_m=CELLS * self.spacing_m, table_cone=self.table_cone)  # type: ignore[arg-type]
 
 
-def start_particles(base: EngineBase, episode: Episode, effects: Sequence[Effect] = ()) -> Particles:
-    """Fill the object at the first frame; one tracer for each measured point comes last.
+def filled_particles(
+    base: EngineBase, surface: tuple[np.ndarray, np.ndarray], points: np.ndarray, table_z_m: float | None,
+    effects: Sequence[Effect] = (),
+) -> Particles:  # fmt: skip
+    """Fill a closed surface with particles; one tracer for each given point comes last.
 
     A settled object is under stress already. The stress is found by letting a guess of the unloaded shape
     sag, and moving the guess by what it sagged too far (a fixed-point iteration on the rest shape).
 
     Args:
         base: The engine's settings.
-        episode: The episode.
+        surface: Vertices [V, 3] [m] and triangles [F, 3].
+        points: Places to follow, [M, 3] [m].
+        table_z_m: Height of the table [m]; None when there is none.
         effects: Laws that have acted before the first frame, too.
     """
-    filled, volumes = fill_surface(episode.vertices, episode.faces, base.spacing_m)
-    tracers = np.full(len(episode.patch), _TRACER * base.spacing_m**3)
-    wanted = np.concatenate([filled, episode.points[0]])
+    filled, volumes = fill_surface(*surface, base.spacing_m)
+    tracers = np.full(len(points), _TRACER * base.spacing_m**3)
+    wanted = np.concatenate([filled, points])
     particles = Particles(wanted, np.concatenate([volumes, tracers]))
     if not base.settled:
         return particles
     calm = replace(base.material, damping_per_s=_SETTLE_DAMPING_PER_S)
-    config = replace(base.config, table_z_m=episode.table_z_m)
-    floor = -np.inf if episode.table_z_m is None else episode.table_z_m + 1e-5
-    guess = wanted.copy()
+    config = replace(base.config, table_z_m=table_z_m)
+    floor = -np.inf if table_z_m is None else table_z_m + 1e-5
+    times, guess = np.array([0, _SETTLE_S]), wanted.copy()
     for _ in range(_SETTLE_ROUNDS):
-        run = simulate(replace(particles, positions=guess), calm, None, np.array([0, _SETTLE_S]), config,
-                       effects=effects)  # fmt: skip
+        run = simulate(replace(particles, positions=guess), calm, None, times, config, effects=effects)
         guess = guess - (run.positions[-1] - wanted)
         guess[:, 2] = np.maximum(guess[:, 2], floor)
-    run = simulate(replace(particles, positions=guess), calm, None, np.array([0, _SETTLE_S]), config, effects=effects)
+    run = simulate(replace(particles, positions=guess), calm, None, times, config, effects=effects)
     return replace(run.final, velocities=None, affine=None, memory=None)
-
-
-def predict_points(
-    base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = ()
-) -> np.ndarray:  # fmt: skip
-    """Run the engine through an episode.
-
-    Args:
-        base: The engine's settings.
-        episode: The episode.
-        start: See `start_particles`.
-        effects: Laws that act besides the material's own.
-
-    Returns:
-        The followed points, [T, M, 3] [m].
-
-    Raises:
-        PlopError: The run is unstable.
-    """
-    config = replace(base.config, table_z_m=episode.table_z_m)
-    run = simulate(start, base.material, episode.tool, episode.times, config, effects=effects)
-    return run.positions[:, -len(episode.patch) :].astype(np.float64)

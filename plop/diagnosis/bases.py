@@ -1,0 +1,46 @@
+"""What a model predicts for the followed points of an episode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from plop.diagnosis.engine_run import predict_points, start_particles
+from plop.diagnosis.episode import Episode
+from plop.dynamics.episodes import Actions
+from plop.dynamics.followed import followed
+from plop.dynamics.interface import at_rest
+from plop.dynamics.model_io import read_facts
+from plop.gaussians.splat_ply import read_splat
+from plop.models import effects_of, engine_of, innermost, load_model
+from plop.recordings.recording import Recording
+
+
+def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, episode: Episode) -> np.ndarray:
+    """Roll a model out from the first frame.
+
+    Args:
+        model_folder: Payload of `train`, `identify` or `augment`.
+        recording_path: The recording, for the tool's motion.
+        splat_path: Gaussians at the first frame.
+        episode: The points to follow.
+
+    Returns:
+        Their predicted places, [T, M, 3] [m].
+    """
+    engine = engine_of(model_folder)
+    if engine is not None and read_facts(innermost(model_folder)).get("kind") == "engine":
+        effects = effects_of(model_folder)
+        return predict_points(engine, episode, start_particles(engine, episode, effects), effects)
+    model, first = load_model(model_folder), read_splat(splat_path)
+    with Recording(recording_path) as recording:
+        actions = Actions.of(recording)
+    state, found = at_rest(first), [episode.points[0]]
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for frame in range(len(actions) - 1):
+            state = model.step(state, actions.step(frame), generator=generator)
+            found.append(followed(first, state.gaussians, episode.points[0]))
+    return np.stack(found)

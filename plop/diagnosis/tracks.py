@@ -1,0 +1,122 @@
+"""Episodes from recordings: the filter's Gaussians on the surface are the points that are followed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plop.diagnosis.episode import POINTS, Episode, patches_of
+from plop.errors import PlopError
+from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.state import Gaussians
+from plop.gaussians.trajectory import Trajectory
+from plop.geometry.convex import convex_surface
+from plop.metrics.clouds import back_project_all
+from plop.physics.tool_motion import ToolMotion
+from plop.recordings.recording import Recording
+
+ON_SURFACE_M = 0.0015
+"""Largest distance from a followed Gaussian to the measured surface of the first frame [m]."""
+_LEAST_POINTS = 40
+_STRAY = 0.005
+"""Share of the measured points farthest out that are taken for stray pixels."""
+
+
+def episode_from_track(
+    recording_path: Path, splat_path: Path, track_path: Path, *, points: int = POINTS, seed: int = 0
+) -> Episode:
+    """Read one episode from its recording and the filter's states.
+
+    Args:
+        recording_path: The recording.
+        splat_path: Gaussians at the first frame, `<episode>/object.ply` of `plop fit-init`.
+        track_path: `<episode>.h5` of `plop filter`.
+        points: Number of points to follow.
+        seed: Chooses among the Gaussians.
+
+    Raises:
+        PlopError: The track is of another recording, or too few Gaussians lie on the measured surface.
+    """
+    with Recording(recording_path) as recording:
+        cloud = _first_cloud(recording)
+        times, poses, mesh = recording.time_s.astype(float), recording.world_from_tool, recording.tool_mesh
+        table = recording.table_z_m
+    first = read_splat(splat_path)
+    paths, sides = _paths(first, track_path, len(times))
+    near = cKDTree(cloud).query(paths[0])[0] < ON_SURFACE_M
+    usable = np.flatnonzero(near & (first.opacities.numpy() > 0.5) & np.isfinite(paths).all((0, 2)))
+    if len(usable) < _LEAST_POINTS:
+        raise PlopError("Too few Gaussians lie on the measured surface.", where=track_path,
+                        expected=f"at least {_LEAST_POINTS} within {1000 * ON_SURFACE_M:g} mm", found=str(len(usable)),
+                        fix="Look at the fit: `plop export` its splats; fit again with more steps.")  # fmt: skip
+    generator = np.random.default_rng([seed, 73])
+    chosen = np.sort(generator.choice(usable, min(points, len(usable)), replace=False))
+    chosen = chosen[_settled_side(paths[:, chosen], sides[chosen])]
+    vertices, faces = convex_surface(cloud, table)
+    track = paths[:, chosen]
+    tool = ToolMotion(mesh.vertices, mesh.faces, times, poses.astype(float))
+    return Episode(recording_path.stem, times, track, track_noise_m(track), patches_of(track[0], track[-1]), tool,
+                   table, vertices, faces)  # fmt: skip
+
+
+def _first_cloud(recording: Recording) -> np.ndarray:
+    views = [recording.view(name, 0) for name in recording.camera_names]
+    cloud = back_project_all([v.camera for v in views], [v.depth_m for v in views], [v.object_mask for v in views])
+    if len(cloud) < _LEAST_POINTS:
+        raise PlopError("The first frame shows no object.", where=recording.path, expected="depth on the object's mask",
+                        found=f"{len(cloud)} points", fix="Check masks and depth: `plop calibrate`.")  # fmt: skip
+    middle = np.median(cloud.points, 0)
+    distance = np.linalg.norm(cloud.points - middle, axis=1)
+    return cloud.points[distance <= np.quantile(distance, 1 - _STRAY)]
+
+
+def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Follow the Gaussians of the first frame: places [T, N, 3] [m] and sides at the end [N].
+
+    The filter may split and merge; a Gaussian goes where its descendants go on average, NaN when it has none.
+    """
+    count = len(first)
+    paths = np.full((frames, count, 3), np.nan)
+    paths[0] = first.means.numpy()
+    sides = np.zeros(count)
+    with Trajectory(path) as track:
+        known = track.frames("updated")
+        if not known or known[-1] != frames - 1:
+            raise PlopError("The track is of another recording.", where=path, expected=f"frames up to {frames - 1}",
+                            found=f"frames up to {known[-1] if known else 'none'}",
+                            fix="Run `plop filter` on these recordings.")  # fmt: skip
+        for frame in (k for k in known if k > 0):
+            state = track.read("updated", frame)
+            ids = state.ids.numpy()
+            number = np.bincount(ids, minlength=count)[:, None]
+            sums = np.stack([np.bincount(ids, state.means[:, c].numpy(), count) for c in range(3)], 1)
+            paths[frame] = np.where(number > 0, sums / np.maximum(number, 1), np.nan)
+            sides[ids] = track.extra("updated", frame, "side").numpy()
+    return paths, sides
+
+
+def _settled_side(paths: np.ndarray, sides: np.ndarray) -> np.ndarray:
+    """Drop points that end far from where their neighbours of the same side end: they were torn off at the cut."""
+    drift = paths[-1] - paths[0]
+    keep = np.ones(len(sides), bool)
+    for side in np.unique(sides):
+        own = np.flatnonzero(sides == side)
+        if len(own) < 8:
+            keep[own] = side == 0
+            continue
+        _, neighbours = cKDTree(paths[0, own]).query(paths[0, own], k=8)
+        stray = np.linalg.norm(drift[own] - np.median(drift[own][neighbours], 1), axis=1)
+        keep[own] = stray < max(0.003, 4 * float(np.median(stray)))
+    return keep
+
+
+def track_noise_m(paths: np.ndarray) -> float:
+    """Estimate the noise of one coordinate from how rough the paths are in time [m].
+
+    The second difference of white noise has six times its variance; motion is smooth at that scale. What is
+    common to neighbouring frames (a filter's lag) is not seen here: the base's misfit covers it.
+    """
+    rough = paths[2:] - 2 * paths[1:-1] + paths[:-2]
+    return max(float(np.median(np.abs(rough))) * 1.4826 / np.sqrt(6), 2e-5)

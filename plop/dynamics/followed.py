@@ -1,0 +1,32 @@
+"""Where the Gaussians of the first frame are in a later state, through split and merge."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plop.gaussians.state import Gaussians
+
+
+def followed(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray:
+    """Move points along with the Gaussians that were around them at the first frame.
+
+    Args:
+        first: Gaussians at the first frame; their lineage ids are unique.
+        now: A later state that descends from them.
+        points: Places at the first frame, [M, 3] [m].
+
+    Returns:
+        Places now, [M, 3] [m]: each point moves with the mean of its four nearest Gaussians that still exist.
+    """
+    start = first.means.detach().cpu().numpy().astype(float)
+    ids, place = now.ids.cpu().numpy(), now.means.detach().cpu().numpy().astype(float)
+    row_of = {int(k): row for row, k in enumerate(first.ids.cpu().numpy())}
+    rows = np.array([row_of.get(int(k), -1) for k in ids])
+    alive, inverse = np.unique(rows[rows >= 0], return_inverse=True)
+    number = np.bincount(inverse)
+    moved = np.stack([np.bincount(inverse, place[rows >= 0, c]) / number for c in range(3)], 1) - start[alive]
+    distance, nearest = cKDTree(start[alive]).query(points, k=min(4, len(alive)))
+    distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
+    weight = 1 / (distance + 1e-4)
+    return points + (weight[..., None] * moved[nearest]).sum(1) / weight.sum(1)[:, None]

@@ -1,0 +1,83 @@
+"""Any model from its folder: learned, engine, or either with effects added.
+
+model.json says the kind:
+    plop        {"config"}; weights beside it (plop.dynamics.model_io)
+    engine      {"engine": settings}; see plop.physics.base_io
+    augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
+                the base's own files are in base/, a user's effect files in effects/
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from plop.dynamics.interface import DynamicsModel
+from plop.dynamics.model_io import load_model as load_learned
+from plop.dynamics.model_io import read_facts
+from plop.errors import PlopError
+from plop.physics.augmented import AugmentedModel
+from plop.physics.base_io import base_from_dict
+from plop.physics.effects.effect import Effect
+from plop.physics.effects.library import effect_type, library
+from plop.physics.filled import EngineBase
+from plop.physics.filled_model import FilledEngineModel
+
+KINDS = ("plop", "engine", "augmented")
+
+
+def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsModel:
+    """Read a model of any kind.
+
+    Args:
+        folder: Payload of `train`, `identify` or `augment`.
+        device: Where a learned model runs; the engine runs on the CPU.
+
+    Raises:
+        PlopError: A file is missing, damaged or of an unknown kind.
+    """
+    facts = read_facts(folder)
+    kind = facts.get("kind")
+    if kind == "plop":
+        return load_learned(folder, device)
+    if kind == "engine":
+        return FilledEngineModel(base_from_dict(facts["engine"]))
+    if kind == "augmented":
+        effects, engine = effects_of(folder), base_from_dict(facts["engine"])
+        inner = read_facts(folder / "base")
+        if inner.get("kind") == "engine":  # exact: one run with the effects instead of two differences
+            return FilledEngineModel(engine, effects)
+        return AugmentedModel(load_model(folder / "base", device), engine, effects)
+    raise PlopError("The model is of an unknown kind.", where=folder / "model.json", expected=", ".join(KINDS),
+                    found=str(kind), fix="Update plop.")  # fmt: skip
+
+
+def effects_of(folder: Path) -> tuple[Effect, ...]:
+    """Give the effects that were added to a model, innermost first; none for a model without."""
+    facts = read_facts(folder)
+    if facts.get("kind") != "augmented":
+        return ()
+    types = library(sorted((folder / "effects").glob("*.py")))
+    own = tuple(_effect(types, entry) for entry in facts["effects"])
+    return (*effects_of(folder / "base"), *own)
+
+
+def _effect(types: Mapping[str, type[Effect]], entry: Mapping[str, Any]) -> Effect:
+    values = {name: float(parameter["value"]) for name, parameter in entry["parameters"].items()}
+    return effect_type(entry["effect"], dict(types))(**values)
+
+
+def engine_of(folder: Path) -> EngineBase | None:
+    """Give the engine's settings that a model carries; None for a learned one."""
+    facts = read_facts(folder)
+    return base_from_dict(facts["engine"]) if "engine" in facts else None
+
+
+def innermost(folder: Path) -> Path:
+    """Give the folder of the model below all added effects."""
+    while read_facts(folder).get("kind") == "augmented":
+        folder = folder / "base"
+    return folder

@@ -1,0 +1,113 @@
+"""The engine as a dynamics model of Gaussians that need not fill the object: it fills it itself.
+
+The particles are those of `filled_particles`; the Gaussians are points that the material carries along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from plop.dynamics.interface import ParticleState, ToolStep
+from plop.gaussians.carried import carried
+from plop.gaussians.state import Gaussians
+from plop.geometry.convex import convex_surface
+from plop.physics.effects.effect import Effect
+from plop.physics.filled import EngineBase, filled_particles
+from plop.physics.model import same_normal, tool_motion
+from plop.physics.particles import Particles
+from plop.physics.solver import simulate
+
+_MOVED_M = 1e-6
+_OPAQUE = 0.3
+"""Only Gaussians of this opacity and more show where the object is."""
+
+
+@dataclass
+class _Memory:
+    """State of the engine after the last step, and the Gaussians as they were handed out."""
+
+    particles: Particles
+    means: Tensor
+    ids: Tensor
+
+
+class FilledEngineModel:
+    """A `DynamicsModel`: the engine with its own particles; neither merges nor splits Gaussians."""
+
+    def __init__(self, base: EngineBase, effects: tuple[Effect, ...] = ()) -> None:
+        """Hold what to simulate with.
+
+        Args:
+            base: The engine's settings.
+            effects: Laws that act besides the material's own.
+        """
+        self.base, self.effects = base, effects
+        self._memory: _Memory | None = None
+
+    def step(
+        self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
+    ) -> ParticleState:
+        """Advance one frame; nothing is random, `generator` is not used.
+
+        A state without history starts a new episode. Gaussians that a filter has moved, or that are others than
+        in the last step, take the material around them along.
+        """
+        gaussians = state.gaussians
+        particles = self._particles(state, action)
+        motion = tool_motion(action)
+        config = replace(self.base.config, table_z_m=action.table_z_m)
+        run = simulate(particles, self.base.material, motion, np.array([0.0, action.dt_s]), config,
+                       effects=self.effects)  # fmt: skip
+        own = slice(len(particles) - len(gaussians), None)
+        after, rotation = carried(gaussians, run.positions[-1][own], run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
+        normal = same_normal(motion, action)
+        side = torch.from_numpy(normal * run.sides[-1][own].astype(np.float32)).to(state.side)
+        self._memory = _Memory(run.final, after.means.detach().clone(), after.ids.clone())
+        return ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True)
+
+    def _particles(self, state: ParticleState, action: ToolStep) -> Particles:
+        means = state.gaussians.means.detach().cpu().double().numpy()
+        memory = self._memory
+        if memory is None or not state.has_history:
+            return self._first(state.gaussians, means, action.table_z_m)
+        same = torch.equal(memory.ids, state.gaussians.ids)
+        if same and float((memory.means - state.gaussians.means).abs().max()) < _MOVED_M:
+            return memory.particles
+        return self._moved(memory, means if same else None, state)
+
+    def _first(self, gaussians: Gaussians, means: np.ndarray, table_z_m: float | None) -> Particles:
+        solid = means[gaussians.opacities.detach().cpu().numpy() >= _OPAQUE]
+        surface = convex_surface(solid if len(solid) >= 4 else means, table_z_m)
+        return filled_particles(self.base, surface, means, table_z_m, self.effects)
+
+    def _moved(self, memory: _Memory, means: np.ndarray | None, state: ParticleState) -> Particles:
+        """Shift the material as the Gaussians around it were shifted by a filter's update."""
+        from scipy.spatial import cKDTree
+
+        known = memory.particles
+        filling = len(known) - len(memory.means)
+        before = memory.means.cpu().double().numpy()
+        now = state.gaussians.means.detach().cpu().double().numpy()
+        if means is None:  # split or merged: compare places with the nearest former Gaussian
+            _, nearest = cKDTree(before).query(now)
+            keep = np.concatenate([np.arange(filling), filling + nearest])
+            known, before = _selected(known, keep), before[nearest]
+        shift = now - before
+        distance, nearest = cKDTree(before).query(known.positions[:filling], k=min(8, len(before)))
+        weight = 1 / (distance + 1e-4)
+        inner = (weight[..., None] * shift[nearest]).sum(1) / weight.sum(1)[:, None]
+        return replace(known, positions=known.positions + np.concatenate([inner, shift]))
+
+
+def _selected(particles: Particles, rows: np.ndarray) -> Particles:
+    def one(values: np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else np.asarray(values)[rows]
+
+    memory = None if particles.memory is None else {key: value[rows] for key, value in particles.memory.items()}
+    return Particles(particles.positions[rows], particles.volumes[rows], one(particles.velocities), one(particles.F),
+                     one(particles.sides), one(particles.radii), one(particles.affine), one(particles.passed),
+                     memory)  # fmt: skip
