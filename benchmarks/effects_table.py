@@ -60,22 +60,20 @@ def rms_mm(difference: np.ndarray) -> float:
     return float(1e3 * np.sqrt((difference**2).sum(1).mean()))
 
 
-def measure(names: list[str], known: Figures) -> Figures:
-    """Measure the effects of these names (all without names) and keep the known figures of the others."""
+def keys() -> dict[str, tuple[type[Effect], Parameter, Figures]]:
+    """Name every row of the table: effect, amplitude and setting of the shape parameters."""
+    return {
+        " ".join([f"{name}.{p.name}", *(f"{k}={v:g}" for k, v in shape.items())]): (effect, p, shape)
+        for name, effect in library().items() for p in effect.amplitudes for shape in effect.variants
+    }  # fmt: skip
+
+
+def measure(names: list[str]) -> None:
+    """Measure the effects of these names (all without names); each figure is kept as soon as it is known."""
     positions([])  # compiles the kernels
     base, step_s = positions([])
-    figures = dict(known.get("effects", {})) if names else {}
-    for name, effect in library().items():
-        if names and name not in names:
-            continue
-        for parameter in effect.amplitudes:
-            for shape in effect.variants:
-                key = " ".join([f"{name}.{parameter.name}", *(f"{k}={v:g}" for k, v in shape.items())])
-                figures[key] = _response(effect, parameter, shape, base, step_s)
-                sys.stdout.write(f"{key:45s} {figures[key]}\n")
-                sys.stdout.flush()
     other, _ = positions([], dt_s=0.9 * STEP_S)
-    return {
+    result = {
         "command": COMMAND,
         "what": "RMS over particles, frames and 4 cut-and-push motions of the demo's block, particles 5 mm apart",
         "dt_s": STEP_S,
@@ -83,8 +81,14 @@ def measure(names: list[str], known: Figures) -> Figures:
         "shorter_step_mm": round(rms_mm(other - base), 4),
         "step_ms": round(1e3 * step_s, 3),
         "particles": len(base) // PLANS // 22,
-        "effects": dict(sorted(figures.items())),
+        "effects": json.loads(RESULT.read_text(encoding="utf-8"))["effects"] if names and RESULT.is_file() else {},
     }
+    for key, (effect, parameter, shape) in keys().items():
+        if not names or effect.name in names:
+            result["effects"][key] = _response(effect, parameter, shape, base, step_s)
+            sys.stdout.write(f"{key:45s} {result['effects'][key]}\n")
+            sys.stdout.flush()
+            RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def _response(effect: type[Effect], parameter: Parameter, shape: Figures, base: np.ndarray, step_s: float) -> Figures:
@@ -124,9 +128,10 @@ def measured(result: Figures) -> str:
     """Make the table of figures."""
     rows = ["| effect | step | moves by [mm] | curved | typical | moves by [mm] | cost of a step |",
             "|---|---|---|---|---|---|---|"]  # fmt: skip
-    for key, figure in result["effects"].items():
-        name, _, parameter = key.partition(" ")[0].partition(".")
-        p = next(p for p in library()[name].amplitudes if p.name == parameter)
+    for key, (_, p, _) in keys().items():
+        if (figure := result["effects"].get(key)) is None:
+            rows.append(f"| `{key}` | {p.step:g} {p.unit} | not measured | | {p.typical:g} {p.unit} | not measured | |")
+            continue
         small = [f"{p.step:g} {p.unit}", f"{figure['step_mm']:.3f}", f"{100 * figure['curved']:.0f} %"]
         large = [f"{p.typical:g} {p.unit}", f"{figure['typical_mm']:.2f}", f"{100 * figure['cost']:+.0f} %"]
         rows.append("| " + " | ".join([f"`{key}`", *small, *large]) + " |")
@@ -151,8 +156,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--measure", nargs="*", metavar="NAME", help="these effects, or all")
     options = parser.parse_args()
-    result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {}
     if options.measure is not None:
-        result = measure(options.measure, result)
-        RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), result), encoding="utf-8")
+        measure(options.measure)
+    page, result = PAGE.read_text(encoding="utf-8"), json.loads(RESULT.read_text(encoding="utf-8"))
+    PAGE.write_text(filled(page, result), encoding="utf-8")

@@ -1,0 +1,42 @@
+"""docs/effects.md says what the code says, and its template runs."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from benchmarks.effects_table import PAGE, RESULT, filled, keys, laws
+from plop.physics.config import EngineConfig
+from plop.physics.effects.library import library
+from plop.physics.material import Material
+from plop.physics.solver import simulate
+
+
+def test_the_tables_are_those_of_the_library():
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == filled(page, json.loads(RESULT.read_text(encoding="utf-8"))), (
+        "run `python -m benchmarks.effects_table`, with --measure where a step or a typical amplitude has changed"
+    )
+    assert all(f"| `{name}`:" in laws() for name in library())
+
+
+def test_no_effect_costs_more_than_the_engine_and_no_row_is_left_over():
+    figures = json.loads(RESULT.read_text(encoding="utf-8"))["effects"]
+    assert figures and set(figures) <= set(keys())
+    assert max(figure["cost"] for figure in figures.values()) < 1
+
+
+def test_the_template_is_an_effect_that_obeys_its_law(tmp_path, block):
+    source = re.search(r'```python title="my_effect.py"\n(.*?)```', PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    path = tmp_path / "my_effect.py"
+    path.write_text(source[1])
+    draught = library([path])["draught"]
+    assert draught().absent and draught.amplitudes[0].step > 0
+    body = block((0.02, 0.02, 0.02), 0.005)
+    config = EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None)
+    run = simulate(body, Material(), None, np.array([0, 0.05]), config, effects=[draught(shear_per_s2=20)])
+    moved = (run.positions[-1] - run.positions[0])[:, 0].mean()
+    assert moved == pytest.approx(0.5 * 20 * 0.01 * 0.05**2, rel=0.05)
