@@ -16,6 +16,7 @@ from plop.artifacts.store import Store
 from plop_cli.console import Console, format_seconds
 from plop_cli.convert import describe
 from plop_cli.execute import Outcome, Plan, execute, is_first_process, plan
+from plop_cli.prepare import MODELS, Preparation, takes_model_instead, wants_preparation
 from plop_cli.settings import Setting, resolve, settings_of
 from plop_cli.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
 from stages import PIPELINE, StageRef
@@ -60,6 +61,9 @@ def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
     parameters: list[inspect.Parameter] = []
     for name, spec in stage.inputs.items():
         parameters.append(_parameter(f"input_{name}", *_input_option(name, spec)))
+    if takes_model_instead(stage):
+        spec = InputSpec(MODELS, "Instead of rollouts: roll this model out first.", optional=True)
+        parameters.append(_parameter("input_model", *_input_option("model", spec)))
     taken = {option for name in stage.inputs for option in [_option(name)]}
     taken |= {f"--{name.replace('_', '-').strip('-')}" for name in COMMON} | {"--json", "--set", "--help"}
     for setting in settings:
@@ -91,7 +95,11 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
         ("--set", own_assignments(values["set_"] or [], ref.command, COMMANDS)),
         ("command line", given),
     )
-    inputs = {name: values[f"input_{name}"] for name in stage.inputs if values[f"input_{name}"] is not None}
+    names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
+    inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
+    if wants_preparation(stage, inputs) and not values["dry_run"]:
+        exclude = tuple(getattr(config, "exclude", ()))
+        inputs = Preparation(store, console, exclude).inputs(stage, inputs, values["env"])
     if values["dry_run"]:
         planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"])
         report_plan(console, planned)

@@ -48,8 +48,11 @@ PIPELINE = (
     StageRef("fit-init", "stages.fit_init.stage:STAGE", "Fit 3D Gaussians to the first frame: object and tool."),
     StageRef("train", "stages.train.stage:STAGE", "Learn the dynamics from the training episodes."),
     StageRef("filter", "stages.filter.stage:STAGE", "Follow the object through an episode: predict and update."),
+    StageRef("identify", "stages.identify.stage:STAGE", "Fit the engine's material to recordings: a physics model."),
     StageRef("rollout", "stages.rollout.stage:STAGE", "Predict unseen episodes from their first frame and actions."),
     StageRef("eval", "stages.eval.stage:STAGE", "Score predictions against measurements and two baselines."),
+    StageRef("diagnose", "stages.diagnose.stage:STAGE", "Name the physical effect that a model is missing."),
+    StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
 )
 
 

@@ -22,6 +22,8 @@ class InputSpec:
     """Names of the stages whose artifacts fit; empty for a raw file or folder given by the user."""
     help: str
     optional: bool = False
+    along: str = ""
+    """Another input whose recordings this one is made from; the command makes it when it is not there."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from plop.artifacts.lock import locked
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
 from plop.errors import PlopError
 
-NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def check_name(name: str) -> None:
     """
     if not NAME_PATTERN.fullmatch(name) or name == "latest":
         raise PlopError("This cannot be the name of an artifact.", where=name,
-                        expected="letters, digits, '.', '_' and '-', beginning with a letter or digit")  # fmt: skip
+                        expected="letters, digits, '.', '_', '+' and '-', beginning with a letter or digit")  # fmt: skip
 
 
 def _visible_folder(path: Path) -> bool:

@@ -96,6 +96,10 @@ def judge(
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
     facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "excess": excess, "decoys": decoys}
     wrong = excess is not None and floor is not None and excess > EXCESS_LEAST and error > EXCESS_RATIO * floor
+    if sensors:
+        text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
+                "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
+        return Verdict("SENSOR", sensors, text, facts)
     if named and findings[0].name == named[0].name:
         best = named[0]
         share = _closed(error, floor, left)
@@ -103,12 +107,10 @@ def judge(
         others = [name for name in confounds if name != best.name]
         kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
         if best.kind == "base" and kind != "CONFOUNDED":
-            return Verdict("BASE PARAMETER", [best.name], _base_text(best, sensors), facts)
-        return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share, sensors), facts)
+            return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
+        return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
     if base is not None and base.passes():
-        return Verdict("BASE PARAMETER", [base.name], _base_text(base, sensors), facts)
-    if sensors:
-        return Verdict("SENSOR", sensors, f"A sensor is off: {'; '.join(sensors)}. Nothing else is detectable.", facts)
+        return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
     if decoys or wrong:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
@@ -132,18 +134,16 @@ def parameters_text(finding: Finding) -> str:
     return ", ".join(one(name, p) for name, p in finding.parameters.items())
 
 
-def _effect_text(kind: str, best: Finding, others: list[str], share: float | None, sensors: list[str]) -> str:
+def _effect_text(kind: str, best: Finding, others: list[str], share: float | None) -> str:
     gained = f"it explains {100 * best.gain:.0f} % of the held-out error"
     closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
-    also = f" Also: {'; '.join(sensors)}." if sensors else ""
     what = {
         "EFFECT": f"Missing: {best.name}",
         "PARTLY": f"Partly {best.name}",
         "CONFOUNDED": f"{best.name}, or {' or '.join(others)}, which these motions cannot tell apart",
     }[kind]
-    return f"{what}; {parameters_text(best)}; {gained}{closed}.{also}"
+    return f"{what}; {parameters_text(best)}; {gained}{closed}."
 
 
-def _base_text(base: Finding, sensors: list[str]) -> str:
-    also = f" Also: {'; '.join(sensors)}." if sensors else ""
-    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}.{also}"
+def _base_text(base: Finding) -> str:
+    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}."

@@ -110,8 +110,8 @@ STAGE = Stage(
     config=EvalConfig,
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0, for the baselines"),
-        "rollouts": InputSpec(("rollout",), "what was predicted"),
+        "init": InputSpec(("fit-init",), "Gaussians at frame 0, for the baselines", along="recordings"),
+        "rollouts": InputSpec(("rollout",), "what was predicted", along="recordings"),
     },
     run=run,
 )

@@ -17,11 +17,11 @@ import torch
 from plop.determinism import deterministic
 from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter
 from plop.dynamics.interface import DynamicsModel
-from plop.dynamics.model_io import load_model
 from plop.dynamics.trivial import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
+from plop.models import load_model
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
@@ -46,6 +46,8 @@ class FilterConfig:
     """Weight of the isometry term, per 0.1 m [-]."""
     depth_weight: float = 0.2
     """Weight of the depth error, per 0.1 m [-]."""
+    exclude: tuple[str, ...] = ()
+    """Cameras that are not used, e.g. one that is out of order."""
 
 
 @deterministic()
@@ -78,7 +80,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     for number, name in enumerate(chosen):
         if not out.is_done(name):
             splat = inputs["init"].path / name / "object.ply"
-            _filter_episode(recordings.path(name), splat, model, update, config.seed, out, number, len(chosen))
+            _filter_episode(recordings.path(name), splat, model, update, config, out, number, len(chosen))
             out.mark_done(name)
         rows.append({"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))})
     figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
@@ -86,17 +88,18 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
 
 
 def _filter_episode(
-    recording_path: Path, splat: Path, model: DynamicsModel, update: UpdateConfig, seed: int,
+    recording_path: Path, splat: Path, model: DynamicsModel, update: UpdateConfig, config: FilterConfig,
     out: Output, number: int, total: int,
 ) -> None:  # fmt: skip
     if not splat.is_file():
         raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
                         found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
     name = recording_path.stem
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(config.seed)
     frames = []
     with Recording(recording_path) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
-        for step in run_filter(model, recording, read_splat(splat), update, generator=generator):
+        cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
+        for step in run_filter(model, recording, read_splat(splat), update, cameras=cameras, generator=generator):
             _store(writer, step)
             frames.append({"frame": step.frame, "time_s": float(recording.time_s[step.frame]),
                            "cameras": step.innovation})  # fmt: skip
@@ -129,7 +132,8 @@ STAGE = Stage(
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings."),
         "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
-        "model": InputSpec(("train",), "Model that predicts; constant velocity without it.", optional=True),
+        "model": InputSpec(("train", "identify", "augment"), "Model that predicts; constant velocity without it.",
+                           optional=True),
     },
     run=run,
 )

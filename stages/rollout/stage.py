@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plop.dynamics.model_io import load_model, read_facts
+from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
+from plop.models import load_model
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.rollout.episode import roll_out
@@ -123,7 +124,7 @@ STAGE = Stage(
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "episodes: first frame, tool motion and cameras"),
         "init": InputSpec(("fit-init",), "Gaussians of object and tool at frame 0"),
-        "model": InputSpec(("train",), "the dynamics model"),
+        "model": InputSpec(("train", "identify", "augment"), "the dynamics model"),
     },
     run=run,
 )

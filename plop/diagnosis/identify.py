@@ -1,0 +1,99 @@
+"""Fit the engine's material to tracked episodes, so that it can stand in for the real object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.engine_run import predict_points, start_particles
+from plop.diagnosis.episode import Episode
+from plop.diagnosis.evidence import compared_frames
+from plop.errors import PlopError
+from plop.physics.calibrate import Calibration, calibrate
+from plop.physics.config import EngineConfig
+from plop.physics.filled import EngineBase
+from plop.physics.material import Material
+
+PARTICLES = 750
+"""Particles that fill the object unless a spacing is given: two seconds of motion take a second of one core."""
+NAMES = ("youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction")
+"""Parameters that are fitted unless others are named."""
+
+
+@dataclass(frozen=True)
+class TrackedCase:
+    """An episode as `calibrate` wants it: patches at the compared frames."""
+
+    episode: Episode
+    base: EngineBase
+
+    @property
+    def name(self) -> str:
+        """Name of the episode."""
+        return self.episode.name
+
+    @property
+    def table_z_m(self) -> float | None:
+        """Height of the table [m]."""
+        return self.episode.table_z_m
+
+    @property
+    def observed(self) -> np.ndarray:
+        """Measured displacements of the patches, [F, K, 3] [m]."""
+        return self.episode.motion[compared_frames(len(self.episode.times))]
+
+    def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
+        """Run the engine and give the same, [F, K, 3] [m]; the grid is the base's own, not `config`'s."""
+        base = replace(self.base, material=material)
+        points = predict_points(base, self.episode, start_particles(base, self.episode))
+        return self.episode.pooled((points - points[:1])[compared_frames(len(self.episode.times))])
+
+
+def spacing_for(episodes: list[Episode], particles: int = PARTICLES) -> float:
+    """Choose a distance of particles so that about so many fill the object [m]."""
+    volumes = []
+    for episode in episodes:
+        corner = episode.vertices[episode.faces]
+        volumes.append(abs(float(np.einsum("fi,fi->", np.cross(corner[:, 0], corner[:, 1]), corner[:, 2]))) / 6)
+    return round(float(np.cbrt(np.median(volumes) / particles)), 5)
+
+
+def starts_settled(episodes: list[Episode], base: EngineBase) -> bool:
+    """Tell whether objects carried their own weight before the first frame, by which start follows them better."""
+    errors = []
+    for settled in (True, False):
+        trial = replace(base, settled=settled)
+        squares = []
+        for episode in episodes:
+            points = predict_points(trial, episode, start_particles(trial, episode))
+            early = slice(1, max(2, len(episode.times) // 3))
+            squares.append(float(((points - points[:1] - episode.points + episode.points[:1])[early] ** 2).mean()))
+        errors.append(float(np.median(squares)))
+    return errors[0] <= errors[1]
+
+
+def identify(
+    episodes: list[Episode], start: EngineBase, names: tuple[str, ...], *, iterations: int, jobs: int,
+    progress: Callable[[int, int, float], None] | None = None,
+) -> tuple[EngineBase, Calibration]:  # fmt: skip
+    """Fit material parameters.
+
+    Args:
+        episodes: What to follow.
+        start: First guess, and everything that is not fitted.
+        names: Fields of Material.
+        iterations: Most Gauss-Newton steps.
+        jobs: Processes.
+        progress: Called with (step, steps, RMS in metres).
+
+    Raises:
+        PlopError: No episode, or the engine is unstable with the first guess.
+    """
+    if not episodes:
+        raise PlopError("There is no episode to fit the engine to.", expected="at least one with a track", found="none")
+    cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
+    found = calibrate(cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress)
+    return replace(start, material=found.material), found

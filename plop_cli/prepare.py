@@ -1,0 +1,152 @@
+"""What a command needs besides what the user named: made on the way, or found where it is there already.
+
+The commands that compare a model with measurements take a model and recordings. Gaussians, tracks and rollouts
+of these recordings, the recordings that the model was made from, and the engine beside a learned model follow
+from the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.lineage import closure
+from plop.artifacts.store import Artifact, Store
+from plop.errors import PlopError
+from plop_cli.console import Console
+from plop_cli.execute import execute
+from plop_cli.inputs import LEFT_OUT
+from plop_cli.settings import resolve
+from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
+from stages import PIPELINE, stage_ref
+from stages.contract import Stage
+
+RECORDINGS = ("calibrate", "ingest", "simulate")
+"""Stages whose artifacts are recordings, the most advanced first."""
+MODELS = ("augment", "identify", "train")
+_COMMANDS = [ref.command for ref in PIPELINE]
+
+
+@dataclass
+class Preparation:
+    """Makes what is missing, with the settings of the workspace."""
+
+    store: Store
+    console: Console
+    exclude: tuple[str, ...] = ()
+    """Cameras that tracks leave out."""
+
+    def inputs(self, stage: Stage, given: Mapping[str, str | Path], environment: str | None) -> dict[str, str | Path]:
+        """Complete the inputs of a stage.
+
+        Args:
+            stage: The stage that will run.
+            given: What the user named.
+            environment: Choose recordings of this environment where none are named.
+
+        Raises:
+            PlopError: No recordings or no model are named or can be guessed, or a stage on the way fails.
+        """
+        found = dict(given)
+        if "model" in stage.inputs and "model" not in found and not stage.inputs["model"].optional:
+            found["model"] = self._only(MODELS, environment, "model").address
+        if "recordings" not in found:
+            found["recordings"] = self._only(RECORDINGS, environment, "recordings").address
+        model = self.store.find(str(found["model"])) if "model" in found else None
+        if "reference" in stage.inputs and "reference" not in found and model is not None:
+            self._reference(found, model)
+        for name, spec in stage.inputs.items():
+            source = found.get(spec.along) if spec.along else None
+            if name not in found and source not in (None, LEFT_OUT):
+                recordings = self.store.find(str(source))
+                found[name] = self._derived(spec.stages[0], recordings, model).address
+            elif spec.along and name not in found and spec.optional:
+                found[name] = LEFT_OUT
+        if "engine" in stage.inputs and "engine" not in found:
+            found["engine"] = self._engine(found, model)
+        if "model" not in stage.inputs:
+            found.pop("model", None)
+        return found
+
+    def _reference(self, found: dict[str, str | Path], model: Artifact) -> None:
+        """Take the recordings that the model was made from, unless they are those to be explained."""
+        source = self.source_of(model)
+        asked = self.store.find(str(found["recordings"]))
+        same = source is None or source.key == asked.key or source.key in closure(self._known(), asked)
+        found["reference"] = LEFT_OUT if same or source is None else source.address
+
+    def source_of(self, model: Artifact) -> Artifact | None:
+        """Give the recordings that a model was made from; None when they are gone."""
+        known = self._known()
+        keys = closure(known, model)
+        for name in RECORDINGS:
+            for key in keys:
+                if key[0] == name and key in known:
+                    return known[key]
+        return None
+
+    def _engine(self, found: Mapping[str, str | Path], model: Artifact | None) -> str:
+        """Fit an engine to the recordings of a learned model; an engine needs no second one."""
+        from plop.models import engine_of
+
+        if model is None or engine_of(model.path) is not None:
+            return LEFT_OUT
+        source = self.source_of(model)
+        if source is None:
+            return LEFT_OUT
+        return self._derived("identify", source, None).address
+
+    def _derived(self, command: str, recordings: Artifact, model: Artifact | None) -> Artifact:
+        """Make one artifact of some recordings, and before it what it needs."""
+        inputs: dict[str, str | Path] = {"recordings": recordings.address}
+        extra: dict[str, Any] = {}
+        if command == "fit-init":
+            inputs["clouds"] = self._derived("fuse", recordings, None).address
+        if command in ("filter", "identify", "rollout", "eval"):
+            inputs["init"] = self._derived("fit-init", recordings, None).address
+        if command == "filter":
+            inputs["model"] = LEFT_OUT
+            extra = {"exclude": list(self.exclude)}
+        if command == "identify":
+            inputs["tracks"] = self._derived("filter", recordings, None).address
+        if command == "rollout" and model is not None:
+            inputs["model"] = model.address
+        return self._made(command, inputs, extra)
+
+    def _made(self, command: str, inputs: Mapping[str, str | Path], extra: Mapping[str, Any]) -> Artifact:
+        stage = stage_ref(command).load()
+        layer = read_settings_file(self.store.workspace / SETTINGS_FILE, _COMMANDS).get(command, {})
+        config = resolve(stage.config, command, (SETTINGS_FILE, layer), ("plop", dict(extra)))
+        with self.console.progress(command) as progress:
+            outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress)
+        if not outcome.skipped:
+            self.console.say(f"made {outcome.artifact.address} on the way")
+        for text in [] if outcome.skipped else outcome.warnings:
+            self.console.warn(f"{command}: {text}")
+        return outcome.artifact
+
+    def _only(self, stages: tuple[str, ...], environment: str | None, what: str) -> Artifact:
+        """Take the latest artifact when there is no doubt which is meant."""
+        pool = [a for a in self.store.artifacts(*stages) if environment in (None, a.manifest.environment)]
+        if len({a.manifest.environment for a in pool}) != 1 or (what == "recordings" and len(pool) > 1
+                                                               and len({a.key[0] for a in pool}) == 1):  # fmt: skip
+            raise PlopError(f"Which {what}?", where=self.store.root, expected=f"--{what} NAME",
+                            found=", ".join(a.address for a in pool) or f"no {what} in this workspace",
+                            fix="`plop status` lists what there is.")  # fmt: skip
+        return pool[-1]
+
+    def _known(self) -> dict[tuple[str, str], Artifact]:
+        return {a.key: a for a in self.store.artifacts()}
+
+
+def takes_model_instead(stage: Stage) -> bool:
+    """Tell whether a stage works on rollouts, which the user may leave to be made by naming a model."""
+    return "rollouts" in stage.inputs and "model" not in stage.inputs
+
+
+def wants_preparation(stage: Stage, given: Mapping[str, Any]) -> bool:
+    """Tell whether a stage has inputs that follow from what was given."""
+    derived = any(spec.along for spec in stage.inputs.values())
+    return derived and ("model" in given or not takes_model_instead(stage))

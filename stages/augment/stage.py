@@ -1,0 +1,147 @@
+"""augment: add an effect to a model; the base stays inside, unchanged, so that the step can be undone."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
+from plop.errors import PlopError
+from plop.models import effects_of, engine_of, load_model
+from plop.physics.base_io import base_to_dict
+from plop.physics.effects.library import effect_type, library
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+
+
+@dataclass(frozen=True)
+class AugmentConfig:
+    """Settings of `augment`; their defaults are written only here."""
+
+    effect: str = ""
+    """Name of the effect; what the diagnosis named when empty."""
+    value: tuple[str, ...] = ()
+    """PARAMETER=VALUE instead of what the diagnosis fitted; may be repeated."""
+    remove: bool = False
+    """Give the base back, without the effect that was added last."""
+
+
+def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
+    """Write model.json, base/ and, for a user's effect, effects/.
+
+    Raises:
+        PlopError: No effect to add, one that was not fitted, or a value out of range.
+    """
+    folder = inputs["model"].path
+    if config.remove:
+        return _without(folder, out.path)
+    diagnosis = _diagnosis(inputs)
+    files = [inputs["effect_file"].path] if "effect_file" in inputs else []
+    name, parameters = _chosen(config, diagnosis)
+    effect = effect_type(name, library(files))(**{key: p["value"] for key, p in parameters.items()})
+    engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
+    if engine is None:
+        raise PlopError("A learned model needs the engine beside it.", where=folder, expected="an artifact of identify",
+                        found="none", fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
+    if effect.kind == "base":
+        return _changed(folder, engine_material(engine, effect), parameters, name, out.path)
+    shutil.copytree(folder, out.path / "base", dirs_exist_ok=True)
+    if files:
+        (out.path / "effects").mkdir(exist_ok=True)
+        shutil.copy(files[0], out.path / "effects" / Path(files[0]).name)
+    base = inputs["model"].manifest
+    facts = {
+        "schema": MODEL_SCHEMA, "kind": "augmented", "engine": base_to_dict(engine),
+        "effects": [{"effect": name, "parameters": parameters}],
+        "base": {"stage": base.stage, "fingerprint": base.fingerprint} if base else {},
+        "training": read_facts(folder).get("training", {}),
+    }  # fmt: skip
+    _write(out.path / "model.json", facts)
+    load_model(out.path)
+    added = ", ".join(repr(e) for e in effects_of(out.path))
+    return Summary({"effects": added}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
+
+
+def engine_material(engine: Any, effect: Any) -> Any:
+    """Apply a change of a base parameter to the engine's settings."""
+    from dataclasses import replace
+
+    return replace(engine, material=effect.material(engine.material))
+
+
+def _changed(folder: Path, engine: Any, parameters: dict[str, Any], name: str, out: Path) -> Summary:
+    facts = read_facts(folder)
+    if facts["kind"] != "engine":
+        raise PlopError("Only the engine has this parameter.", where=name, expected="a model of identify",
+                        found=facts["kind"], fix="Train the learned model on the new recordings.")  # fmt: skip
+    _write(out / "model.json", {**facts, "engine": base_to_dict(engine), "changed": {name: parameters}})
+    return Summary({"changed": name}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
+
+
+def _without(folder: Path, out: Path) -> Summary:
+    if read_facts(folder).get("kind") != "augmented":
+        raise PlopError("This model has no added effect.", where=folder, expected="a model of augment",
+                        found=str(read_facts(folder).get("kind")))  # fmt: skip
+    shutil.copytree(folder / "base", out, dirs_exist_ok=True)
+    return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
+
+
+def _diagnosis(inputs: Inputs) -> dict[str, Any]:
+    if "diagnosis" not in inputs:
+        return {}
+    facts: dict[str, Any] = json.loads((inputs["diagnosis"].path / "diagnosis.json").read_text())
+    return facts
+
+
+def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Find the effect and its parameters, each {"value", "low", "high", "unit"}."""
+    named = diagnosis.get("verdict", {}).get("named", [])
+    name = config.effect or (named[0] if named else "")
+    given = _values(config.value)
+    row = next((r for r in [*diagnosis.get("ranking", []), diagnosis.get("base", {})] if r.get("effect") == name), None)
+    if not name or (row is None and not given):
+        raise PlopError("There is no effect to add.", where=name or "augment.effect",
+                        expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
+                        found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
+                        fix="Run `plop diagnose` on the recordings to fit to.")  # fmt: skip
+    keys = ("value", "low", "high", "unit")
+    parameters = {} if row is None else {k: {q: p.get(q) for q in keys} for k, p in row["parameters"].items()}
+    for key, value in given.items():
+        parameters[key] = {"value": value, "low": None, "high": None, "unit": parameters.get(key, {}).get("unit", "")}
+    return name, parameters
+
+
+def _values(texts: tuple[str, ...]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        key, _, value = text.partition("=")
+        try:
+            found[key.strip()] = float(value)
+        except ValueError:
+            raise PlopError("A value of augment cannot be read.", where="--value", expected="PARAMETER=NUMBER",
+                            found=text) from None  # fmt: skip
+    return found
+
+
+def _write(path: Path, facts: dict[str, Any]) -> None:
+    scratch = path.with_name(path.name + ".tmp")
+    scratch.write_text(json.dumps(facts, indent=1, sort_keys=True))
+    os.replace(scratch, path)
+
+
+STAGE = Stage(
+    name="augment",
+    version=1,
+    help="Add an effect to a model; reversible.",
+    config=AugmentConfig,
+    inputs={
+        "model": InputSpec(("train", "identify", "augment"), "the model to add to"),
+        "diagnosis": InputSpec(("diagnose",), "what was fitted", optional=True),
+        "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
+        "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
+    },
+    run=run,
+)

@@ -1,0 +1,83 @@
+"""What a diagnosis says, as JSON types and as rows for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.next_motion import next_motion
+from plop.diagnosis.verdict import Finding
+from plop.physics.effects.library import EffectType
+
+SCHEMA = 1
+
+
+def facts_of(
+    found: Diagnosis, types: Mapping[str, EffectType], sensors: list[dict[str, Any]], left_out: dict[str, str]
+) -> dict[str, Any]:
+    """Collect everything that was found; see docs/stages/diagnose.md for the keys."""
+    sizes = {score.candidate.effect: score.size_m for score in found.scores}
+    ranking = [_row(finding, types, sizes.get(finding.name)) for finding in found.findings]
+    confounded = found.verdict.named if found.verdict.kind == "CONFOUNDED" else []
+    left = found.verdict.evidence.get("left")
+    closed = None
+    if found.floor is not None and left is not None and found.error > found.floor:
+        closed = (found.error - left) / (found.error - found.floor)
+    return {
+        "schema": SCHEMA,
+        "verdict": {"kind": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
+                    "evidence": _clean(found.verdict.evidence)},
+        "ranking": [row for row, f in zip(ranking, found.findings, strict=True) if f is not found.findings[-1]],
+        "base": ranking[-1],
+        "confounded": confounded,
+        "limits": _clean(found.limits),
+        "sensors": sensors,
+        "shams": {"count": len(found.shams), "quantile_98": float(np.quantile(found.shams, 0.98))},
+        "error": found.error, "floor": found.floor, "excess": found.excess, "closed_share": closed,
+        "next_motion": next_motion(found) if len(confounded) > 1 else None,
+        "episodes": [e.name for e in found.evidence],
+        "reference_episodes": [e.name for e in found.control],
+        "dropped": {**left_out, **found.dropped},
+    }  # fmt: skip
+
+
+def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None) -> dict[str, Any]:
+    kind = types.get(finding.name)
+    return {
+        "effect": finding.name, "kind": finding.kind, "help": kind.help if kind else "",
+        "law": kind.law if kind else "", "source": kind.source if kind else "",
+        "gain": finding.gain, "gain_error": finding.gain_error, "p": finding.p,
+        "contrast": finding.contrast, "size_mm": None if size_m is None else 1000 * size_m,
+        "parameters": _clean(finding.parameters), "passes": finding.passes(), "reasons": finding.reasons(),
+    }  # fmt: skip
+
+
+def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
+    """Give the head of the ranking as rows for the terminal."""
+    rows = []
+    for row in [*facts["ranking"][:most], facts["base"]]:
+        first = next(iter(row["parameters"].items()), ("", {"value": float("nan"), "unit": ""}))
+        rows.append({
+            "effect": row["effect"], "gain_percent": round(100 * row["gain"], 1),
+            "error_percent": round(100 * row["gain_error"], 1), "p": row["p"],
+            "moves_mm": None if row["size_mm"] is None else round(row["size_mm"], 3),
+            "parameter": f"{first[0]} = {first[1]['value']:.3g} {first[1]['unit']}",
+            "verdict": "named" if row["effect"] in facts["verdict"]["named"] else (row["reasons"] or ["passes"])[0],
+        })  # fmt: skip
+    return rows
+
+
+def _clean(value: Any) -> Any:
+    """Turn infinities into null and numpy numbers into Python's, so that any JSON reader takes it."""
+    if isinstance(value, Mapping):
+        return {str(key): _clean(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_clean(item) for item in value]
+    if isinstance(value, (np.floating, float)):
+        return float(value) if np.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return bool(value) if isinstance(value, np.bool_) else value

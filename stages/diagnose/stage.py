@@ -1,0 +1,161 @@
+"""diagnose: which physical effect is the model missing? Sensors first, then the library, then a verdict."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.bases import predict_episode
+from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.episode import Episode
+from plop.diagnosis.runs import Runs
+from plop.diagnosis.sets import tracked_episodes
+from plop.diagnosis.shams import SHAMS
+from plop.diagnosis.table import Measured
+from plop.dynamics.model_io import read_facts
+from plop.errors import PlopError
+from plop.models import effects_of, engine_of, innermost
+from plop.physics.effects.library import effect_type, library
+from plop.physics.filled import EngineBase
+from plop.recordings.set import RecordingSet
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.diagnose.outcome import facts_of, rows_of
+from stages.diagnose.sensors import sensor_findings
+
+
+@dataclass(frozen=True)
+class DiagnoseConfig:
+    """Settings of `diagnose`; their defaults are written only here."""
+
+    effects: tuple[str, ...] = ()
+    """Only these effects of the library; all when empty."""
+    split: str = "all"
+    """Episodes: "train", "test" or "all"."""
+    shams: int = SHAMS
+    """Shams that give the chance of a false alarm."""
+    sensors: bool = True
+    """Look for sensor faults first."""
+    exclude: tuple[str, ...] = ()
+    """Cameras that neither tracks nor sensor checks use, e.g. one that was found faulty."""
+    seed: int = 0
+    """Chooses the points that are followed, and draws the shams."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Processes of this machine; -1 is one a core."""
+    scheduler: str = field(default="", metadata={"in_fingerprint": False})
+    """Address of a Dask scheduler, e.g. tcp://10.0.0.5:8786, to run the same jobs on a cluster."""
+
+
+def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
+    """Write diagnosis.json.
+
+    Raises:
+        PlopError: A model and recordings of different objects, too few episodes, an unknown effect, a file with
+            effects that cannot be used, or an engine that follows nothing.
+    """
+    started = time.perf_counter()
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    _check(inputs, config, recordings)
+    files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
+    types = library(files)
+    for name in config.effects:
+        effect_type(name, types)
+    engine, model = _engine(inputs), inputs["model"].path
+    measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
+    reference = None
+    if "reference" in inputs:
+        others = RecordingSet.load(inputs["reference"].path)
+        reference, more = _measured(others, inputs, "reference_", others.names, model, config.seed)
+        left_out |= {f"reference {name}": why for name, why in more.items()}
+    sensors = _sensors(recordings, measured, config, out)
+    runs = Runs(out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
+    found = diagnose(measured, engine, types, runs, reference=reference, effects=config.effects or None,
+                     sensors=[s["text"] for s in sensors], shams=config.shams, seed=config.seed)  # fmt: skip
+    facts = facts_of(found, types, sensors, left_out)
+    facts |= {"environment": recordings.environment, "seconds": round(time.perf_counter() - started, 1),
+              "engine_runs": runs.done}  # fmt: skip
+    scratch = out.path / "diagnosis.json.tmp"
+    scratch.write_text(json.dumps(facts, indent=1))
+    os.replace(scratch, out.path / "diagnosis.json")
+    figures = {"verdict": found.verdict.kind, "named": ", ".join(found.verdict.named) or "-",
+               "text": found.verdict.text, "episodes": len(found.evidence), "engine_runs": runs.done}  # fmt: skip
+    return Summary(figures, rows_of(facts), [f"{name} is left out: {why}" for name, why in facts["dropped"].items()])
+
+
+def _sensors(
+    recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output
+) -> list[dict[str, Any]]:
+    if not config.sensors:
+        return []
+    return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out)
+
+
+def _names(recordings: RecordingSet, split: str) -> list[str]:
+    if split not in ("train", "test", "all"):
+        raise PlopError("Unknown split.", where="diagnose.split", expected="train, test, all", found=split)
+    return recordings.names if split == "all" else list(getattr(recordings, split))
+
+
+def _measured(
+    recordings: RecordingSet, inputs: Inputs, prefix: str, names: list[str], model: Path, seed: int
+) -> tuple[Measured, dict[str, str]]:
+    """Read tracked episodes, with the prediction of a base that is not the bare engine."""
+    init = inputs[f"{prefix}init"].path
+    episodes, left_out = tracked_episodes(recordings, init, inputs[f"{prefix}tracks"].path, names, seed=seed)
+    if read_facts(model)["kind"] == "engine":
+        return Measured(episodes), left_out
+
+    def predicted(episode: Episode) -> np.ndarray:
+        return predict_episode(model, recordings.path(episode.name), init / episode.name / "object.ply", episode)
+
+    return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
+
+
+def _engine(inputs: Inputs) -> EngineBase:
+    """Find the engine that computes the responses: the model's own, or the one given beside it."""
+    engine = engine_of(inputs["model"].path)
+    if engine is None and "engine" in inputs:
+        engine = engine_of(inputs["engine"].path)
+    if engine is None:
+        raise PlopError("A learned model needs the engine beside it.", where=inputs["model"].path,
+                        expected="an artifact of identify", found="none",
+                        fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
+    return engine
+
+
+def _check(inputs: Inputs, config: DiagnoseConfig, recordings: RecordingSet) -> None:
+    model = inputs["model"].path
+    about = read_facts(innermost(model)).get("training", {}).get("environment")
+    if about not in (None, recordings.environment):
+        raise PlopError("Model and recordings are of different objects.", where=model, expected=str(about),
+                        found=recordings.environment,
+                        fix="Give recordings of the same object; materials are compared under one name.")  # fmt: skip
+    if config.shams < 49:
+        raise PlopError("Too few shams for a verdict.", where="diagnose.shams", expected="49 or more",
+                        found=str(config.shams))  # fmt: skip
+    effects_of(model)
+
+
+STAGE = Stage(
+    name="diagnose",
+    version=1,
+    help="Name the physical effect that the model is missing, or say that none can be named.",
+    config=DiagnoseConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
+        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
+        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
+        "model": InputSpec(("train", "identify", "augment"), "the model to diagnose"),
+        "reference": InputSpec(("calibrate", "ingest", "simulate"), "what the model was made from", optional=True),
+        "reference_init": InputSpec(("fit-init",), "its Gaussians", optional=True, along="reference"),
+        "reference_tracks": InputSpec(("filter",), "its states", optional=True, along="reference"),
+        "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
+        "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
+    },
+    run=run,
+)

@@ -1,0 +1,135 @@
+"""identify: fit the engine's material to recordings; the result is a model like any other."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.identify import NAMES, identify, spacing_for, starts_settled
+from plop.diagnosis.sets import tracked_episodes
+from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.errors import PlopError
+from plop.physics.base_io import base_to_dict
+from plop.physics.calibrate import PARAMETERS, Calibration
+from plop.physics.filled import EngineBase
+from plop.physics.material import ElasticLaw, Material
+from plop.recordings.set import RecordingSet
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+
+STARTS = ("auto", "settled", "unloaded")
+
+
+@dataclass(frozen=True)
+class IdentifyConfig:
+    """Settings of `identify`; their defaults are written only here."""
+
+    fit: tuple[str, ...] = NAMES
+    """Parameters to fit; the others stay at their first guess."""
+    youngs_modulus_pa: float = 1.2e4
+    """First guess of Young's modulus [Pa]."""
+    poisson: float = 0.4
+    """Poisson's ratio [-]."""
+    density_kg_m3: float = 1000.0
+    """Density [kg/m^3]; with imposed motions only stiffness over density matters."""
+    damping_per_s: float = 2.0
+    """First guess of the velocity damping [1/s]."""
+    table_friction: float = 0.4
+    """First guess of the friction at the table [-]."""
+    tool_friction: float = 0.3
+    """First guess of the friction at the tool [-]."""
+    cut_friction: float = 0.3
+    """Friction between the faces of a cut [-]."""
+    toughness_j_m2: float = 0.0
+    """Energy of new cut surface [J/m^2]."""
+    table_cone: str = "round"
+    """Friction cone at the table: "round", or "pyramid" as some simulators have it."""
+    start: str = "auto"
+    """Object at the first frame: "settled" under its weight, "unloaded" and about to sag, or "auto": what fits."""
+    spacing_m: float = 0.0
+    """Distance of the particles [m]; 0 chooses about 750 of them."""
+    iterations: int = 5
+    """Most Gauss-Newton steps."""
+    split: str = "all"
+    """Episodes: "train", "test" or "all"."""
+    seed: int = 0
+    """Chooses the points that are followed."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Processes; -1 is one a core."""
+
+
+def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
+    """Fit the engine and write model.json.
+
+    Raises:
+        PlopError: A setting that cannot be, no usable episode, or an unstable engine.
+    """
+    _check(config)
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    names = recordings.names if config.split == "all" else getattr(recordings, config.split)
+    episodes, left_out = tracked_episodes(recordings, inputs["init"].path, inputs["tracks"].path, names,
+                                          seed=config.seed)  # fmt: skip
+    material = Material(**{key: getattr(config, key) for key in asdict(Material()) if hasattr(config, key)})
+    material = replace(material, law=ElasticLaw.NEO_HOOKEAN)
+    spacing = config.spacing_m or spacing_for(episodes)
+    base = EngineBase(material, spacing, True, config.table_cone)
+    settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
+    base, found = identify(
+        episodes, replace(base, settled=settled), config.fit, iterations=config.iterations, jobs=config.jobs,
+        progress=lambda step, steps, rms: out.progress(step, steps, "Gauss-Newton", rms_mm=1000 * rms),
+    )  # fmt: skip
+    facts = {"schema": MODEL_SCHEMA, "kind": "engine", "engine": base_to_dict(base),
+             "estimates": {name: _estimate(e) for name, e in found.estimates.items()},
+             "training": {"environment": recordings.environment, "episodes": [e.name for e in episodes],
+                          "rms_before_mm": 1000 * found.rms_before_m, "rms_after_mm": 1000 * found.rms_after_m,
+                          "engine_runs": found.rollouts}}  # fmt: skip
+    scratch = out.path / "model.json.tmp"
+    scratch.write_text(json.dumps(facts, indent=1, sort_keys=True))
+    os.replace(scratch, out.path / "model.json")
+    return _summary(base, found, len(episodes), left_out)
+
+
+def _check(config: IdentifyConfig) -> None:
+    unknown = [name for name in config.fit if name not in PARAMETERS]
+    if unknown or not config.fit or config.start not in STARTS or config.split not in ("train", "test", "all"):
+        raise PlopError("A setting of identify makes no sense.", where="identify.fit, identify.start, identify.split",
+                        expected=f"some of {', '.join(PARAMETERS)}; {', '.join(STARTS)}; train, test, all",
+                        found=f"{', '.join(config.fit)}; {config.start}; {config.split}")  # fmt: skip
+
+
+def _estimate(estimate: Any) -> dict[str, Any]:
+    values = asdict(estimate)
+    return {key: value if not isinstance(value, float) or np.isfinite(value) else None for key, value in values.items()}
+
+
+def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[str, str]) -> Summary:
+    rows = [{"parameter": name, "value": round(e.value, 4), "low": _shown(e.low), "high": _shown(e.high),
+             "unit": e.unit, "at_bound": e.at_bound} for name, e in found.estimates.items()]  # fmt: skip
+    figures = {"episodes": count, "rms_before_mm": round(1000 * found.rms_before_m, 3),
+               "rms_after_mm": round(1000 * found.rms_after_m, 3), "spacing_mm": round(1000 * base.spacing_m, 2),
+               "settled": base.settled, "engine_runs": found.rollouts}  # fmt: skip
+    warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
+    warnings += [f"{name} is at its bound: a limit, not a measurement." for name, e in found.estimates.items()
+                 if e.at_bound]  # fmt: skip
+    return Summary(figures, rows, warnings)
+
+
+def _shown(value: float) -> float | None:
+    return round(value, 4) if np.isfinite(value) else None
+
+
+STAGE = Stage(
+    name="identify",
+    version=1,
+    help="Fit the engine's material to recordings: a physics model like any other.",
+    config=IdentifyConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
+        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
+        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
+    },
+    run=run,
+)
