@@ -1,8 +1,9 @@
 """Resampling on and off, and the three kernels: `python -m benchmarks.ablations WORKSPACE OUT [ENVIRONMENT ...]`.
 
-Takes an environment's last training of a workspace (`make reproduce` makes one), trains each variant on the same
-fits and tracks with the same settings but the one that it changes, rolls out and scores the test episodes, and writes
-the table into docs/results.md. What is in the folder OUT already is not made again.
+Takes an environment's last training of a workspace (`make reproduce` makes one). Each kernel is trained on the same
+fits and tracks with the same settings; without resampling the same weights are rolled out. The test episodes are scored
+on every fourth predicted frame and the last one, and the table goes into docs/results.md. What is in the folder OUT
+already is not made again.
 """
 
 from __future__ import annotations
@@ -21,30 +22,32 @@ import torch
 
 from plop.artifacts.store import Artifact, Store
 from plop.dynamics.interface import at_rest
+from plop.dynamics.model import PlopModel
 from plop.dynamics.model_io import load_model
+from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.state import Gaussians
+from plop.metrics.frame import FrameOptions, score_frame
+from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
 from plop.metrics.table import replace_between_markers
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
+from plop.recordings.truth import Truth
+from plop.render.scene import render_scene
 from stages.contract import Input, Output
-from stages.eval.stage import STAGE as EVAL
-from stages.eval.stage import EvalConfig
 from stages.rollout.predict import predict, tool_steps
-from stages.rollout.stage import STAGE as ROLLOUT
-from stages.rollout.stage import RolloutConfig
 from stages.train.stage import STAGE as TRAIN
 from stages.train.stage import TrainConfig
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
-VARIANTS: dict[str, dict[str, Any]] = {
-    "quadratic (27 nodes)": {},
-    "paper (8 nodes)": {"kernel": "paper"},
-    "cubic (64 nodes)": {"kernel": "cubic"},
-    "quadratic, no resampling": {"resample": False},
-}
-COLUMNS = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "truth_rms_mm": "nodes [mm]"}
+TRAINED = {"quadratic (27 nodes)": "quadratic", "paper (8 nodes)": "paper", "cubic (64 nodes)": "cubic"}
+NO_RESAMPLING = "quadratic, no resampling"
+COLUMNS = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "nodes_mm": "nodes [mm]"}
+SCORED_EVERY = 4
 WARM_UP = 3
 """Steps that are not timed."""
-TIMED_EPISODES = 1
+
+Row = dict[str, Any]
 
 
 def latest(store: Store, stage: str, environment: str) -> Artifact:
@@ -63,72 +66,95 @@ def inputs_of(store: Store, artifact: Artifact) -> dict[str, Input]:
     return found
 
 
-def run_variant(trained: Artifact, inputs: Mapping[str, Input], change: Mapping[str, Any], folder: Path) -> Path:
-    """Train, roll out and score one variant; gives scores.json."""
-    scores = folder / "eval" / "scores.json"
-    if scores.is_file():
-        return scores
-    for name in ("train", "rollout", "eval"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    out = Output(folder / "train")
-    if not (out.path / "tracks").is_dir():
-        shutil.copytree(trained.path / "tracks", out.path / "tracks")
-    for track in (out.path / "tracks").glob("*.h5"):
-        out.mark_done(f"track-{track.stem}")
-    TRAIN.run(inputs, replace(TrainConfig(**trained.manifest.config), **change), out)
-    with_model = {**inputs, "model": Input(folder / "train")}
-    ROLLOUT.run(with_model, RolloutConfig(), Output(folder / "rollout"))
-    EVAL.run({**inputs, "rollouts": Input(folder / "rollout")}, EvalConfig(), Output(folder / "eval"))
-    return scores
+def train(trained: Artifact, inputs: Mapping[str, Input], kernel: str, folder: Path) -> Path:
+    """Train with another kernel on the tracks of a training; gives the folder of the model."""
+    if kernel == trained.manifest.config["kernel"]:
+        return trained.path
+    out = Output(folder / f"kernel-{kernel}")
+    if not out.is_done("trained"):
+        shutil.copytree(trained.path / "tracks", out.path / "tracks", dirs_exist_ok=True)
+        for track in (out.path / "tracks").glob("*.h5"):
+            out.mark_done(f"track-{track.stem}")
+        config: dict[str, Any] = {**trained.manifest.config, "kernel": kernel}
+        TRAIN.run(inputs, TrainConfig(**config), out)
+        out.mark_done("trained")
+    return out.path
 
 
-def step_ms(inputs: Mapping[str, Input], model_folder: Path) -> float:
-    """Measure the median processor time of a predicted frame on one thread [ms]."""
-    torch.set_num_threads(1)
-    model = load_model(model_folder, torch.device("cpu"))
+def score(model: PlopModel, inputs: Mapping[str, Input]) -> Row:
+    """Roll out the test episodes: {"episode": {score: mean}, "end": ..., "ms": processor time of a frame [ms]}."""
     recordings = RecordingSet.load(inputs["recordings"].path)
+    rows: list[tuple[bool, dict[str, float]]] = []
     spent: list[float] = []
-    for name in recordings.test[:TIMED_EPISODES]:
-        start = at_rest(read_splat(inputs["init"].path / name / "object.ply"))
-        with recordings.open(name) as recording:
-            states = predict(model, start, tool_steps(recording), name, 0)
+    for name in recordings.test:
+        start, tool = (read_splat(inputs["init"].path / name / f"{part}.ply") for part in ("object", "tool"))
+        with recordings.open(name) as recording, Truth(recordings.path(name)) as truth:
+            states = predict(model, at_rest(start), tool_steps(recording), name, 0)
             before = time.process_time()
-            for frame, _ in enumerate(states):
-                now = time.process_time()
-                spent += [now - before] if frame > WARM_UP else []
-                before = now
-    return 1000 * float(np.median(spent))
+            for frame, (state, _) in enumerate(states):
+                spent += [time.process_time() - before] if frame > WARM_UP else []
+                last = frame == len(recording) - 1
+                if last or frame % SCORED_EVERY == 0 and frame:
+                    rows.append((last, _scores(state.gaussians, start, tool, recording, truth, frame)))
+                before = time.process_time()
+    means = {
+        part: {key: float(np.mean([row[key] for last, row in rows if last or part == "episode"])) for key in COLUMNS}
+        for part in ("episode", "end")
+    }
+    return {**means, "ms": 1000 * float(np.median(spent))}
 
 
-def row(environment: str, label: str, scores: Path, milliseconds: float) -> str:
+def _scores(
+    now: Gaussians, start: Gaussians, tool: Gaussians, recording: Recording, truth: Truth, frame: int
+) -> dict[str, float]:
+    views = [recording.view(camera, frame) for camera in recording.camera_names]
+    drawn = render_scene(now, moved_rigidly(tool, recording.world_from_tool[frame]), [view.camera for view in views])
+    found = score_frame(drawn, views, FrameOptions())
+    (known, before), (names, after) = (
+        ancestor_means(g.ids.numpy(), g.means.double().numpy(), g.opacities.numpy()) for g in (start, now)
+    )
+    kept = np.isin(names, known)
+    carried = carry_nodes(truth.nodes_m(0), before[np.searchsorted(known, names[kept])], after[kept])
+    clouds = {key: float(found[key] or 0) for key in ("cd_mm", "emd_mm")}
+    return {**clouds, "nodes_mm": rms_mm(carried, truth.nodes_m(frame))}
+
+
+def line(environment: str, label: str, scores: Row) -> str:
     """Give one line of the table."""
-    parts = json.loads(scores.read_text())["methods"]["plop"]
-    cells = [f"{parts[part][metric]['mean']:.2f}" for part in ("episode", "end") for metric in COLUMNS]
-    return "| " + " | ".join([environment, label, *cells, f"{milliseconds:.1f}"]) + " |"
+    cells = [f"{scores[part][key]:.2f}" for part in ("episode", "end") for key in COLUMNS]
+    return "| " + " | ".join([environment, label, *cells, f"{scores['ms']:.1f}"]) + " |"
 
 
-def table(rows: Iterable[str]) -> str:
+def table(lines: Iterable[str]) -> str:
     """Put the heading over the lines."""
     heads = [f"{title}, {part}" for part in ("whole", "end") for title in COLUMNS.values()]
     first = "| " + " | ".join(["environment", "variant", *heads, "ms a frame"]) + " |"
-    return "\n".join([first, "|---|---|" + "---|" * (len(heads) + 1), *rows])
+    return "\n".join([first, "|---|---|" + "---|" * (len(heads) + 1), *lines])
 
 
 def main(workspace: Path, folder: Path, environments: list[str]) -> None:
     """Run all variants and write the table."""
+    torch.set_num_threads(1)
     store = Store(workspace)
     known = sorted({a.manifest.environment for a in store.artifacts("train")})
-    rows = []
+    lines = []
     for environment in environments or known[:1]:
         trained = latest(store, "train", environment)
         inputs = inputs_of(store, trained)
-        for label, change in VARIANTS.items():
-            here = folder / environment / "-".join([f"{k}={v}" for k, v in change.items()] or ["as-it-is"])
-            scores = run_variant(trained, inputs, change, here)
-            rows.append(row(environment, label, scores, step_ms(inputs, here / "train")))
-            sys.stdout.write(rows[-1] + "\n")
+        for label in [*TRAINED, NO_RESAMPLING]:
+            here = folder / environment
+            kept = here / f"{label.split(' (')[0].replace(', ', '-').replace(' ', '-')}.json"
+            if not kept.is_file():
+                path = train(trained, inputs, TRAINED.get(label, "quadratic"), here)
+                model = load_model(path, torch.device("cpu"))
+                if label == NO_RESAMPLING:
+                    model.config = replace(model.config, resampling=replace(model.config.resampling, enabled=False))
+                here.mkdir(parents=True, exist_ok=True)
+                kept.write_text(json.dumps(score(model, inputs)))
+            lines.append(line(environment, label, json.loads(kept.read_text())))
+            sys.stdout.write(lines[-1] + "\n")
             sys.stdout.flush()
-            PAGE.write_text(replace_between_markers(PAGE.read_text(), "ablations", table(rows)))
+            PAGE.write_text(replace_between_markers(PAGE.read_text(), "ablations", table(lines)))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from stages.fit_init.shell import farthest_points, pixels_of, quats_along
 
 _DEPTH_TOLERANCE_M = 0.003
 _FLATNESS = 5.0
-_OVERLAP = 0.5
+_OVERLAP = 0.65
 _FRAMES = 6
 
 
