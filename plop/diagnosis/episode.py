@@ -38,6 +38,9 @@ class Episode:
     faces: np.ndarray
     """Its triangles, [F, 3]."""
 
+    seen: np.ndarray | None = None
+    """Whether a point could be seen, [T, M] bool; all when absent. A tracker only guesses what the tool hides."""
+
     def __post_init__(self) -> None:
         frames, count = len(self.times), len(self.patch)
         if self.points.shape != (frames, count, 3) or frames < 3 or not np.isfinite(self.points).all():
@@ -55,6 +58,14 @@ class Episode:
         share = np.zeros((self.patches, len(self.patch)))
         share[self.patch, np.arange(len(self.patch))] = 1
         return np.einsum("km,...mc->...kc", share / share.sum(1, keepdims=True), values)
+
+    @property
+    def seen_patches(self) -> np.ndarray:
+        """Whether most of a patch's points could be seen, [T, K]."""
+        if self.seen is None:
+            return np.ones((len(self.times), self.patches), bool)
+        counts = np.stack([np.bincount(self.patch, row, self.patches) for row in self.seen.astype(float)])
+        return counts > 0.5 * np.bincount(self.patch, minlength=self.patches)
 
     @property
     def motion(self) -> np.ndarray:

@@ -29,7 +29,7 @@ class Evidence:
     frames: np.ndarray
     """Compared frames, [F]."""
     residual: np.ndarray
-    """[F, K, 3] [m]."""
+    """[F, K, 3] [m]; 0 where a patch could not be seen, and so are its responses."""
     motion: np.ndarray
     """Measured displacement of the patches, [F, K, 3] [m]."""
     noise_m: np.ndarray
@@ -55,11 +55,13 @@ def evidence_of(episode: Episode, prediction: np.ndarray, responses: dict[str, n
     """
     frames = compared_frames(len(episode.times))
 
+    seen = episode.seen_patches[frames][..., None]
+
     def reduced(values: np.ndarray) -> np.ndarray:
         return episode.pooled((values - values[:1])[frames])
 
-    return Evidence(episode.name, frames, reduced(episode.points - prediction), reduced(episode.points),
-                    episode.patch_noise_m, {key: reduced(value) for key, value in responses.items()},
+    return Evidence(episode.name, frames, seen * reduced(episode.points - prediction), reduced(episode.points),
+                    episode.patch_noise_m, {key: seen * reduced(value) for key, value in responses.items()},
                     octants(episode.pooled(episode.points[0])))  # fmt: skip
 
 

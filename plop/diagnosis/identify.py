@@ -42,8 +42,9 @@ class TrackedCase:
 
     @property
     def observed(self) -> np.ndarray:
-        """Measured displacements of the patches, [F, K, 3] [m]."""
-        return self.episode.motion[compared_frames(len(self.episode.times))]
+        """Measured displacements of the patches, [F, K, 3] [m]; NaN where they could not be seen."""
+        frames = compared_frames(len(self.episode.times))
+        return np.where(self.episode.seen_patches[frames][..., None], self.episode.motion[frames], np.nan)
 
     def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
         """Run the engine and give the same, [F, K, 3] [m]; the grid is the base's own, not `config`'s."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from plop.diagnosis.episode import Episode
+from plop.diagnosis.hidden_points import tool_distance
 from plop.diagnosis.tracks import episode_from_track
 from plop.errors import PlopError
-from plop.physics.tool_motion import ToolShape
 from plop.recordings.set import RecordingSet
 
 NEVER_NEAR_M = 0.02
@@ -50,16 +50,9 @@ def check_touch(episode: Episode) -> None:
     Raises:
         PlopError: The tool stays away.
     """
-    shape = ToolShape.from_mesh(episode.tool.vertices, episode.tool.faces, thin_below_m=0.0)
-    nearest = min(_gap(shape, pose, points) for pose, points in zip(episode.tool.world_from_tool, episode.points,
-                                                                    strict=True))  # fmt: skip
+    nearest = min(float(tool_distance(episode.tool, frame, places).min())
+                  for frame, places in enumerate(episode.points))  # fmt: skip
     if nearest > NEVER_NEAR_M:
         raise PlopError("The tool never touches the object.", where=episode.name,
                         expected="contact in at least one frame", found=f"{1000 * nearest:.0f} mm at the nearest",
                         fix="Leave this episode out, or check the tool's pose.")  # fmt: skip
-
-
-def _gap(shape: ToolShape, pose, points) -> float:  # type: ignore[no-untyped-def]
-    local = (points - pose[:3, 3]) @ pose[:3, :3]
-    local = (local - shape.center) @ shape.axes
-    return float((local @ shape.faces[:, :3].T - shape.faces[:, 3]).max(1).min())

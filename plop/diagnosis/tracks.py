@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.diagnosis.episode import POINTS, Episode, patches_of
+from plop.diagnosis.hidden_points import seen_points
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -54,11 +55,12 @@ def episode_from_track(
     generator = np.random.default_rng([seed, 73])
     chosen = np.sort(generator.choice(usable, min(points, len(usable)), replace=False))
     chosen = chosen[_settled_side(paths[:, chosen], sides[chosen])]
-    vertices, faces = convex_surface(cloud, table)
+    # the fit has averaged the noise of depth: its Gaussians show the surface better than the pixels do
+    vertices, faces = convex_surface(paths[0, usable], table)
     track = paths[:, chosen]
     tool = ToolMotion(mesh.vertices, mesh.faces, times, poses.astype(float))
     return Episode(recording_path.stem, times, track, track_noise_m(track), patches_of(track[0], track[-1]), tool,
-                   table, vertices, faces)  # fmt: skip
+                   table, vertices, faces, seen_points(tool, track))  # fmt: skip
 
 
 def _first_cloud(recording: Recording) -> np.ndarray:
