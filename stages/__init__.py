@@ -51,6 +51,7 @@ PIPELINE = (
     StageRef("identify", "stages.identify.stage:STAGE", "Fit the engine's material to recordings: a physics model."),
     StageRef("rollout", "stages.rollout.stage:STAGE", "Predict unseen episodes from their first frame and actions."),
     StageRef("eval", "stages.eval.stage:STAGE", "Score predictions against measurements and two baselines."),
+    StageRef("compare", "stages.compare.stage:STAGE", "Compare a model with measurements: where and when it fails."),
     StageRef("diagnose", "stages.diagnose.stage:STAGE", "Name the physical effect that a model is missing."),
     StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
 )

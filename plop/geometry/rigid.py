@@ -42,6 +42,25 @@ def transform_points(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ transform[:3, :3].T + transform[:3, 3]
 
 
+def kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Give the rigid transform with the least squared distance between paired points.
+
+    Args:
+        source: Shape [N, 3], metres.
+        target: Shape [N, 3], metres.
+
+    Returns:
+        Shape [4, 4].
+    """
+    middle, goal = source.mean(0), target.mean(0)
+    left, _, right = np.linalg.svd((source - middle).T @ (target - goal))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
+    pose = np.eye(4)
+    pose[:3, :3] = right.T @ flip @ left.T
+    pose[:3, 3] = goal - pose[:3, :3] @ middle
+    return pose
+
+
 def pose_from_quat_wxyz(position: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
     """Build 4x4 poses from positions [..., 3] (metres) and quaternions [..., 4] (wxyz)."""
     quat = np.asarray(quat_wxyz, dtype=np.float64)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.geometry.rigid import invert_rigid, transform_points
+from plop.geometry.rigid import invert_rigid, kabsch, transform_points
 
 _SAMPLE_POINTS = 1024
 _ROUNDS = 40
@@ -74,23 +74,4 @@ def shifted(offset: np.ndarray) -> np.ndarray:
     """Give the transform that moves by an offset, shape [3] -> [4, 4], metres."""
     pose = np.eye(4)
     pose[:3, 3] = offset
-    return pose
-
-
-def kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Give the rigid transform with the least squared distance between paired points.
-
-    Args:
-        source: Shape [N, 3], metres.
-        target: Shape [N, 3], metres.
-
-    Returns:
-        Shape [4, 4].
-    """
-    middle, goal = source.mean(0), target.mean(0)
-    left, _, right = np.linalg.svd((source - middle).T @ (target - goal))
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
-    pose = np.eye(4)
-    pose[:3, :3] = right.T @ flip @ left.T
-    pose[:3, 3] = goal - pose[:3, :3] @ middle
     return pose

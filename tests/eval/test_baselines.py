@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plop.geometry.rigid import transform_points
+from plop.geometry.rigid import kabsch, transform_points
 from plop.metrics.chamfer import cd_mm, nearest_distances
-from stages.eval.baselines import RigidFit, kabsch, shifted
+from stages.eval.baselines import RigidFit, shifted
 
 
 def motion(degrees: float, shift_mm: list[float]) -> np.ndarray:

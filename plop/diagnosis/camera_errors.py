@@ -1,0 +1,98 @@
+"""The prediction as each camera would have seen it: errors of depth, colour and outline, camera by camera.
+
+The Gaussians of the first frame are carried by the predicted points and rendered through each camera's own model.
+The same is done with the measured points: what is left there is the floor that fit, tracking and noise set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.carrier import Carrier
+from plop.diagnosis.error_fields import ErrorField
+from plop.gaussians.rigid_motion import moved_rigidly
+from plop.gaussians.splat_ply import read_splat
+from plop.recordings.recording import MaskLabel, Recording, View
+from plop.render.scene import render_scene
+
+
+class CarriedScene:
+    """Object and tool of one episode as Gaussians, moved by followed points and the tool's pose.
+
+    Args:
+        init: Folder with object.ply and tool.ply of `plop fit-init`.
+        points: Followed points at the first frame, [M, 3] [m].
+        patch: Patch of every point, [M].
+    """
+
+    def __init__(self, init: Path, points: np.ndarray, patch: np.ndarray) -> None:
+        self._first, self._tool = read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+        self._carrier = Carrier(points, patch, self._first.means.double().numpy())
+
+    def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:
+        """Render what cameras would see at a frame if the followed points were at `points` [M, 3] [m]."""
+        placed = moved_rigidly(self._tool, recording.world_from_tool[frame])
+        seen = [recording.camera(name, frame) for name in cameras]
+        return render_scene(self._carrier.gaussians_at(self._first, points), placed, seen)
+
+
+def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Sequence[int]) -> list[dict[str, Any]]:
+    """Compare rendered with measured images.
+
+    Args:
+        recording_path: The recording.
+        init: Folder of the episode's fit.
+        field: Measured and predicted points.
+        frames: Frames to render.
+
+    Returns:
+        One row per camera and frame: episode, camera, frame, n (pixels that show the object in both), depth_mm and
+        colour (mean absolute differences, colour of 1), outline (share of the pixels in either outline that are not
+        in both), and the same with `_floor` for the measured points.
+    """
+    points = field.episode.points
+    scene = CarriedScene(init, points[0], field.episode.patch)
+    rows = []
+    with Recording(recording_path) as recording:
+        names = recording.camera_names
+        for frame in frames:
+            predicted = scene.views(recording, frame, field.predicted[frame], names)
+            tracked = scene.views(recording, frame, points[frame], names)
+            for name, ours, floor in zip(names, predicted, tracked, strict=True):
+                measured = recording.view(name, frame)
+                of_floor = {f"{key}_floor": value for key, value in image_errors(floor, measured).items() if key != "n"}
+                rows.append({"episode": field.name, "camera": name, "frame": frame,
+                             **image_errors(ours, measured), **of_floor})  # fmt: skip
+    return rows
+
+
+def image_errors(ours: View, measured: View) -> dict[str, float | None]:
+    """Compare the object in two views of one camera; None where no pixel shows it in both."""
+    known = measured.mask != MaskLabel.UNKNOWN
+    both = ours.object_mask & measured.object_mask
+    either = (ours.object_mask | measured.object_mask) & known
+    deep = both & (measured.depth_m > 0) & (ours.depth_m > 0)
+    colour = np.abs(ours.rgb[both].astype(float) - measured.rgb[both]) / 255
+    return {
+        "n": int(deep.sum()),
+        "depth_mm": 1000 * float(np.abs(ours.depth_m - measured.depth_m)[deep].mean()) if deep.any() else None,
+        "colour": float(colour.mean()) if both.any() else None,
+        "outline": float(1 - (both & known).sum() / either.sum()) if either.any() else None,
+    }
+
+
+def camera_table(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Average over episodes and frames: one row per camera, n = pixels."""
+    table = []
+    for name in dict.fromkeys(row["camera"] for row in rows):
+        mine = [row for row in rows if row["camera"] == name]
+        row: dict[str, Any] = {"camera": name, "n": sum(r["n"] for r in mine), "images": len(mine)}
+        for key in ("depth_mm", "depth_mm_floor", "colour", "colour_floor", "outline", "outline_floor"):
+            known = [r[key] for r in mine if r[key] is not None]
+            row[key] = round(float(np.mean(known)), 4) if known else None
+        table.append(row)
+    return table

@@ -1,0 +1,84 @@
+"""Followed points carry what lies around them: the object's surface, its Gaussians."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plop.gaussians.state import Gaussians
+
+NEIGHBOURS = 4
+"""Followed points that carry one place."""
+_SOFT_M = 1e-3
+
+
+class Carrier:
+    """Move places with the followed points nearest to them, on the same side of the cut.
+
+    Args:
+        points: Followed points at the first frame, [M, 3] [m].
+        patch: Patch of every point, [M]; patches do not reach across the cut.
+        places: What is carried, at the first frame, [V, 3] [m].
+    """
+
+    def __init__(self, points: np.ndarray, patch: np.ndarray, places: np.ndarray) -> None:
+        nearest = patch[cKDTree(points).query(places)[1]]
+        self.index = np.zeros((len(places), NEIGHBOURS), np.int64)
+        """Followed points that carry each place, [V, NEIGHBOURS]."""
+        self.weight = np.zeros((len(places), NEIGHBOURS))
+        """Their weights, [V, NEIGHBOURS]; each row sums to 1."""
+        self.places, self._points = places, points
+        for label in np.unique(nearest):
+            own, rows = np.flatnonzero(patch == label), np.flatnonzero(nearest == label)
+            count = min(NEIGHBOURS, len(own))
+            distance, index = cKDTree(points[own]).query(places[rows], k=range(1, count + 1))
+            weight = 1 / (distance + _SOFT_M) ** 2
+            self.index[rows, :count] = own[index]
+            self.weight[rows, :count] = weight / weight.sum(1, keepdims=True)
+
+    def places_at(self, points: np.ndarray) -> np.ndarray:
+        """Give the carried places when the followed points are at `points` [M, 3] [m]; [V, 3] [m]."""
+        return self.places + self.values(points - self._points)
+
+    def values(self, values: np.ndarray) -> np.ndarray:
+        """Average values of the followed points, [M, ...] -> [V, ...]."""
+        weight = self.weight.reshape(*self.weight.shape, *([1] * (values.ndim - 1)))
+        return np.asarray((weight * values[self.index]).sum(1))
+
+    def gaussians_at(self, first: Gaussians, points: np.ndarray) -> Gaussians:
+        """Move Gaussians whose means are the carried places; orientation and extent stay."""
+        means = first.means.new_tensor(self.places_at(points))
+        return first.with_(means=means)
+
+
+def fine_surface(vertices: np.ndarray, faces: np.ndarray, edge_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Divide triangles at their longest edge until none is longer than `edge_m`.
+
+    Neighbours are divided at the same edges, so that a closed surface stays closed.
+
+    Args:
+        vertices: [V, 3] [m].
+        faces: [F, 3].
+        edge_m: Longest edge wanted [m].
+
+    Returns:
+        Vertices [V', 3] [m] and triangles [F', 3]; the given vertices come first.
+    """
+    places = [tuple(v) for v in vertices]
+    middles: dict[tuple[int, int], int] = {}
+    todo, done = [tuple(int(k) for k in face) for face in faces], []
+    while todo:
+        face = todo.pop()
+        corners = np.array([places[k] for k in face])
+        lengths = np.linalg.norm(corners - np.roll(corners, -1, 0), axis=1)
+        first = int(lengths.argmax())
+        if lengths[first] <= edge_m:
+            done.append(face)
+            continue
+        a, b, c = face[first], face[first - 2], face[first - 1]
+        key = (min(a, b), max(a, b))
+        if key not in middles:
+            middles[key] = len(places)
+            places.append(tuple((np.array(places[a]) + places[b]) / 2))
+        todo += [(a, middles[key], c), (middles[key], b, c)]
+    return np.array(places), np.array(done, np.int64)

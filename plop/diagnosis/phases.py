@@ -1,0 +1,112 @@
+"""When: the phases of a motion, read off the tool's way and whether it touches.
+
+approach   before the first touch
+contact    it touches and moves otherwise than below: a press, a push
+cut        a blade moves within its own plane, not upwards
+hold       it touches and rests
+retract    it moves up, or has left the object
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+
+from plop.diagnosis.episode import Episode
+from plop.geometry.tool import ToolGeometry
+
+PHASES = ("approach", "contact", "cut", "hold", "retract")
+"""Names of the phases; files hold their positions in this list."""
+TOUCH_M = 0.001
+"""Nearer than this the tool touches [m]."""
+_TOOL_POINTS = 6000
+_REST_SHARE = 0.08
+"""A tool rests below this share of its largest speed."""
+_UP_SHARE = 0.5
+"""A tool moves up when at least this share of its velocity does."""
+_THIN = 0.2
+"""A blade is thinner than this share of its next larger extent."""
+
+
+@dataclass(frozen=True)
+class ToolView:
+    """The tool as the object meets it; T frames, M followed points."""
+
+    distance_m: np.ndarray
+    """Distance of every followed point to the tool's surface, [T, M] [m]."""
+    touches: np.ndarray
+    """Whether the tool touches the object, bool [T]."""
+    phase: np.ndarray
+    """Position in PHASES, int [T]."""
+
+
+def view_tool(episode: Episode) -> ToolView:
+    """Measure distances to the tool, and tell the phases of an episode."""
+    geometry = ToolGeometry.from_mesh(episode.tool.vertices, episode.tool.faces)
+    surface = np.concatenate([geometry.surface_points(_TOOL_POINTS).double().numpy(), episode.tool.vertices])
+    distance, gap = [], []
+    hull = ConvexHull(episode.vertices).equations
+    for pose, points in zip(episode.tool.world_from_tool, episode.points, strict=True):
+        placed = surface @ pose[:3, :3].T + pose[:3, 3]
+        distance.append(cKDTree(placed).query(points)[0])
+        gap.append(float((placed @ hull[:, :3].T + hull[:, 3]).max(1).min()))
+    away = np.stack(distance)
+    touches = _touches(np.array(gap), away.min(1), _spacing(episode.points[0]))
+    return ToolView(away, touches, _phases(episode, geometry, touches))
+
+
+def _spacing(points: np.ndarray) -> float:
+    """Median distance between neighbouring followed points [m]."""
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+
+
+def _touches(gap: np.ndarray, nearest: np.ndarray, spacing: float) -> np.ndarray:
+    """Tell in which frames the tool touches.
+
+    A touch begins where the tool reaches the object's surface of the first frame, which is known everywhere;
+    it lasts while a followed point is near, since the surface between them is not followed.
+    """
+    found = np.zeros(len(gap), bool)
+    for frame in range(len(gap)):
+        reaches = gap[frame] < TOUCH_M
+        stays = frame > 0 and found[frame - 1] and nearest[frame] < TOUCH_M + 0.5 * spacing
+        found[frame] = reaches or stays
+    return found
+
+
+def _phases(episode: Episode, geometry: ToolGeometry, touches: np.ndarray) -> np.ndarray:
+    velocity = _velocity(episode)
+    speed = np.linalg.norm(velocity, axis=1)
+    moves = speed > _REST_SHARE * max(float(speed.max()), 1e-9)
+    up = velocity[:, 2] > _UP_SHARE * np.maximum(speed, 1e-12)
+    normal = episode.tool.world_from_tool[:, :3, :3] @ geometry.axes[:, 0].double().numpy()
+    across = np.abs((velocity * normal).sum(1)) > _UP_SHARE * np.maximum(speed, 1e-12)
+    half = geometry.half_extent.double().numpy()
+    blade = half[0] < _THIN * half[1]
+    first = int(np.argmax(touches)) if touches.any() else len(touches)
+    phase = np.full(len(touches), PHASES.index("contact"))
+    phase[~moves] = PHASES.index("hold")
+    if blade:
+        phase[moves & ~across & ~up] = PHASES.index("cut")
+    phase[(moves & up) | ~touches] = PHASES.index("retract")
+    phase[:first] = PHASES.index("approach")
+    return phase
+
+
+def _velocity(episode: Episode) -> np.ndarray:
+    """Mean velocity of the tool's corners towards each frame, [T, 3] [m/s]; the first frame has the second's."""
+    middle = episode.tool.vertices.mean(0)
+    poses = episode.tool.world_from_tool
+    place = poses[:, :3, :3] @ middle + poses[:, :3, 3]
+    step = np.diff(place, axis=0) / np.diff(episode.times)[:, None]
+    return np.concatenate([step[:1], step])
+
+
+def spans(phase: np.ndarray) -> Iterator[tuple[int, int, str]]:
+    """Give the runs of equal phase as (first frame, last frame, name)."""
+    edges = np.flatnonzero(np.diff(phase)) + 1
+    for run in np.split(np.arange(len(phase)), edges):
+        yield int(run[0]), int(run[-1]), PHASES[int(phase[run[0]])]

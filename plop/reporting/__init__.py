@@ -1,0 +1,1 @@
+"""Pictures and pages that show people where a prediction fails, and why."""

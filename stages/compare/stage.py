@@ -1,0 +1,195 @@
+"""compare: where and when a model fails, in millimetres and in units of the measurement's own noise."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.bases import predict_episode
+from plop.diagnosis.camera_errors import camera_rows, camera_table
+from plop.diagnosis.episode import Episode
+from plop.diagnosis.error_fields import ErrorField, error_field, tables
+from plop.diagnosis.field_file import stored_field, write_field
+from plop.diagnosis.phases import PHASES
+from plop.diagnosis.sets import tracked_episodes
+from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
+from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
+from stages.compare.checks import CONVENTIONS, check_conventions, check_same_object, size_m
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+
+COMPARE_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class CompareConfig:
+    """Settings of `compare`; their defaults are written only here."""
+
+    split: str = "all"
+    """Episodes: "train", "test" or "all"."""
+    episodes: str = "*"
+    """Only episodes whose name matches this pattern."""
+    seed: int = 0
+    """Chooses the points that are followed."""
+    frames: int = 4
+    """Frames of each episode that are rendered through every camera; 0 leaves cameras out."""
+    other_object: bool = False
+    """Compare although the model was made for another object."""
+    pictures: bool = True
+    """Draw pictures."""
+
+
+def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
+    """Write compare.json, an error field for each episode, and pictures.
+
+    Raises:
+        PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
+    """
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    check_conventions(inputs, recordings)
+    names = _names(recordings, config)
+    init = inputs["init"].path
+    episodes, left_out = tracked_episodes(recordings, init, inputs["tracks"].path, names, seed=config.seed)
+    if not config.other_object:
+        check_same_object(inputs, recordings, episodes)
+    (out.path / "fields").mkdir(exist_ok=True)
+    fields, cameras = [], []
+    for done, episode in enumerate(episodes):
+        path, fit = recordings.path(episode.name), init / episode.name
+        predicted = predict_episode(inputs["model"].path, path, fit / "object.ply", episode)
+        field = error_field(episode, predicted)
+        write_field(out.path / "fields" / f"{episode.name}.npz", stored_field(field))
+        cameras += camera_rows(path, fit, field, _shown(len(episode.times), config.frames)) if config.frames else []
+        fields.append(field)
+        out.progress(done + 1, len(episodes), episode.name, rms_mm=1000 * float(np.sqrt((field.error_m**2).mean())))
+    found: dict[str, list[dict[str, Any]]] = tables(fields) | {"camera": camera_table(cameras)}
+    facts = _facts(recordings, episodes, fields, found, cameras, left_out)
+    _write_text(out.path / "compare.json", json.dumps(facts, indent=1))
+    if config.pictures:
+        _draw(out.path / "pictures", fields, found)
+    return _summary(fields, found, left_out)
+
+
+def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
+    pools = {"all": recordings.names, "train": recordings.train, "test": recordings.test}
+    if config.split not in pools:
+        raise PlopError("Unknown split.", where="compare.split", expected="train, test, all", found=config.split)
+    if config.frames < 0:
+        raise PlopError("A number of frames is negative.", where="compare.frames", expected="0 or more",
+                        found=str(config.frames))  # fmt: skip
+    names = [name for name in pools[config.split] if fnmatchcase(name, config.episodes)]
+    if not names:
+        raise PlopError("No episode is chosen.", where=recordings.folder,
+                        expected=f"an episode of split {config.split} that matches {config.episodes}",
+                        found=", ".join(pools[config.split]) or "no episode in this split")  # fmt: skip
+    return names
+
+
+def _shown(frames: int, count: int) -> list[int]:
+    """Frames spread evenly over the episode; the last is one of them, the first, which is given, is not."""
+    return sorted({int(k) for k in np.linspace(0, frames - 1, count + 1)[1:].round()})
+
+
+def _facts(
+    recordings: RecordingSet, episodes: list[Episode], fields: list[ErrorField],
+    found: dict[str, list[dict[str, Any]]], cameras: list[dict[str, Any]], left_out: dict[str, str],
+) -> dict[str, Any]:  # fmt: skip
+    return {
+        "schema": COMPARE_SCHEMA,
+        "environment": recordings.environment,
+        "size_mm": [round(1000 * float(edge), 1) for edge in size_m(episodes)],
+        "conventions": CONVENTIONS | {
+            "error": "distance between measured and predicted place of the same point; RMS over points and frames",
+            "first_frame": "given, counts nowhere",
+            "floor": "RMS error that the measurement's noise alone gives: sqrt(6) times that of one coordinate",
+            "in_noise": "RMS error over the floor; 1 is noise alone",
+            "persistence": "nothing moves",
+            "rigid": "best motion of the points as one body, fitted to each frame's measurement: an oracle",
+            "camera": "Gaussians carried by predicted points and rendered, mean absolute difference; "
+                      "_floor: carried by the measured points",
+            "n": "points times frames; for cameras, pixels",
+        },
+        "units": {"_mm": "mm", "in_noise": "-", "colour": "0..1", "outline": "share of pixels"},
+        "phases": list(PHASES),
+        "tables": found,
+        "episodes": {f.name: _episode_facts(f) for f in fields},
+        "camera_frames": cameras,
+        "left_out": left_out,
+        "held_out": [f.name for f in fields if f.name in recordings.test],
+    }  # fmt: skip
+
+
+def _episode_facts(field: ErrorField) -> dict[str, Any]:
+    def mm(values: np.ndarray) -> list[float]:
+        return [round(1000 * float(v), 4) for v in values]
+
+    return {
+        "points": len(field.episode.patch), "noise_mm": round(1000 * field.episode.noise_m, 4),
+        "floor_mm": round(1000 * field.floor_m, 4), "worst_frame": field.worst_frame,
+        "time_s": [round(float(t), 6) for t in field.episode.times], "phase": field.tool.phase.tolist(),
+        "error_mm": mm(field.over_time()), "persistence_mm": mm(field.over_time("persistence_m")),
+        "rigid_mm": mm(field.over_time("rigid_m")),
+    }  # fmt: skip
+
+
+def _draw(folder: Path, fields: list[ErrorField], found: dict[str, list[dict[str, Any]]]) -> None:
+    folder.mkdir(exist_ok=True)
+    for field in fields:
+        stored = stored_field(field)
+        draw_over_time(folder / f"{field.name}_time.png", stored)
+        draw_on_object(folder / f"{field.name}_object.png", stored)
+    draw_tables(folder / "tables.png", found)
+
+
+def _write_text(path: Path, text: str) -> None:
+    scratch = path.with_name(path.name + ".tmp")
+    scratch.write_text(text)
+    os.replace(scratch, path)
+
+
+def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], left_out: dict[str, str]) -> Summary:
+    """Say where and when it fails, worst first."""
+    whole = found["all"][0]
+    keys = {"rms_mm": "rms_mm", "in_noise": "in_noise", "p95_mm": "p95_mm", "rigid_mm": "rigid_mm",
+            "persistence_mm": "still_mm", "floor_mm": "floor_mm", "n": "n"}  # fmt: skip
+
+    def short(row: dict[str, Any]) -> dict[str, Any]:
+        return {shown: round(row[key], 2) for key, shown in keys.items()}
+
+    kinds = {"episode": "episode", "phase": "phase", "distance": "distance_to_tool_mm", "height": "height_mm"}
+    rows = [{"over": "all", "where": f"{len(fields)} episodes", **short(whole)}]
+    for kind, label in kinds.items():
+        ranked = sorted(found[kind], key=lambda row: -row["rms_mm"])
+        over = {"distance": "mm to the tool", "height": "mm above the table"}.get(kind, kind)
+        rows += [{"over": over, "where": row[label], **short(row)} for row in ranked[:8]]
+    worst = max(fields, key=lambda f: float(f.over_time().max()))
+    phase = PHASES[int(worst.tool.phase[worst.worst_frame])]
+    since = worst.episode.times[worst.worst_frame] - worst.episode.times[0]
+    figures = {
+        "episodes": len(fields), "rms_mm": round(whole["rms_mm"], 3), "in_noise": round(whole["in_noise"], 2),
+        "floor_mm": round(whole["floor_mm"], 3),
+        "worst": f"{worst.name} at {since:.2f} s ({phase}): {1000 * worst.over_time().max():.2f} mm",
+    }  # fmt: skip
+    figures |= {f"camera_{row['camera']}_depth_mm": row["depth_mm"] for row in found["camera"]}
+    return Summary(figures, rows, [f"{name} is left out: {why}" for name, why in left_out.items()])
+
+
+STAGE = Stage(
+    name="compare",
+    version=1,
+    help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
+    config=CompareConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
+        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
+        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
+        "model": InputSpec(("train", "identify", "augment"), "the model to compare"),
+    },
+    run=run,
+)
