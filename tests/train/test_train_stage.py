@@ -23,8 +23,8 @@ from tests.small_episode import PUSH_M, write_set
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SMALL = TrainConfig(
-    track_steps=110, image_steps=4, batch=2, horizon=2, width=8, cells_across=5, learning_rate=1e-2, averaging=0.8,
-    filter_iterations=12, validate_every=57, checkpoint_every=5,
+    track_steps=150, image_steps=4, batch=2, horizon=2, width=8, cells_across=5, learning_rate=5e-3, averaging=0.8,
+    filter_iterations=12, validate_every=77, checkpoint_every=5,
 )  # fmt: skip
 
 
@@ -43,6 +43,7 @@ def trained(inputs, tmp_path_factory):
 def test_training_beats_persistence_on_its_episodes(trained):
     _, summary = trained
     half_of_the_object_moves = PUSH_M * 1e3 * (1 + 2 + 3) / 5 / 2
+    # 0.55 to 0.61 mm over four seeds, 1.2 mm for persistence.
     assert summary.figures["rollout_error_mm"] < 0.9 * half_of_the_object_moves
 
 
@@ -50,7 +51,7 @@ def test_the_log_tells_what_the_issue_asks_for(trained):
     folder, _ = trained
     lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
     steps = [line for line in lines if "track" in line]
-    assert [line["step"] for line in steps] == list(range(114))
+    assert [line["step"] for line in steps] == list(range(SMALL.track_steps + SMALL.image_steps))
     assert {"loss", "gaussians", "splits", "merges", "effective_sample_size", "rigid"} <= set(steps[-1])
     assert "image" in steps[-1] and "image" not in steps[0]
     assert list((folder / "tensorboard").iterdir())
