@@ -2,7 +2,8 @@
 
 Without an address an input is taken from one line of descent: the most recent artifact of the most
 advanced stage is chosen first, and the other inputs from what it was made of. When artifacts of several
-environments would fit, none is guessed. An optional input is taken when one fits.
+environments would fit, none is guessed. An optional input is taken when one fits. An input that takes many
+artifacts is resolved to `<name>.0`, `<name>.1`, ...
 """
 
 from __future__ import annotations
@@ -53,6 +54,9 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
             raw[name] = path if stage.find_raw is None else stage.find_raw(name, path)
         elif given.get(name) == LEFT_OUT and spec.optional:
             continue
+        elif name in given and spec.many:
+            addresses = [part.strip() for part in str(given[name]).split(",") if part.strip()]
+            chosen |= {f"{name}.{k}": _fitting(store, stage, name, spec, a) for k, a in enumerate(addresses)}
         elif name in given:
             chosen[name] = _fitting(store, stage, name, spec, str(given[name]))
         elif spec.stages:
@@ -62,11 +66,13 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
     advanced_first = sorted(open_specs, key=lambda name: -max(ORDER.get(s, 0) for s in open_specs[name].stages))
     for name in sorted(advanced_first, key=lambda name: open_specs[name].optional):
         try:
-            chosen[name] = _default(store, stage, name, open_specs[name], chosen, environment)
+            key = f"{name}.0" if open_specs[name].many else name
+            chosen[key] = _default(store, stage, name, open_specs[name], chosen, environment)
         except PlopError:
             if not open_specs[name].optional:
                 raise
-    return Resolved({name: chosen[name] for name in stage.inputs if name in chosen}, raw)
+    order = list(stage.inputs)
+    return Resolved(dict(sorted(chosen.items(), key=lambda item: order.index(item[0].partition(".")[0]))), raw)
 
 
 def _fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:

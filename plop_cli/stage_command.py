@@ -180,7 +180,8 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
         source = " or ".join(spec.stages)
         default = "the latest that fits, or none" if spec.optional else "the latest that fits"
         text = escape(f"{spec.help} Address of an artifact of {source}.")
-        option = typer.Option(_option(name), metavar="ADDRESS", help=text, show_default=default,
+        metavar = "ADDRESS,..." if spec.many else "ADDRESS"
+        option = typer.Option(_option(name), metavar=metavar, help=text, show_default=default,
                               rich_help_panel="Inputs")  # fmt: skip
         return Annotated[str | None, option], None
     if spec.optional:

@@ -22,6 +22,9 @@ class InputSpec:
     """Names of the stages whose artifacts fit; empty for a raw file or folder given by the user."""
     help: str
     optional: bool = False
+    many: bool = False
+    """Takes any number of artifacts, addresses with commas between; the stage finds them as `<name>.0`,
+    `<name>.1`, ... in the order given."""
     along: str = ""
     """Another input whose recordings this one is made from; the command makes it when it is not there."""
 

@@ -40,6 +40,8 @@ class ErrorField:
     height_m: np.ndarray
     """Height of the measured points above the table, [T, M] [m]."""
     tool: ToolView
+    seen: np.ndarray
+    """Whether a point could be seen, bool [T, M]; what a tracker guesses behind the tool counts nowhere."""
 
     @property
     def name(self) -> str:
@@ -52,8 +54,8 @@ class ErrorField:
         return float(np.sqrt(6) * self.episode.noise_m)
 
     def over_time(self, which: str = "error_m") -> np.ndarray:
-        """RMS over the points, [T] [m]."""
-        return np.asarray(rms(getattr(self, which), axis=1))
+        """RMS over the points that are seen, [T] [m]."""
+        return rms_seen(getattr(self, which), self.seen)
 
     @property
     def worst_frame(self) -> int:
@@ -64,6 +66,12 @@ class ErrorField:
 def rms(values: np.ndarray, axis: int | None = None) -> np.ndarray:
     """Root mean square."""
     return np.sqrt(np.square(values).mean(axis))
+
+
+def rms_seen(values: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Root mean square over the points that are seen, [T, M] -> [T]; over all where none is."""
+    use = np.where(seen.any(1, keepdims=True), seen, True)
+    return np.asarray(np.sqrt((np.square(values) * use).sum(1) / use.sum(1)))
 
 
 def error_field(episode: Episode, predicted: np.ndarray) -> ErrorField:
@@ -89,7 +97,11 @@ def error_field(episode: Episode, predicted: np.ndarray) -> ErrorField:
     body = np.stack([transform_points(kabsch(points[0], now), points[0]) for now in points])
     floor = episode.table_z_m if episode.table_z_m is not None else float(episode.vertices[:, 2].min())
     return ErrorField(episode, predicted, _distance(predicted, points), _distance(points[:1], points),
-                      _distance(body, points), points[..., 2] - floor, view_tool(episode))  # fmt: skip
+                      _distance(body, points), points[..., 2] - floor, view_tool(episode), _seen(episode))  # fmt: skip
+
+
+def _seen(episode: Episode) -> np.ndarray:
+    return np.ones(episode.points.shape[:2], bool) if episode.seen is None else episode.seen
 
 
 def _distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -99,9 +111,9 @@ def _distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def tables(fields: Sequence[ErrorField]) -> dict[str, list[dict[str, Any]]]:
     """Condense the errors by episode, phase, phase of each episode, distance to the tool, and height.
 
-    The first frame, which is given, counts nowhere. Rows of distance and height without a point are left out.
+    The first frame, which is given, counts nowhere, nor do points that the tool hides. Rows of distance and height without a point are left out.
     """
-    everywhere = [np.ones(f.error_m.shape, bool) for f in fields]
+    everywhere = [f.seen for f in fields]
     phases = [np.broadcast_to(f.tool.phase[:, None], f.error_m.shape) for f in fields]
     distance = [f.tool.distance_m for f in fields]
     height = [f.height_m for f in fields]
@@ -150,7 +162,7 @@ def row_of(fields: Sequence[ErrorField], chosen: Sequence[np.ndarray], label: di
         The label with n (points times frames), episodes, rms_mm, median_mm, p95_mm, persistence_mm, rigid_mm,
         floor_mm and in_noise (RMS error over the floor; 1 is noise alone); only the label and n = 0 without points.
     """
-    after = [np.where(np.arange(len(mask))[:, None] > 0, mask, False) for mask in chosen]
+    after = [mask & f.seen & (np.arange(len(mask)) > 0)[:, None] for f, mask in zip(fields, chosen, strict=True)]
     count = int(sum(mask.sum() for mask in after))
     if not count:
         return {**label, "n": 0}

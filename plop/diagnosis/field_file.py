@@ -5,6 +5,7 @@ phase [T], see `phases`         tool_distance_m, height_m [T, M]      rigid_erro
 noise_m (one coordinate of a    patch [M]                             floor_m (RMS error from noise alone)
 measured point)                 surface_vertices_m [V, 3], surface_faces [F, 3] (first frame)
 tool_vertices_m [K, 3], tool_faces [G, 3], world_from_tool [T, 4, 4]  table_z_m (NaN: no table)
+seen [T, M] bool: what the tool hides is guessed by the tracker and counts in no mean
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -34,6 +36,7 @@ class StoredField:
     error_m: np.ndarray
     persistence_error_m: np.ndarray
     rigid_error_m: np.ndarray
+    seen: np.ndarray
     tool_distance_m: np.ndarray
     height_m: np.ndarray
     phase: np.ndarray
@@ -53,7 +56,7 @@ def stored_field(field: ErrorField) -> StoredField:
     episode = field.episode
     vertices, faces = fine_surface(episode.vertices, episode.faces, SURFACE_EDGE_M)
     return StoredField(
-        episode.name, episode.times, episode.points, field.predicted, field.error_m, field.persistence_m, field.rigid_m,
+        episode.name, episode.times, episode.points, field.predicted, field.error_m, field.persistence_m, field.rigid_m, field.seen,
         field.tool.distance_m, field.height_m, field.tool.phase.astype(np.int8), episode.patch, episode.noise_m,
         field.floor_m, vertices, faces, episode.tool.vertices, episode.tool.faces, episode.tool.world_from_tool,
         np.nan if episode.table_z_m is None else episode.table_z_m,
@@ -82,7 +85,7 @@ def read_field(path: Path) -> StoredField:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in StoredField.__dataclass_fields__}
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, BadZipFile) as error:
         raise PlopError("The error field cannot be read.", where=path, expected="a file of `plop compare`",
                         found=str(error), fix="Run `plop compare` again.") from error  # fmt: skip
     single = {name: arrays[name].item() for name in ("noise_m", "floor_m", "table_z_m", "name")}

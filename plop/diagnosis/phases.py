@@ -27,7 +27,7 @@ _REST_SHARE = 0.08
 """A tool rests below this share of its largest speed."""
 _UP_SHARE = 0.5
 """A tool moves up when at least this share of its velocity does."""
-_THIN = 0.2
+_THIN = 0.3
 """A blade is thinner than this share of its next larger extent."""
 
 

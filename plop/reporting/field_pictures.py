@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from plop.diagnosis.carrier import Carrier
+from plop.diagnosis.error_fields import rms_seen
 from plop.diagnosis.field_file import StoredField
 from plop.diagnosis.phases import PHASES, spans
 from plop.reporting.colours import ERROR_MAP, FLOOR, PERSISTENCE, PHASE_COLOURS, PREDICTION, RIGID
@@ -31,7 +32,7 @@ def draw_over_time(path: Path, field: StoredField) -> None:
     lines = (("prediction", field.error_m, PREDICTION, "-", 2.4), ("nothing moves", field.persistence_error_m,
              PERSISTENCE, "--", 1.6), ("best rigid motion", field.rigid_error_m, RIGID, "-.", 1.6))  # fmt: skip
     for label, error, colour, dash, width in lines:
-        axes.plot(time, 1000 * np.sqrt((error**2).mean(1)), color=colour, linestyle=dash, linewidth=width, label=label)
+        axes.plot(time, 1000 * rms_seen(error, field.seen), color=colour, linestyle=dash, linewidth=width, label=label)
     axes.fill_between(time, *1000 * np.quantile(field.error_m, [0.25, 0.75], axis=1), color=PREDICTION, alpha=0.18,
                       linewidth=0, label="middle half of the points")  # fmt: skip
     axes.axhline(1000 * field.floor_m, color=FLOOR, linestyle=":", linewidth=1.4, label="noise floor")
@@ -46,7 +47,7 @@ def draw_over_time(path: Path, field: StoredField) -> None:
 
 def draw_on_object(path: Path, field: StoredField) -> None:
     """Draw the object at the frame with the largest error, coloured by it, from three sides."""
-    frame = int((field.error_m**2).mean(1).argmax())
+    frame = int(rms_seen(field.error_m, field.seen).argmax())
     carrier = Carrier(field.points_m[0], field.patch, field.surface_vertices_m)
     places = 1000 * carrier.places_at(field.points_m[frame])
     error = 1000 * carrier.values(field.error_m[frame])[field.surface_faces].mean(1)
