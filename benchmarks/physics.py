@@ -1,0 +1,120 @@
+"""The missing-physics benchmark: `python -m benchmarks.physics --minutes 60` (it goes on where it stopped).
+
+Each run hides something in episodes of the block scene, follows 400 surface points with noise (what an ideal
+tracker would give: no cameras), and diagnoses them with an engine of another discretisation and another elastic
+law that was fitted to other episodes without anything hidden. `--summary` only rewrites the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from benchmarks.physics_baselines import baselines
+from benchmarks.physics_plan import PLAN, Plan
+from benchmarks.physics_tables import write_results
+from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.episode import Episode, episode_from_sequence
+from plop.diagnosis.identify import NAMES, identify, spacing_for
+from plop.diagnosis.runs import Runs
+from plop.diagnosis.table import Measured
+from plop.physics.base_io import base_from_dict, base_to_dict
+from plop.physics.effects.effect import Effect
+from plop.physics.effects.library import library
+from plop.physics.filled import EngineBase
+from plop.physics.material import ElasticLaw
+from plop.physics.scene import Scene, simulate_episode
+from plop.physics.scenes import find_scene
+
+NOISE_M = 2e-4
+"""Standard deviation of one coordinate of a followed point [m]."""
+FLOOR_M = NOISE_M * 3**0.5
+"""Noise floor: RMS length of the noise of a followed point [m]."""
+REFERENCE, EPISODES = 8, 8
+_SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
+
+
+def main() -> None:
+    """Run what is left of the plan and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=240, help="Stop starting runs after so many minutes.")
+    parser.add_argument("--jobs", type=int, default=-1, help="Processes.")
+    parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics"), help="Where runs are kept.")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
+    parser.add_argument("--summary", action="store_true", help="Run nothing.")
+    options = parser.parse_args()
+    options.work.mkdir(parents=True, exist_ok=True)
+    deadline = time.monotonic() + (0 if options.summary else 60 * options.minutes)
+    if time.monotonic() < deadline:
+        reference, base = _reference(options.work, options.jobs)
+        for plan in PLAN:
+            path = options.work / f"{plan.name}.json"
+            if not path.is_file() and time.monotonic() < deadline:
+                row = run_plan(plan, reference, base, options.work, options.jobs)
+                path.write_text(json.dumps(row, indent=1))
+                sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
+                sys.stdout.flush()
+    rows = [json.loads((options.work / f"{p.name}.json").read_text()) for p in PLAN
+            if (options.work / f"{p.name}.json").is_file()]  # fmt: skip
+    write_results(rows, options.out, command="make bench-physics")
+
+
+def _simulated(seed: int, count: int, effects: list[Effect], jobs: int) -> list[Episode]:
+    scene = replace(_SCENE, seed=seed)
+
+    def one(k: int) -> Episode:
+        return episode_from_sequence(simulate_episode(scene, k, effects), noise_m=NOISE_M, seed=1000 * seed + k)
+
+    return list(Parallel(n_jobs=jobs)(delayed(one)(k) for k in range(count)))
+
+
+def _reference(work: Path, jobs: int) -> tuple[list[Episode], EngineBase]:
+    """Simulate the reference episodes and fit the engine to them, once."""
+    episodes = _simulated(0, REFERENCE, [], jobs)
+    path = work / "base.json"
+    if not path.is_file():
+        material = replace(_SCENE.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0,
+                           density_kg_m3=1000.0, table_friction=0.4, tool_friction=0.2, toughness_j_m2=0.0)  # fmt: skip
+        start = EngineBase(material, spacing_for(episodes))
+        base, found = identify(episodes, start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
+        path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m}))
+    return episodes, base_from_dict(json.loads(path.read_text())["engine"])
+
+
+def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
+    """Hide, diagnose and score; the hidden effects are compared with the verdict only afterwards."""
+    types = library()
+    hidden = plan.effects(types)
+    episodes = _simulated(plan.seed, EPISODES, hidden, jobs)
+    plain = _simulated(plan.seed, EPISODES, [], jobs) if hidden else episodes
+    started = time.perf_counter()
+    runs = Runs(work / "jobs", jobs=jobs)
+    known = {name: kind for name, kind in types.items() if name not in plan.without}
+    found = diagnose(Measured(episodes), base, known, runs, reference=Measured(reference))
+    moved = [((a.points - a.points[:1]) - (b.points - b.points[:1])) for a, b in zip(episodes, plain, strict=True)]
+    rms = float(np.sqrt(np.mean([(d**2).sum(-1).mean() for d in moved])))
+    order = [f.name for f in found.findings[:-1]]
+    row = {
+        "name": plan.name, "set": plan.set, "seed": plan.seed, "hidden": {e.name: e.values for e in hidden},
+        "rms_mm": 1000 * rms, "snr": rms / FLOOR_M, "verdict": found.verdict.kind, "named": found.verdict.named,
+        "text": found.verdict.text, "ranking": order,
+        "ranks": [order.index(e.name) + 1 for e in hidden if e.name in order],
+        "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"),
+        "parameters": {f.name: f.parameters for f in found.findings[:3]},
+        "gains": [f.gain for f in found.findings[:3]],
+        "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
+        "baselines": baselines(found), "seconds": time.perf_counter() - started, "engine_runs": runs.done,
+    }  # fmt: skip
+    return json.loads(json.dumps(row, default=float).replace("Infinity", "null").replace("NaN", "null"))
+
+
+if __name__ == "__main__":
+    main()

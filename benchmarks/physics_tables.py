@@ -1,0 +1,161 @@
+"""Tables and docs/results/physics.json from the runs of the missing-physics benchmark."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop_cli.execute import versions
+
+_NAMING = ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER")
+
+
+def wilson(hits: int, n: int) -> dict[str, Any]:
+    """Give a rate with its 95 % interval (Wilson 1927)."""
+    if n == 0:
+        return {"rate": None, "low": None, "high": None, "n": 0}
+    z, p = 1.96, hits / n
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+    return {"rate": p, "low": max(0.0, middle - half), "high": min(1.0, middle + half), "n": n}
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Count what the benchmark's table asks for."""
+    names = ("single", "null", "base", "decoy", "pair", "outside")
+    sets = {name: [r for r in rows if r["set"] == name] for name in names}
+    single = sets["single"]
+    visible = [r for r in single if r["snr"] >= 1]
+    named = [r for r in single if r["named"] and r["verdict"] in _NAMING and r["named"][0] in r["hidden"]]
+
+    def rate(group: list[dict[str, Any]], test: Any) -> dict[str, Any]:
+        return wilson(sum(bool(test(r)) for r in group), len(group))
+
+    def first(r: dict[str, Any]) -> bool:
+        return bool(r["named"]) and r["named"][0] in r["hidden"]
+
+    def inside(r: dict[str, Any]) -> bool:
+        return bool(set(r["named"]) & set(r["hidden"]))
+
+    errors, covered = [], []
+    for r in named:
+        values, found = next(iter(r["hidden"].values())), r["parameters"].get(r["named"][0], {})
+        key = next(k for k in values if k in found)
+        truth, estimate = values[key], found[key]
+        errors.append(abs(estimate["value"] - truth) / abs(truth))
+        covered.append(estimate["low"] is not None and estimate["low"] <= truth <= estimate["high"])
+    closed = [(r["error"] - r["left"]) / (r["error"] - r["floor"]) for r in named
+              if r["floor"] and r["left"] and r["error"] > 1.1 * r["floor"]]  # fmt: skip
+    return {
+        "single": {"top1": rate(visible, first), "in_set": rate(visible, inside), "ranked_first": rate(
+            visible, lambda r: r["ranks"] and r["ranks"][0] == 1), "all_amplitudes_top1": rate(single, first),
+            "wrong_name": rate(single, lambda r: r["named"] and not inside(r))},
+        "null": {"false_alarm": rate(sets["null"], lambda r: r["verdict"] in _NAMING),
+                 "none_of_these": rate(sets["null"], lambda r: r["verdict"] == "NONE OF THESE")},
+        "base": {"named": rate(sets["base"], inside)},
+        "outside": {"none_or_partly": rate(sets["outside"], lambda r: r["verdict"] in ("NONE OF THESE", "PARTLY")),
+                    "full_name": rate(sets["outside"], lambda r: r["verdict"] in ("EFFECT", "CONFOUNDED"))},
+        "pairs": {"both": rate(sets["pair"], lambda r: set(r["hidden"]) <= set(r["named"])),
+                  "one": rate(sets["pair"], inside)},
+        "decoys": {"chosen": rate(rows, lambda r: set(r["named"]) & {"drag", "inertia"}),
+                   "called_physics": rate(sets["decoy"], lambda r: r["verdict"] in ("EFFECT", "PARTLY"))},
+        "gap_closed": {"median": float(np.median(closed)) if closed else None, "n": len(closed)},
+        "parameter_error": {"median": float(np.median(errors)) if errors else None, "n": len(errors),
+                            "covered": wilson(sum(covered), len(covered))},
+        "baselines": {
+            "bic_first": rate(visible, lambda r: r["baselines"]["bic"][:1] and r["baselines"]["bic"][0] in r["hidden"]),
+            "bic_null_false_alarm": rate(sets["null"], lambda r: r["baselines"]["bic"]),
+            "sparse_first": rate(visible, lambda r: r["baselines"]["sparse"][:1]
+                                 and r["baselines"]["sparse"][0] in r["hidden"]),
+            "residual_error_share": float(np.median([r["baselines"]["residual_error_share"] for r in single]))
+            if single else None,
+        },
+    }  # fmt: skip
+
+
+def confusion(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """Count what was named first for each hidden effect."""
+    table: dict[str, Counter[str]] = {}
+    for r in rows:
+        if r["set"] in ("single", "base", "decoy", "null"):
+            hidden = next(iter(r["hidden"]), "nothing")
+            table.setdefault(hidden, Counter())[r["named"][0] if r["named"] else r["verdict"].lower()] += 1
+    return {key: dict(value) for key, value in sorted(table.items())}
+
+
+def write_results(rows: list[dict[str, Any]], out: Path, *, command: str) -> None:
+    """Write results/physics.json and the tables of results-physics.md between their markers."""
+    path = out / "results" / "physics.json"
+    kept = json.loads(path.read_text()) if path.is_file() else {}
+    facts = {**kept, "command": command, "versions": versions(), "seeds": sorted({r["seed"] for r in rows}),
+             "sets": {**kept.get("sets", {}), **summary(rows)}, "confusion": confusion(rows), "runs": rows}  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(facts, indent=1))
+    page = out / "results-physics.md"
+    if page.is_file():
+        text = page.read_text()
+        for name, table in {"rates": _rates(facts["sets"]), "runs": _runs(rows), "confusion": _confused(facts)}.items():
+            begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+            if begin in text and end in text:
+                text = text[: text.index(begin) + len(begin)] + "\n" + table + "\n" + text[text.index(end) :]
+        page.write_text(text)
+
+
+def _shown(rate: dict[str, Any]) -> str:
+    if not rate or rate.get("rate") is None:
+        return "not run"
+    return f"{100 * rate['rate']:.0f} % ({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %, n = {rate['n']})"
+
+
+def _rates(sets: dict[str, Any]) -> str:
+    rows = [
+        ("one effect, SNR >= 1: named first", sets["single"]["top1"], ">= 90 %"),
+        ("one effect, SNR >= 1: in the named set", sets["single"]["in_set"], ">= 95 %"),
+        ("one effect, SNR >= 1: ranked first", sets["single"]["ranked_first"], ""),
+        ("one effect, any amplitude: named first", sets["single"]["all_amplitudes_top1"], ""),
+        ("one effect, any amplitude: a wrong name", sets["single"]["wrong_name"], ""),
+        ("nothing hidden: false alarm", sets["null"]["false_alarm"], "<= 2 %"),
+        ("nothing hidden: NONE OF THESE", sets["null"]["none_of_these"], ""),
+        ("base parameter changed: in the named set", sets["base"]["named"], ""),
+        ("outside the library: NONE or PARTLY", sets["outside"]["none_or_partly"], ">= 80 %"),
+        ("two effects: both in the named set", sets["pairs"]["both"], ">= 70 %, one after the other"),
+        ("two effects: at least one", sets["pairs"]["one"], ">= 95 %"),
+        ("decoys chosen, over all runs", sets["decoys"]["chosen"], "<= 2 %"),
+        ("95 % interval covers the parameter", sets["parameter_error"]["covered"], "90 to 98 %"),
+        ("forward selection by BIC: right effect first", sets["baselines"]["bic_first"], "baseline"),
+        ("forward selection by BIC: false alarm", sets["baselines"]["bic_null_false_alarm"], "baseline"),
+        ("sparse regression: right effect first", sets["baselines"]["sparse_first"], "baseline"),
+    ]
+    lines = ["| what | measured | goal |", "|---|---|---|"]
+    lines += [f"| {name} | {_shown(rate)} | {goal} |" for name, rate, goal in rows]
+
+    def number(value: float | None) -> str:
+        return "not run" if value is None else f"{100 * value:.0f} %"
+
+    left = number(sets["baselines"]["residual_error_share"])
+    lines += [f"| median error of the parameter | {number(sets['parameter_error']['median'])} | <= 10 % |",
+              f"| explainable gap closed, median | {number(sets['gap_closed']['median'])} | >= 80 % |",
+              f"| learned residual: error left, in-sample, median | {left} | baseline |"]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _runs(rows: list[dict[str, Any]]) -> str:
+    lines = ["| run | hidden | moves [mm] | SNR | verdict | named | rank |", "|---|---|---|---|---|---|---|"]
+    for r in sorted(rows, key=lambda r: (r["set"], -r["snr"])):
+        hidden = "; ".join(f"{effect}: " + ", ".join(f"{k} {v:g}" for k, v in values.items())
+                           for effect, values in r["hidden"].items())  # fmt: skip
+        cells = [f"{r['set']} {r['seed']}", hidden or "-", f"{r['rms_mm']:.2f}", f"{r['snr']:.1f}", r["verdict"],
+                 ", ".join(r["named"]) or "-", ", ".join(map(str, r["ranks"])) or "-"]  # fmt: skip
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _confused(facts: dict[str, Any]) -> str:
+    lines = ["| hidden | what was named first (runs) |", "|---|---|"]
+    lines += [f"| {hidden} | {', '.join(f'{name} ({n})' for name, n in named.items())} |"
+              for hidden, named in facts["confusion"].items()]  # fmt: skip
+    return "\n".join(lines)
