@@ -1,0 +1,129 @@
+"""Name what another simulator hid: `python -m benchmarks.hidden_disect --data <folder with disect and disect_hidden>`.
+
+The engine is fitted to the part recordings of `disect/prism_jelly` and diagnoses the four sets of
+`disect_hidden` from 400 followed points of the surface with 0.3 mm noise (an ideal tracker, no cameras).
+ANSWERS.json is opened when all verdicts are on the disk, and only for the column beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.episode import Episode, episode_from_sequence
+from plop.diagnosis.evidence import compared_frames
+from plop.diagnosis.findings import State
+from plop.diagnosis.identify import NAMES, identify, spacing_for
+from plop.diagnosis.regression import held_out_values
+from plop.diagnosis.responses import Job
+from plop.diagnosis.runs import Runs
+from plop.diagnosis.table import Measured, Table
+from plop.physics.base_io import base_from_dict, base_to_dict
+from plop.physics.effects.library import library
+from plop.physics.filled import EngineBase
+from plop.physics.material import Material
+from plop.recordings.disect import list_disect, read_disect
+from plop_cli.execute import versions
+
+NOISE_M = 3e-4
+SETS = ("set_1", "set_2", "set_3", "set_4")
+
+
+def episodes_of(folder: Path, pattern: str) -> list[Episode]:
+    """Read recordings and follow points of their surface."""
+    chosen = [entry for entry in list_disect(folder) if entry.path.match(pattern)]
+    return [episode_from_sequence(read_disect(entry.path), noise_m=NOISE_M, seed=zlib.crc32(f"{folder.name}/{entry.name}".encode()),
+                                  name=f"{folder.name}/{entry.name}") for entry in chosen]  # fmt: skip
+
+
+def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:
+    """Fit the engine to the reference, once."""
+    path = work / "base.json"
+    if not path.is_file():
+        material = Material(youngs_modulus_pa=8e3, poisson=0.45, density_kg_m3=1000, damping_per_s=5.0,
+                            table_friction=0.2, tool_friction=0.05)  # fmt: skip
+        start = EngineBase(material, spacing_for(reference), settled=False, table_cone="pyramid")
+        base, found = identify(reference, start, NAMES, iterations=5, jobs=jobs)
+        path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m,
+                                    "rms_before_mm": 1000 * found.rms_before_m}))  # fmt: skip
+    return base_from_dict(json.loads(path.read_text())["engine"])
+
+
+def before_and_after(found: Diagnosis, measured: list[Episode], base: EngineBase, runs: Runs) -> dict[str, float]:
+    """Simulate each episode with the best effect as fitted to the other episodes.
+
+    Returns:
+        RMS error of the patches in mm, without and with it.
+    """
+    best = found.scores[0].candidate
+    table = Table(Measured(measured), base, runs)
+    table.respond(best.columns)
+    state = State([table], [best])
+    values = held_out_values(state.screen.grams, state.screen.columns(best))
+    jobs = [Job(episode, base, tuple(zip(best.columns, row, strict=True)))
+            for episode, row in zip(table.episodes, values, strict=True)]  # fmt: skip
+    sums = {"before": 0.0, "after": 0.0}
+    for k, (episode, answer) in enumerate(zip(table.episodes, runs(jobs), strict=True)):
+        frames = compared_frames(len(episode.times))
+        for name, points in (("before", table.plain[k]), ("after", answer.points)):
+            assert points is not None
+            error = episode.pooled((points - points[:1])[frames]) - episode.motion[frames]
+            sums[name] += float((error**2).sum(-1).mean()) / len(table.episodes)
+    return {key: 1000 * float(np.sqrt(value)) for key, value in sums.items()}
+
+
+def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
+    """Diagnose one set."""
+    measured = episodes_of(data / "disect_hidden" / name, "*")
+    started = time.perf_counter()
+    runs = Runs(work / "jobs", jobs=jobs)
+    found = diagnose(Measured(measured), base, library(), runs, reference=Measured(reference))
+    row = {
+        "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
+        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast,
+                     "parameters": f.parameters, "reasons": f.reasons()}
+                    for f in [*found.findings[:6], found.findings[-1]]],
+        "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"), "excess": found.excess,
+        "held_out_rms_mm": before_and_after(found, measured, base, runs), "seconds": time.perf_counter() - started,
+        "dropped": found.dropped,
+    }  # fmt: skip
+    return json.loads(json.dumps(row, default=float).replace("Infinity", "null").replace("NaN", "null"))
+
+
+def main() -> None:
+    """Diagnose all sets, then score."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--work", type=Path, default=Path("artifacts/.hidden-disect"))
+    parser.add_argument("--out", type=Path, default=Path("docs/results/hidden_disect.json"))
+    parser.add_argument("--jobs", type=int, default=-1)
+    options = parser.parse_args()
+    options.work.mkdir(parents=True, exist_ok=True)
+    reference = episodes_of(options.data / "disect", "prism_jelly_part_*")
+    base = fitted_base(reference, options.work, options.jobs)
+    for name in SETS:
+        path = options.work / f"{name}.json"
+        if not path.is_file():
+            row = run_set(name, options.data, reference, base, options.work, options.jobs)
+            path.write_text(json.dumps(row, indent=1))
+            sys.stdout.write(f"{name}: {row['verdict']} {row['named']} {row['held_out_rms_mm']}\n")
+            sys.stdout.flush()
+    rows = [json.loads((options.work / f"{name}.json").read_text()) for name in SETS]
+    answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
+    facts = {"command": "python -m benchmarks.hidden_disect --data DATA", "versions": versions(), "seeds": [0],
+             "base": json.loads((options.work / "base.json").read_text()), "sets": rows,
+             "answers": answers}  # fmt: skip
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(json.dumps(facts, indent=1))
+
+
+if __name__ == "__main__":
+    main()
