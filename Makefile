@@ -1,4 +1,6 @@
 # make demo        the whole pipeline on a small set the project makes itself
+# make demo-physics   a hidden effect is found and added; ends with a report
+# make bench-physics  the missing-physics benchmark; goes on where it stopped
 # make test        what CI runs: style, types, tests
 # make bench       speed; writes docs/results/bench.json
 # make reproduce DATA=<folder> PROFILE=cpu|paper    the nine DiSECt environments, from raw recordings to the table
@@ -14,7 +16,7 @@ STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
 SYSTEM_LIBS := libusb-1.0-0 libx11-6 libgl1 libegl1 libgomp1
 
-.PHONY: setup demo test bench reproduce system-libs clean
+.PHONY: setup demo demo-physics test bench bench-physics reproduce system-libs clean
 
 setup: $(STAMP)
 
@@ -29,6 +31,9 @@ $(STAMP): pyproject.toml constraints.txt scripts/check_machine.py
 demo: setup
 	$(BIN)/plop demo -w demo
 
+demo-physics: setup
+	$(BIN)/plop demo-physics -w demo-physics
+
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -36,6 +41,9 @@ test: setup
 
 bench: setup
 	$(BIN)/python -m benchmarks
+
+bench-physics: setup
+	$(BIN)/python -m benchmarks.physics
 
 reproduce: setup
 	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|paper" >&2; exit 2; }

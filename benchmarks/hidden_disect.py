@@ -40,8 +40,9 @@ SETS = ("set_1", "set_2", "set_3", "set_4")
 def episodes_of(folder: Path, pattern: str) -> list[Episode]:
     """Read recordings and follow points of their surface."""
     chosen = [entry for entry in list_disect(folder) if entry.path.match(pattern)]
-    return [episode_from_sequence(read_disect(entry.path), noise_m=NOISE_M, seed=zlib.crc32(f"{folder.name}/{entry.name}".encode()),
-                                  name=f"{folder.name}/{entry.name}") for entry in chosen]  # fmt: skip
+    names = {entry.path: f"{folder.name}/{entry.name}" for entry in chosen}
+    return [episode_from_sequence(read_disect(path), noise_m=NOISE_M, seed=zlib.crc32(name.encode()), name=name)
+            for path, name in names.items()]  # fmt: skip
 
 
 def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:

@@ -33,6 +33,15 @@ def demo(workspace: Workspace = Path("demo"), seed: int = 0, set_: Assignments =
     run_demo(Store(workspace), Console(quiet=quiet, as_json=as_json), seed=seed, assignments=set_ or [])
 
 
+def demo_physics(workspace: Workspace = Path("demo-physics"), seed: int = 0, quiet: Quiet = False,
+                 as_json: AsJson = False, debug: Debug = False) -> None:  # fmt: skip
+    """Hide an effect, seal the answer, find it, add it, watch the error fall; ends with a report."""
+    from plop_cli.app import main
+    from plop_cli.demo_physics import run_demo_physics
+
+    run_demo_physics(workspace, Console(quiet=quiet, as_json=as_json), main, seed=seed)
+
+
 def reproduce(
     data: Annotated[Path, typer.Argument(help="Folder of DiSECt recordings.", show_default=False)],
     profile: Annotated[str, typer.Option(help="cpu: 2 cores; paper: the paper's schedule, for a GPU.")] = "cpu",
@@ -119,7 +128,7 @@ def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = 
 
 def add_commands(app: typer.Typer) -> None:
     """Add them to the front door."""
-    whole: list[Callable[..., None]] = [demo, reproduce]
+    whole: list[Callable[..., None]] = [demo, demo_physics, reproduce]
     around: list[Callable[..., None]] = [status, why, verify, export, view, doctor]
     for command in whole:
         app.command(rich_help_panel=WHOLE)(command)

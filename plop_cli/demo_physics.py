@@ -1,0 +1,86 @@
+"""The missing-physics loop, offline: hide an effect, seal the answer, find the effect, add it, watch the error fall."""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.store import Store
+from plop.errors import PlopError
+from plop.physics.sealed import open_answer
+from plop_cli.console import Console, format_seconds
+
+PROFILE = "demo-physics.toml"
+Command = Callable[[list[str]], int]
+
+
+def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: int) -> None:
+    """Run the commands that a user would type, one after the other; what is there already is kept.
+
+    Args:
+        workspace: Folder of the demo.
+        console: Where it reports.
+        run: Runs one `plop` command line and gives its exit code.
+        seed: Draws motions and what is hidden.
+
+    Raises:
+        PlopError: A command failed.
+    """
+    started = time.perf_counter()
+    workspace.mkdir(parents=True, exist_ok=True)
+    settings = workspace / "plop.toml"
+    if not settings.is_file():
+        settings.write_text((importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text(encoding="utf-8"))
+    steps = Steps(workspace, console, run)
+    steps("simulate", "block.toml", "--seed", str(100 + seed), "--name", "plain")
+    steps("identify", "--recordings", "plain", "--name", "base")
+    steps("simulate", "block.toml", "--hide", "random", "--seed", str(200 + seed), "--name", "mystery")
+    steps("compare", "--model", "base", "--recordings", "mystery")
+    steps("diagnose", "--model", "base", "--recordings", "mystery", "--name", "verdict")
+    store = Store(workspace)
+    found = json.loads((store.find("verdict").path / "diagnosis.json").read_text())
+    console.say(f"\nVERDICT  {found['verdict']['text']}")
+    answer = open_answer(store.find("mystery").path)
+    console.say(f"ANSWER   {_answer_text(answer)}\n")
+    models = ["base"]
+    if found["verdict"]["kind"] in ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER"):
+        name = found["verdict"]["named"][0]
+        models.append(f"base+{name}")
+        steps("augment", "--model", "base", "--effect", name, "--diagnosis", "verdict", "--name", models[-1])
+    for model in models:
+        steps("eval", "--model", model, "--recordings", "mystery", "--name", f"scores-{model}")
+    steps("report", "--models", ",".join(models), "--recordings", "mystery", "--name", "report")
+    page = next(Store(workspace).find("report").path.glob("*.html"))
+    console.say(f"all in {format_seconds(time.perf_counter() - started)}; open {page}")
+    console.result({"verdict": found["verdict"], "answer": answer, "models": models, "report": str(page),
+                    "seconds": round(time.perf_counter() - started, 1)})  # fmt: skip
+
+
+class Steps:
+    """Runs command lines and shows each before it runs."""
+
+    def __init__(self, workspace: Path, console: Console, run: Command) -> None:
+        self.workspace, self.console, self.run = workspace, console, run
+
+    def __call__(self, *words: str) -> None:
+        """Run one command in the workspace.
+
+        Raises:
+            PlopError: It failed; its own message says why.
+        """
+        self.console.say(f"$ plop {' '.join(words)}")
+        quiet = ["--quiet"] if self.console.quiet or self.console.as_json else []
+        code = self.run([*words, "-w", str(self.workspace), *quiet])
+        if code != 0:
+            raise PlopError("A step of the demo failed.", where=f"plop {' '.join(words)}", found=f"exit code {code}",
+                            fix="Correct what the message above says and run the demo again.")  # fmt: skip
+
+
+def _answer_text(answer: dict[str, Any]) -> str:
+    effects = "; ".join(f"{name}: " + ", ".join(f"{k} = {v:.4g}" for k, v in values.items())
+                        for name, values in answer["effects"].items())  # fmt: skip
+    return f"hidden was {effects or 'nothing'} (moves the object by {1000 * answer['rms_m']:.2f} mm RMS)"
