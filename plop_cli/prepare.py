@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.lineage import closure
+from plop.artifacts.lineage import closure, parents
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
@@ -61,7 +61,7 @@ class Preparation:
             source = found.get(spec.along) if spec.along else None
             if name not in found and source not in (None, LEFT_OUT):
                 recordings = self.store.find(str(source))
-                found[name] = self._derived(spec.stages[0], recordings, model).address
+                found[name] = self.derived(spec.stages[0], recordings, model).address
             elif spec.along and name not in found and spec.optional:
                 found[name] = LEFT_OUT
         if "engine" in stage.inputs and "engine" not in found:
@@ -78,8 +78,13 @@ class Preparation:
         found["reference"] = LEFT_OUT if same or source is None else source.address
 
     def source_of(self, model: Artifact) -> Artifact | None:
-        """Give the recordings that a model was made from; None when they are gone."""
+        """Give the recordings that a model was made from; None when they are gone.
+
+        An added effect was fitted to other recordings than the base: the base's are meant.
+        """
         known = self._known()
+        while model.key[0] == "augment" and (base := parents(model).get("model")) in known:
+            model = known[base]
         keys = closure(known, model)
         for name in RECORDINGS:
             for key in keys:
@@ -96,22 +101,24 @@ class Preparation:
         source = self.source_of(model)
         if source is None:
             return LEFT_OUT
-        return self._derived("identify", source, None).address
+        return self.derived("identify", source, None).address
 
-    def _derived(self, command: str, recordings: Artifact, model: Artifact | None) -> Artifact:
+    def derived(self, command: str, recordings: Artifact, model: Artifact | None) -> Artifact:
         """Make one artifact of some recordings, and before it what it needs."""
         inputs: dict[str, str | Path] = {"recordings": recordings.address}
         extra: dict[str, Any] = {}
         if command == "fit-init":
-            inputs["clouds"] = self._derived("fuse", recordings, None).address
-        if command in ("filter", "identify", "rollout", "eval"):
-            inputs["init"] = self._derived("fit-init", recordings, None).address
+            inputs["clouds"] = self.derived("fuse", recordings, None).address
+        if command in ("filter", "identify", "rollout", "eval", "compare"):
+            inputs["init"] = self.derived("fit-init", recordings, None).address
         if command == "filter":
             inputs["model"] = LEFT_OUT
             extra = {"exclude": list(self.exclude)}
-        if command == "identify":
-            inputs["tracks"] = self._derived("filter", recordings, None).address
-        if command == "rollout" and model is not None:
+        if command == "eval":
+            inputs["rollouts"] = self.derived("rollout", recordings, model).address
+        if command in ("identify", "compare"):
+            inputs["tracks"] = self.derived("filter", recordings, None).address
+        if command in ("rollout", "compare") and model is not None:
             inputs["model"] = model.address
         return self._made(command, inputs, extra)
 

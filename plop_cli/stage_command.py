@@ -17,6 +17,7 @@ from plop_cli.console import Console, format_seconds
 from plop_cli.convert import describe
 from plop_cli.execute import Outcome, Plan, execute, is_first_process, plan
 from plop_cli.prepare import MODELS, Preparation, takes_model_instead, wants_preparation
+from plop_cli.prepare_report import report_inputs
 from plop_cli.settings import Setting, resolve, settings_of
 from plop_cli.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
 from stages import PIPELINE, StageRef
@@ -99,7 +100,9 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
     if wants_preparation(stage, inputs) and not values["dry_run"]:
         exclude = tuple(getattr(config, "exclude", ()))
-        inputs = Preparation(store, console, exclude).inputs(stage, inputs, values["env"])
+        preparation = Preparation(store, console, exclude)
+        inputs = (report_inputs(preparation, inputs) if stage.name == "report"
+                  else preparation.inputs(stage, inputs, values["env"]))  # fmt: skip
     if values["dry_run"]:
         planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"])
         report_plan(console, planned)

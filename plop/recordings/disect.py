@@ -137,6 +137,8 @@ def _knife_poses(position: np.ndarray, quaternion_xyzw: np.ndarray) -> np.ndarra
 def _read_side(path: Path) -> dict[str, Any]:
     try:
         side = json.loads(path.read_text())
+        if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording that hides its settings
+            side["environment"] = f"{side['shape']}-{side['material']}"
         if not isinstance(side["environment"], str):
             raise TypeError("environment is not a text")
     except (OSError, ValueError, KeyError, TypeError) as error:
