@@ -1,0 +1,46 @@
+"""What a report needs: a comparison, scores and, where there is one, a diagnosis for each model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from plop.artifacts.lineage import parents
+from plop.artifacts.store import Artifact
+from plop.errors import PlopError
+from plop_cli.prepare import Preparation
+
+
+def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> dict[str, str | Path]:
+    """Complete the inputs of `report` from the models and the recordings.
+
+    Args:
+        preparation: Makes what is missing.
+        given: What the user named: "models", addresses with commas between, and "recordings".
+
+    Raises:
+        PlopError: No model or no recordings are named.
+    """
+    found = dict(given)
+    if "comparisons" in found:
+        return found
+    if "models" not in found or "recordings" not in found:
+        raise PlopError("What shall be reported?", expected="--models NAME[,NAME...] and --recordings NAME",
+                        found=", ".join(f"--{key}" for key in found) or "neither",
+                        fix="`plop status` lists what there is.")  # fmt: skip
+    store = preparation.store
+    recordings = store.find(str(found["recordings"]))
+    models = [store.find(address.strip()) for address in str(found["models"]).split(",") if address.strip()]
+    found["init"] = preparation.derived("fit-init", recordings, None).address
+    found["comparisons"] = ",".join(preparation.derived("compare", recordings, m).address for m in models)
+    found.setdefault("evals", ",".join(preparation.derived("eval", recordings, m).address for m in models))
+    diagnoses = [a.address for a in store.artifacts("diagnose") if _is_of(a, recordings, models)]
+    if diagnoses:
+        found.setdefault("diagnoses", ",".join(diagnoses))
+    found["models"] = ",".join(m.address for m in models)
+    return found
+
+
+def _is_of(diagnosis: Artifact, recordings: Artifact, models: list[Artifact]) -> bool:
+    made_from = parents(diagnosis)
+    return made_from.get("recordings") == recordings.key and made_from.get("model") in {m.key for m in models}
