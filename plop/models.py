@@ -46,11 +46,10 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsMode
     if kind == "engine":
         return FilledEngineModel(base_from_dict(facts["engine"]))
     if kind == "augmented":
-        effects, engine = effects_of(folder), base_from_dict(facts["engine"])
-        inner = read_facts(folder / "base")
-        if inner.get("kind") == "engine":  # exact: one run with the effects instead of two differences
+        effects, engine, inner = effects_of(folder), base_from_dict(facts["engine"]), innermost(folder)
+        if read_facts(inner).get("kind") == "engine":  # exact: one run with the effects instead of two differences
             return FilledEngineModel(engine, effects)
-        return AugmentedModel(load_model(folder / "base", device), engine, effects)
+        return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference
     raise PlopError("The model is of an unknown kind.", where=folder / "model.json", expected=", ".join(KINDS),
                     found=str(kind), fix="Update plop.")  # fmt: skip
 

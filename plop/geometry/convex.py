@@ -58,6 +58,6 @@ def _drawn_in(planes: np.ndarray, points: np.ndarray, inside: np.ndarray, table_
     moved = planes.copy()
     free = np.ones(len(planes), bool)
     if table_z_m is not None:
-        free = ~((planes[:, 2] < -0.99) & (np.abs(planes[:, 3] + table_z_m) < _RIM_M))
+        free = ~((planes[:, 2] < -0.99) & (np.abs(planes[:, 3] - table_z_m) < _RIM_M))
     moved[free, 3] += float(np.median(near)) if len(near) else 0.0
     return np.asarray(HalfspaceIntersection(moved, inside).intersections)

@@ -49,16 +49,34 @@ class AugmentedModel:
         self._twins = self._with.step(acted, action), self._without.step(plain, action)
         added = self._difference() - before
         stepped = self.base.step(state, action, generator=generator)
-        places = self._twins[0].gaussians.means.detach().cpu().double().numpy()
         means = stepped.gaussians.means
-        values = added.cpu().double().numpy()
-        moved = torch.from_numpy(_interpolated(places, values, means, acted.side, stepped.side)).to(means)
+        moved = _at_descendants(acted, added, stepped).to(means)
         return replace(stepped, gaussians=stepped.gaussians.with_(means=means + moved),
                        last_translation=stepped.last_translation + moved)  # fmt: skip
 
     def _difference(self) -> Tensor:
         assert self._twins is not None
         return self._twins[0].gaussians.means - self._twins[1].gaussians.means
+
+
+def _at_descendants(acted: ParticleState, added: Tensor, stepped: ParticleState) -> Tensor:
+    """Give each Gaussian the displacement of the one that it descends from, [M, 3] [m].
+
+    Lineage ids tell which that is, wherever base and engine have moved it; without them neighbours stand in.
+
+    Args:
+        acted: The engine's Gaussians.
+        added: Their displacement, [N, 3] [m].
+        stepped: The base's M Gaussians.
+    """
+    known, wanted = acted.gaussians.ids.cpu().numpy(), stepped.gaussians.ids.cpu().numpy()
+    order = np.argsort(known)
+    row = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
+    if len(np.unique(known)) == len(known) and (known[row] == wanted).all():
+        return added.cpu()[torch.from_numpy(row)]
+    places = acted.gaussians.means.detach().cpu().double().numpy()
+    return torch.from_numpy(_interpolated(places, added.cpu().double().numpy(), stepped.gaussians.means,
+                                          acted.side, stepped.side))  # fmt: skip
 
 
 def _interpolated(places: np.ndarray, values: np.ndarray, means: Tensor, sides: Tensor, wanted: Tensor) -> np.ndarray:
@@ -72,8 +90,6 @@ def _interpolated(places: np.ndarray, values: np.ndarray, means: Tensor, sides: 
         wanted: Side of each point, [M].
     """
     target = means.detach().cpu().double().numpy()
-    if len(target) == len(places) and np.abs(target - places).max() < 1e-9:
-        return values
     found = np.zeros_like(target)
     own, side = sides.cpu().numpy().round(), wanted.cpu().numpy().round()
     for value in np.unique(side):
