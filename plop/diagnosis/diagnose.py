@@ -74,9 +74,10 @@ def diagnose(
     Raises:
         PlopError: Too few episodes, or the engine cannot follow any.
     """
-    _check(measured)
+    _check(len(measured.episodes), {})
     candidates = candidates_of(types, None if effects is None else list(effects))
     tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
+    _check(len(tables[0].episodes), tables[0].dropped)
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     state = State(tables, candidates)
@@ -90,10 +91,11 @@ def diagnose(
     return _conclude(state, sensors, shams, seed)
 
 
-def _check(measured: Measured) -> None:
-    if len(measured.episodes) < LEAST_EPISODES:
+def _check(count: int, dropped: Mapping[str, str]) -> None:
+    if count < LEAST_EPISODES:
+        why = "".join(f"; {name} is left out: {reason}" for name, reason in dropped.items())
         raise PlopError("There are too few episodes for a verdict.", expected=f"at least {LEAST_EPISODES}",
-                        found=str(len(measured.episodes)),
+                        found=f"{count}{why}"[:400],
                         fix="Record more motions; a verdict from fewer would be a guess.")  # fmt: skip
 
 
@@ -122,9 +124,9 @@ def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Di
     error, floor = float(state.errors().mean()), float(state.floors.mean()) if len(state.floors) else None
     left = state.left(scores[0]) if scores else None
     alike = [s.candidate.effect for s in confounded(state.screen, scores[0], scores)] if scores else []
-    verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left,
-                    excess=state.excess())
+    verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left, excess=state.excess())
     limits = detection_limits(state.screen, scores, sham, state.response_rms_m)
-    dropped = {key: why for table in state.tables for key, why in table.dropped.items()}
+    where = ("", "reference ")  # both sets may have an episode of the same name
+    dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
     return Diagnosis(verdict, scores, [*findings, base], sham, limits, error, floor, state.excess(), dropped,
                      state.evidence, state.control, state.misfit)  # fmt: skip

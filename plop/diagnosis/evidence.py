@@ -19,6 +19,8 @@ FRAMES = 12
 BLOCKS = 8
 """Parts of an object whose errors count as independent of each other."""
 _BINS = 10
+_MEDIAN = 0.789
+"""Median of chi-square(3) / 3."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Evidence:
     """Column -> response of one unit of the amplitude, [F, K, 3] [m]."""
     block: np.ndarray
     """Part of the object in which each patch starts, [K], 0 .. BLOCKS-1: patches of one part err together."""
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Whether a patch could be seen, [F, K]."""
+        return (self.residual != 0).any(-1)
 
 
 def compared_frames(count: int) -> np.ndarray:
@@ -83,15 +90,17 @@ class MisfitModel:
     def of(cls, episodes: list[Evidence]) -> MisfitModel:
         """Estimate from episodes, robustly: half of each bin's residuals are below its estimate's median.
 
-        The misfit may not fall as the motion grows.
+        The misfit may not fall as the motion grows. What could not be seen does not count.
         """
-        motion = np.concatenate([np.linalg.norm(e.motion, axis=-1).ravel() for e in episodes])
-        excess = np.concatenate([(e.residual**2 - e.noise_m[:, None] ** 2).mean(-1).ravel() for e in episodes])
+        motion = np.concatenate([np.linalg.norm(e.motion, axis=-1)[e.seen] for e in episodes])
+        excess = np.concatenate([((e.residual**2).mean(-1) / _MEDIAN - e.noise_m**2)[e.seen] for e in episodes])
+        if not len(motion):
+            return cls(np.zeros(1), np.zeros(1))
         edges = np.quantile(motion, np.linspace(0, 1, _BINS + 1))
         found = []
         for low, high in zip(edges[:-1], edges[1:], strict=True):
             inside = excess[(motion >= low) & (motion <= high)]
-            found.append(max(float(np.median(inside)) / 0.79, 0.0))  # median of chi-square(3)/3
+            found.append(max(float(np.median(inside)), 0.0))
         return cls(edges[1:], np.sqrt(np.maximum.accumulate(found)))
 
     def of_motion(self, motion: np.ndarray) -> np.ndarray:
@@ -117,6 +126,11 @@ class Whitened:
     """Frames and patches, D = frames * patches * 3."""
     block: np.ndarray
     """See Evidence."""
+
+    @property
+    def count(self) -> int:
+        """How many numbers were measured; what could not be seen is 0 and does not count."""
+        return max(1, int(np.count_nonzero(self.residual)))
 
     def by_block(self, values: np.ndarray) -> np.ndarray:
         """Sum values [D] over each part of the object, [BLOCKS]."""

@@ -14,6 +14,7 @@ from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
 from plop.diagnosis.verdict import Finding
+from plop.errors import PlopError
 
 
 class State:
@@ -32,6 +33,9 @@ class State:
         gone = {key for table in tables for key in table.dropped}
         usable = [c for c in candidates if not gone & {column.key for column in c.columns}]
         self.keys = list(dict.fromkeys(column.key for c in usable for column in c.columns))
+        if not self.keys:
+            raise PlopError("The engine can compute no response.", found="; ".join(gone)[:300],
+                            fix="Calibrate the engine to recordings of this object: `plop identify`.")  # fmt: skip
         self.misfit = MisfitModel.of(self.control or self.evidence)
         self.known, self.floors = np.zeros(len(self.keys)), np.zeros(0)
         if self.control:
@@ -42,12 +46,12 @@ class State:
             self.misfit = MisfitModel.of([corrected(e, self.keys, self.known) for e in self.control])
             again = Screen([whiten(e, self.misfit, self.keys) for e in self.control], self.keys, usable)
             _, left = known_misfit(again.grams, again.base, groups)
-            self.floors = left / [len(e.residual) for e in again.episodes]
+            self.floors = left / [e.count for e in again.episodes]
         whitened = self._whitened(self.evidence)
         self.screen = Screen(whitened, self.keys, usable)
         self.base_candidates = [c for c in usable if c.effect in BASE_COLUMNS]
         self.reference = Grams.of(self._whitened(self.control)) if self.control else None
-        self.numbers = sum(len(e.residual) for e in whitened)
+        self.numbers = sum(e.count for e in whitened)
 
     def _whitened(self, episodes: list[Evidence]) -> list[Whitened]:
         return [whiten(corrected(e, self.keys, self.known), self.misfit, self.keys) for e in episodes]
@@ -63,7 +67,7 @@ class State:
 
     def errors(self) -> np.ndarray:
         """Mean squared whitened residual of each episode, base parameters fitted to the others, [E]."""
-        return self.screen.before() / [len(e.residual) for e in self.screen.episodes]
+        return self.screen.before() / [e.count for e in self.screen.episodes]
 
     def excess(self) -> float | None:
         """How much larger the error is than in the reference, in standard errors (Welch, of logarithms)."""
@@ -102,7 +106,7 @@ class State:
 
     def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> float | None:
         """Distance of the last `own` amplitudes from those in the reference, in standard errors (Welch)."""
-        if self.reference is None:
+        if self.reference is None or own == 0:
             return None
         other = fit(self.reference, rows)
         difference = fitted.values[-own:] - other.values[-own:]

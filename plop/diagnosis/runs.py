@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
@@ -85,7 +86,7 @@ class Runs:
         try:
             with np.load(path, allow_pickle=False) as file:
                 return Answer(file.get("points"), str(file["trouble"]))
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # cut short: run it again
             return None
 
     def _remember(self, job: Job, answer: Answer) -> None:

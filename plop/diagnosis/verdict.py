@@ -84,7 +84,7 @@ def judge(
 
     Args:
         findings: Effects, best first.
-        confounds: Effects that cannot be told from the best.
+        confounds: Effects that cannot be told from the best; decoys and those at their bound are left out.
         base: Change of the base's own parameters.
         sensors: Significant sensor faults, in words.
         error: Mean squared whitened error of the base.
@@ -104,7 +104,8 @@ def judge(
         best = named[0]
         share = _closed(error, floor, left)
         partly = share is not None and share < PARTLY_SHARE
-        others = [name for name in confounds if name != best.name]
+        possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
+        others = [name for name in confounds if name != best.name and name in possible]
         kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
         if best.kind == "base" and kind != "CONFOUNDED":
             return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)

@@ -87,9 +87,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     return Summary(figures, rows_of(facts), [f"{name} is left out: {why}" for name, why in facts["dropped"].items()])
 
 
-def _sensors(
-    recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output
-) -> list[dict[str, Any]]:
+def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:
     if not config.sensors:
         return []
     return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out)
