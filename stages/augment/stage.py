@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.manifest import MANIFEST_NAME
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
@@ -48,7 +49,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
                         found="none", fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
     if effect.kind == "base":
         return _changed(folder, engine_material(engine, effect), parameters, name, out.path)
-    shutil.copytree(folder, out.path / "base", dirs_exist_ok=True)
+    _copied(folder, out.path / "base")
     if files:
         (out.path / "effects").mkdir(exist_ok=True)
         shutil.copy(files[0], out.path / "effects" / Path(files[0]).name)
@@ -85,8 +86,13 @@ def _without(folder: Path, out: Path) -> Summary:
     if read_facts(folder).get("kind") != "augmented":
         raise PlopError("This model has no added effect.", where=folder, expected="a model of augment",
                         found=str(read_facts(folder).get("kind")))  # fmt: skip
-    shutil.copytree(folder / "base", out, dirs_exist_ok=True)
+    _copied(folder / "base", out)
     return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
+
+
+def _copied(source: Path, target: Path) -> None:
+    """Copy a model's files; when and where it was made is told by its own artifact, not by this copy."""
+    shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(MANIFEST_NAME, ".*", "*.tmp"))
 
 
 def _diagnosis(inputs: Inputs) -> dict[str, Any]:
