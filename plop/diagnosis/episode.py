@@ -10,7 +10,7 @@ from scipy.cluster.vq import kmeans2
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.physics.tool_motion import ToolMotion
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest
 
 POINTS = 400
 """Points that are followed in one episode."""
@@ -110,6 +110,7 @@ def episode_from_sequence(
         points: Number of points.
         name: Another name for the episode.
     """
+    sequence = begun_at_rest(sequence)
     generator = np.random.default_rng([seed, 71])
     used, inner = np.unique(sequence.faces), np.unique(sequence.faces[sequence.is_cut_face])
     outer = np.setdiff1d(used, inner)

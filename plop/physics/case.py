@@ -12,7 +12,7 @@ from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
 from plop.physics.tool_motion import ToolMotion, ToolShape
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest
 
 _TRACER = 1e-6
 """Volume of a tracer as a share of a particle's."""
@@ -68,16 +68,9 @@ def case_from_sequence(sequence: MeshSequence, spacing_m: float) -> Case:
     tracer_volume = np.full(len(rest), _TRACER * spacing_m**3)
     particles = Particles(np.concatenate([*positions, rest]), np.concatenate([*volumes, tracer_volume]),
                           sides=np.concatenate([*sides, part_sides[parts]]))  # fmt: skip
-    times, poses = sequence.times, sequence.world_from_tool
-    observed = sequence.vertices
-    if times[0] > 0:
-        before = poses[0].copy()
-        before[:3, 3] -= (poses[1, :3, 3] - poses[0, :3, 3]) / (times[1] - times[0]) * times[0]
-        times, poses = np.r_[0.0, times], np.concatenate([before[None], poses])
-    else:
-        observed = observed[1:]
-    tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, times, poses)
-    return Case(sequence.name, particles, tool, times, observed, sequence.table_z_m)
+    begun = begun_at_rest(sequence)
+    tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, begun.times, begun.world_from_tool)
+    return Case(sequence.name, particles, tool, begun.times, begun.vertices[1:], sequence.table_z_m)
 
 
 def sides_of_parts(sequence: MeshSequence, parts: np.ndarray) -> np.ndarray:

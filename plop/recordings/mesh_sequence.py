@@ -15,7 +15,7 @@ import json
 import os
 import re
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -239,3 +239,17 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise PlopError("The episode's npz file is incomplete.", where=path, expected=", ".join(needed),
                         found=f"no {', '.join(missing)}", fix="Export this episode again.")  # fmt: skip
     return arrays
+
+
+def begun_at_rest(sequence: MeshSequence) -> MeshSequence:
+    """Lead an episode back to its rest shape at time 0 when its first frame lies later.
+
+    The tool is led back at its first velocity.
+    """
+    times, poses = sequence.times, sequence.world_from_tool
+    if times[0] <= 0 or sequence.rest_vertices is None or len(times) < 2:
+        return sequence
+    before = poses[0].copy()
+    before[:3, 3] -= (poses[1, :3, 3] - poses[0, :3, 3]) / (times[1] - times[0]) * times[0]
+    return replace(sequence, times=np.r_[0.0, times], world_from_tool=np.concatenate([before[None], poses]),
+                   vertices=np.concatenate([sequence.rest[None], sequence.vertices]), truth={})  # fmt: skip
