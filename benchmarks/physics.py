@@ -38,7 +38,7 @@ NOISE_M = 2e-4
 """Standard deviation of one coordinate of a followed point [m]."""
 FLOOR_M = NOISE_M * 3**0.5
 """Noise floor: RMS length of the noise of a followed point [m]."""
-REFERENCE, EPISODES = 8, 8
+REFERENCE, EPISODES, PARTICLES = 6, 8, 400
 _SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
 
 
@@ -83,7 +83,7 @@ def _reference(work: Path, jobs: int) -> tuple[list[Episode], EngineBase]:
     if not path.is_file():
         material = replace(_SCENE.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0,
                            density_kg_m3=1000.0, table_friction=0.4, tool_friction=0.2, toughness_j_m2=0.0)  # fmt: skip
-        start = EngineBase(material, spacing_for(episodes))
+        start = EngineBase(material, spacing_for(episodes, PARTICLES))
         base, found = identify(episodes, start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
         path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m}))
     return episodes, base_from_dict(json.loads(path.read_text())["engine"])

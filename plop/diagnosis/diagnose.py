@@ -21,7 +21,7 @@ from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
 
 LEAST_EPISODES = 4
-REFITTED = 5
+REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""
 ROUNDS = 2
 """How often."""
