@@ -1,0 +1,84 @@
+"""False alarms are as rare as stated; what the limit promises is found, what lies far below is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.limits import detection_limits
+from plop.diagnosis.screen import one_per_effect
+from plop.diagnosis.shams import p_value, sham_gains
+from tests.diagnosis.synthetic import episodes, key, state
+
+
+def best_p(seed: int, shams: int = 49) -> float:
+    now = state(episodes(seed, count=4, misfit_m=3e-4))
+    return p_value(now.scores()[0].gain, sham_gains(now.screen, seed=seed, count=shams))
+
+
+def test_p_is_uniform_where_nothing_is_hidden():
+    values = np.array([best_p(seed) for seed in range(60)])
+    assert (values <= 0.02).mean() <= 0.1
+    assert (values <= 0.2).mean() == pytest.approx(0.2, abs=0.16)
+    assert values.mean() == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_hidden_law_beats_every_sham():
+    now = state(episodes(1, {"tilt": 0.3}))
+    shams = sham_gains(now.screen, count=99)
+    assert p_value(now.scores()[0].gain, shams) == pytest.approx(0.01)
+
+
+def test_shams_are_drawn_from_the_seed_and_leave_the_evidence_alone():
+    now = state(episodes(2, {"tilt": 0.3}))
+    before = [e.residual.copy() for e in now.screen.episodes]
+    one, two, other = (sham_gains(now.screen, seed=seed, count=20) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one, two)
+    assert (one != other).any()
+    for old, episode in zip(before, now.screen.episodes, strict=True):
+        np.testing.assert_array_equal(old, episode.residual)
+
+
+def test_p_counts_the_shams_that_do_as_well():
+    shams = np.array([0.1, 0.2, 0.3, 0.4])
+    assert p_value(0.25, shams) == pytest.approx(3 / 5)
+    assert p_value(0.5, shams) == pytest.approx(1 / 5)
+
+
+def limits_of(now, shams):
+    return detection_limits(now.screen, one_per_effect(now.scores()), shams, now.response_rms_m)
+
+
+@pytest.mark.parametrize("law", ["tilt", "viscosity"])
+def test_what_is_injected_at_twice_its_limit_is_found_and_at_a_third_not(law):
+    quiet = episodes(3, misfit_m=3e-4)
+    now = state(quiet)
+    shams = sham_gains(now.screen, count=99)
+    limit = limits_of(now, shams)[law]
+    assert limit["unit"] == "-" and limit["parameter"] == "a"
+    assert limit["displacement_m"] == pytest.approx(limit["amplitude"] * now.response_rms_m(key(law)))
+    for factor, seen in ((2.0, True), (0.3, False)):
+        amplitude = factor * limit["amplitude"]
+        loud = [replace(e, residual=e.residual + amplitude * e.responses[key(law)]) for e in quiet]
+        then = state(loud)
+        finding = then.finding(then.scores()[0], sham_gains(then.screen, count=99))
+        assert (finding.name == law and finding.passes()) == seen
+
+
+def test_less_noise_lowers_the_limit():
+    found = []
+    for noise_m in (4e-4, 1e-4):
+        now = state(episodes(4, noise_m=noise_m))
+        found.append(limits_of(now, sham_gains(now.screen, count=49))["tilt"]["amplitude"])
+    assert found[1] < 0.5 * found[0]
+
+
+def test_what_cannot_be_seen_at_any_amplitude_has_no_limit():
+    """In one episode only: what is fitted to the others says nothing about it."""
+    data = episodes(5)
+    lonely = [e if k == 0 else replace(e, responses={**e.responses, key("tilt"): 1e-9 * e.residual})
+              for k, e in enumerate(data)]  # fmt: skip
+    now = state(lonely)
+    assert limits_of(now, sham_gains(now.screen, count=49))["tilt"]["amplitude"] is None
