@@ -1,0 +1,139 @@
+"""From evidence to a verdict without an engine: what is planted is named, with its interval; nothing else is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.diagnose import _conclude
+from plop.diagnosis.next_motion import next_motion
+from plop.errors import PlopError
+from plop.physics.effects.library import library
+from stages.diagnose.outcome import facts_of, rows_of
+from tests.diagnosis.synthetic import CANDIDATES, FakeTable, candidate, episodes, key, state
+
+SHAMS = 99
+
+
+def conclude(measured, reference=None, candidates=CANDIDATES, sensors=()):
+    return _conclude(state(measured, reference, candidates), sensors, SHAMS, 0)
+
+
+def finding(found, name):
+    return next(f for f in found.findings if f.name == name)
+
+
+def test_a_planted_law_is_named_with_an_interval_that_holds_it():
+    found = conclude(episodes(1, {"tilt": 0.3}), episodes(2))
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["tilt"])
+    value = finding(found, "tilt").parameters["a"]
+    assert value["low"] < 0.3 < value["high"] and value["high"] - value["low"] < 0.1
+    assert found.error > 1.5 * found.floor and found.excess > 3
+    assert found.floor == pytest.approx(1, abs=0.3)
+
+
+def test_nothing_planted_nothing_named():
+    found = conclude(episodes(3), episodes(4))
+    assert (found.verdict.kind, found.verdict.named) == ("NOTHING DETECTABLE", [])
+    assert found.limits["tilt"]["amplitude"] > 0
+
+
+def test_a_stiffer_base_is_a_base_parameter():
+    found = conclude(episodes(5, {"stiffness": 0.5}), episodes(6))
+    assert (found.verdict.kind, found.verdict.named) == ("BASE PARAMETER", ["stiffness"])
+    assert found.findings[-1].parameters["a"]["value"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_decoy_leaves_none_of_these():
+    assert conclude(episodes(7, {"drag": 0.4}), episodes(8)).verdict.kind == "NONE OF THESE"
+
+
+def test_a_law_that_nobody_knows_is_none_of_these():
+    """Residuals of a law outside the library, with another field in every episode."""
+    strange = [replace(e, residual=e.residual + 2e-3 * np.sin(40 * k + np.arange(e.residual.size)).reshape(
+               e.residual.shape)) for k, e in enumerate(episodes(9))]  # fmt: skip
+    assert conclude(strange, episodes(10)).verdict.kind == "NONE OF THESE"
+
+
+def test_the_same_in_the_reference_is_not_missing():
+    """What the base misses everywhere is a known misfit, not an effect of these recordings."""
+    found = conclude(episodes(11, {"tilt": 0.3}), episodes(12, {"tilt": 0.3}))
+    assert found.verdict.kind == "NOTHING DETECTABLE"
+    contrast = finding(found, "tilt").contrast
+    assert contrast is not None and contrast < 3
+
+
+def test_an_amplitude_outside_its_range_is_not_named():
+    narrow = [candidate(c.effect, low=0.0, high=0.1) if c.effect == "tilt" else c for c in CANDIDATES]
+    found = conclude(episodes(13, {"tilt": 0.3}), episodes(14), narrow)
+    value = finding(found, "tilt").parameters["a"]
+    assert value["at_bound"] and value["value"] == 0.1
+    assert "tilt" not in found.verdict.named
+    below = [candidate(c.effect, low=0.0) if c.effect == "tilt" else c for c in CANDIDATES]
+    found = conclude(episodes(13, {"tilt": -0.3}), episodes(14), below)
+    assert finding(found, "tilt").parameters["a"]["at_bound"] and "tilt" not in found.verdict.named
+
+
+def test_confounded_laws_come_with_the_motion_that_tells_them_apart():
+    data = [replace(e, responses={**e.responses, key("fibres"): 0.02 * e.responses[key("fibres")]
+            + e.responses[key("tilt")]}) for e in episodes(15, {"tilt": 0.3})]  # fmt: skip
+    other = [replace(e, responses={**e.responses, key("fibres"): e.responses[key("tilt")]}) for e in episodes(16)]
+    found = conclude(data, other)
+    assert found.verdict.kind == "CONFOUNDED" and set(found.verdict.named) == {"tilt", "fibres"}
+    following = next_motion(found)
+    assert following is not None
+    apart = {}
+    for e in found.evidence:  # what is left of one response when the other's multiple is taken off
+        sigma = found.misfit.sigma(e)
+        a, b = ((e.responses[key(name)] / sigma).ravel() for name in ("tilt", "fibres"))
+        apart[e.name] = np.linalg.norm(a - (a @ b) / (b @ b) * b)
+    assert following["episode"] == max(apart, key=apart.__getitem__)
+    assert following["episode"] in following["text"]
+
+
+def test_one_named_effect_needs_no_next_motion():
+    assert next_motion(conclude(episodes(1, {"tilt": 0.3}), episodes(2))) is None
+
+
+def test_facts_are_plain_json_with_every_key():
+    import json
+
+    found = conclude(episodes(1, {"tilt": 0.3}), episodes(2))
+    facts = facts_of(found, library(), [], {"e9": "no track"})
+    text = json.dumps(facts, allow_nan=False)
+    assert set(json.loads(text)) >= {"schema", "verdict", "ranking", "base", "confounded", "limits", "sensors", "shams",
+                                     "error", "floor", "excess", "closed_share", "next_motion", "episodes",
+                                     "dropped"}  # fmt: skip
+    assert facts["ranking"][0]["effect"] == "tilt" and facts["ranking"][0]["passes"]
+    assert facts["base"]["effect"] == "stiffness" and facts["dropped"] == {"e9": "no track"}
+    assert facts["closed_share"] > 0.8
+    rows = rows_of(facts)
+    assert rows[0]["verdict"] == "named" and rows[-1]["effect"] == "stiffness"
+    assert len({tuple(row) for row in rows}) == 1  # one table
+
+
+def test_what_was_dropped_says_of_which_set():
+    now = state(episodes(1), episodes(2))
+    now.tables = [FakeTable(now.evidence, {"e7": "too far"}), FakeTable(now.control, {"e7": "unstable"})]
+    assert _conclude(now, (), SHAMS, 0).dropped == {"e7": "too far", "reference e7": "unstable"}
+
+
+def test_an_unstable_column_leaves_its_candidate_out_and_without_any_there_is_no_verdict():
+    from plop.diagnosis.findings import State
+
+    tables = [FakeTable(episodes(1), {key("tilt"): "unstable"}), FakeTable(episodes(2))]
+    names = {c.effect for c in State(tables, CANDIDATES).screen.candidates}  # type: ignore[arg-type]
+    assert "tilt" not in names and "viscosity" in names
+    tables[1].dropped = {key(c.effect): "unstable" for c in CANDIDATES}
+    with pytest.raises(PlopError, match="no response"):
+        State(tables, CANDIDATES)  # type: ignore[arg-type]
+
+
+def test_without_a_stable_stiffness_the_laws_are_still_judged():
+    tables = [FakeTable(episodes(1, {"tilt": 0.3}), {key("stiffness"): "unstable"}), FakeTable(episodes(2))]
+    from plop.diagnosis.findings import State
+
+    found = _conclude(State(tables, CANDIDATES), (), SHAMS, 0)  # type: ignore[arg-type]
+    assert found.verdict.named == ["tilt"] and found.findings[-1].parameters == {}

@@ -1,0 +1,115 @@
+"""Every verdict, and what must never be named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from plop.diagnosis.verdict import Finding, judge, parameters_text
+
+
+def finding(name: str = "tilt", **changes: Any) -> Finding:
+    value = {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "m/s^2", "at_bound": False}
+    kind = {"drag": "decoy", "stiffness": "base", "damping": "base"}.get(name, "physics")
+    found = Finding(name, kind, {"gx_m_s2": value}, gain=0.6, gain_error=0.05, p=0.005, contrast=8.0)
+    return replace(found, **changes)
+
+
+def at_bound(name: str = "tilt") -> Finding:
+    return finding(name, parameters={"gx_m_s2": {**finding().parameters["gx_m_s2"], "at_bound": True}})
+
+
+WEAK = {"gain": 0.01, "p": 0.6}
+FACTS: dict[str, Any] = {"error": 5.0, "floor": 1.0, "left": 1.2, "excess": 9.0}
+QUIET: dict[str, Any] = {"error": 1.0, "floor": 1.0, "left": 1.0, "excess": 0.2}
+
+
+def test_an_effect_that_closes_the_gap_is_named():
+    verdict = judge([finding(), finding("fibres", **WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
+    assert "60 % of the held-out error" in verdict.text and "95 % of the explainable gap" in verdict.text
+    assert "gx_m_s2 = 1 (0.9 to 1.1) m/s^2" in verdict.text
+    assert verdict.evidence["error"] == 5.0
+
+
+def test_an_effect_that_closes_less_than_half_is_named_in_part():
+    verdict = judge([finding()], [], None, [], **{**FACTS, "left": 3.5})
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
+
+
+def test_without_reference_an_effect_is_still_named():
+    verdict = judge([finding(contrast=None)], [], None, [], error=5.0, floor=None, left=None, excess=None)
+    assert verdict.kind == "EFFECT"
+
+
+def test_look_alikes_are_all_named():
+    verdict = judge([finding(), finding("fibres")], ["fibres"], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("CONFOUNDED", ["tilt", "fibres"])
+    assert "tilt, or fibres" in verdict.text
+
+
+def test_a_base_parameter_is_no_law():
+    base = finding("stiffness")
+    verdict = judge([finding(**WEAK)], [], base, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
+    verdict = judge([finding("damping")], [], finding("stiffness", **WEAK), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["damping"])
+
+
+def test_a_faulty_sensor_comes_before_physics():
+    verdict = judge([finding()], [], finding("stiffness"), ["clock of cam_01"], **FACTS)
+    assert (verdict.kind, verdict.named) == ("SENSOR", ["clock of cam_01"])
+    assert "--exclude" in verdict.text
+
+
+def test_significant_misfit_that_nobody_explains():
+    verdict = judge([finding(**WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
+
+
+@pytest.mark.parametrize("facts", [QUIET, {**FACTS, "excess": 2.0}, {**FACTS, "error": 1.4}])
+def test_without_significant_misfit_nothing_is_detectable(facts):
+    verdict = judge([finding(**WEAK)], [], finding("stiffness", **WEAK), [], **facts)
+    assert (verdict.kind, verdict.named) == ("NOTHING DETECTABLE", [])
+
+
+@pytest.mark.parametrize("facts", [FACTS, QUIET])
+def test_a_decoy_is_never_named(facts):
+    verdict = judge([finding("drag"), finding(**WEAK)], ["tilt"], None, [], **facts)
+    assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
+    verdict = judge([finding(), finding("drag")], ["drag"], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
+
+
+def test_a_parameter_at_its_bound_is_never_named():
+    assert judge([at_bound()], [], None, [], **FACTS).named == []
+    assert judge([finding(), at_bound("fibres")], ["fibres"], None, [], **FACTS).named == ["tilt"]
+    assert judge([finding(**WEAK)], [], at_bound("stiffness"), [], **FACTS).named == []
+
+
+def test_a_second_does_not_inherit_what_the_first_may_not_have():
+    assert judge([finding("drag", gain=0.9), finding()], [], None, [], **FACTS).named == []
+
+
+@pytest.mark.parametrize("change, reason", [
+    ({"p": 0.03}, "p = 0.030"), ({"p": None}, "no shams"), ({"gain": 0.04, "gain_error": 0.001}, "gain 4.0 %"),
+    ({"gain_error": 0.4}, "standard errors (40.0 %)"), ({"contrast": 2.0}, "reference recordings"),
+    ({"contrast": -2.0}, "reference recordings"),
+])  # fmt: skip
+def test_each_condition_is_needed_and_said(change, reason):
+    found = finding(**change)
+    assert not found.passes()
+    assert any(reason in text for text in found.reasons())
+    assert judge([found], [], None, [], **QUIET).kind == "NOTHING DETECTABLE"
+
+
+def test_what_passes_has_no_reason_against_it():
+    assert finding().passes() and finding().reasons() == []
+    assert not at_bound().passes() and at_bound().reasons() == ["a parameter is at its bound"]
+
+
+def test_an_infinite_interval_is_left_out_of_the_sentence():
+    value = {"value": 2.0, "low": float("-inf"), "high": float("inf"), "unit": "Pa", "at_bound": False}
+    assert parameters_text(finding(parameters={"e": value})) == "e = 2 Pa"
