@@ -26,8 +26,8 @@ from stages.train.windows import Window, disturbed_start
 ROTATION_ARM_M = 0.01
 """Length at which a wrong turn of a Gaussian counts like a wrong place [m]."""
 SMOOTH_M = 1e-5
-"""Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there
-by a few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
+"""Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there by a
+few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,6 @@ class LossWeights:
 
     track: float
     """Of the distance to the filter's track."""
-    drift: float
-    """Of the mean error of each side of the cut."""
     image: float
     """Of the rendering loss; 0 renders nothing."""
     rigid: float
@@ -125,10 +123,7 @@ def _advance(
     frame = rollout.window.start + k + 1
     before = rollout.state.gaussians
     terms = _physical_terms(rollout.pairs, before, predicted, weights)
-    shift, turn = _track_error(rollout, predicted, frame)
-    terms["track"] = weights.track * (_length(shift).mean() + _length(turn).mean()) / weights.render.depth_unit_m
-    if weights.drift > 0:
-        terms["drift"] = weights.drift * drift_m(shift, predicted.side) / weights.render.depth_unit_m
+    terms["track"] = weights.track * _track_error(rollout, predicted, frame) / weights.render.depth_unit_m
     generator = torch.Generator().manual_seed(rollout.window.noise_seed + k)
     state = predicted
     if weights.image > 0:
@@ -160,33 +155,12 @@ def _physical_terms(
     return terms
 
 
-def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> tuple[Tensor, Tensor]:
-    """Give how far each Gaussian is from its track, and its wrong turn at an arm's length, both [N, 3] [m]."""
+def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Tensor:
+    """Mean distance to the track and of turns at an arm's length, smooth below `SMOOTH_M` [m]."""
     track, rows = rollout.track, rollout.rows
     shift = predicted.gaussians.means - (track.means[frame] + rollout.offset)[rows]
-    return shift, ROTATION_ARM_M * (predicted.last_rotation - track.rotations[frame][rows])
-
-
-def drift_m(shift: Tensor, side: Tensor) -> Tensor:
-    """Measure the error that all Gaussians on one side of the cut share.
-
-    A track trembles by a tenth of a millimetre a frame, each place on its own. In the mean distance to it a common
-    error of a fifth of that is hardly felt; in the mean error it stands alone.
-
-    Args:
-        shift: Error of each Gaussian, shape [N, 3] [m].
-        side: Side of the cut, shape [N], -1, 0 or 1.
-
-    Returns:
-        Length of the mean error of each side, averaged by the number of Gaussians [m], scalar.
-    """
-    parts = [shift[side == which] for which in (-1, 0, 1)]
-    return sum((_length(part.mean(0)) * (len(part) / len(shift)) for part in parts if len(part)), shift.new_zeros(()))
-
-
-def _length(vectors: Tensor) -> Tensor:
-    """Give lengths, smooth below `SMOOTH_M`, shape [..., 3] -> [...]."""
-    return (vectors.square().sum(-1) + SMOOTH_M**2).sqrt()
+    turn = ROTATION_ARM_M * (predicted.last_rotation - track.rotations[frame][rows])
+    return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in (shift, turn)), torch.zeros(()))
 
 
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:

@@ -75,8 +75,6 @@ class TrainConfig:
     """Merging and splitting that keep the moments, or Eq. 27-28 as printed."""
     track_weight: float = 1.0
     """Weight of the distance to the track, per 0.1 m [-]."""
-    drift_weight: float = 2.0
-    """Weight of the error that all Gaussians on one side of the cut share, per 0.1 m [-]; 0 in the paper."""
     image_weight: float = 1.0
     """Weight of the rendering loss in the second phase [-]."""
     rigid_weight: float = 1.0
@@ -199,14 +197,14 @@ def _render_weights(config: TrainConfig) -> RenderWeights:
 
 def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
     return LossWeights(
-        track=config.track_weight, drift=config.drift_weight, image=config.image_weight, rigid=config.rigid_weight,
+        track=config.track_weight, image=config.image_weight, rigid=config.rigid_weight,
         rotation=config.rotation_weight, isometry=config.isometry_weight, sever=config.sever, render=render,
     )  # fmt: skip
 
 
 STAGE = Stage(
     name="train",
-    version=4,
+    version=3,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
