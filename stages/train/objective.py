@@ -26,8 +26,8 @@ from stages.train.windows import Window, disturbed_start
 ROTATION_ARM_M = 0.01
 """Length at which a wrong turn of a Gaussian counts like a wrong place [m]."""
 SMOOTH_M = 1e-5
-"""Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there by a
-few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
+"""Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there
+by a few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
 
 
 @dataclass(frozen=True)
