@@ -54,6 +54,7 @@ PIPELINE = (
     StageRef("compare", "stages.compare.stage:STAGE", "Compare a model with measurements: where and when it fails."),
     StageRef("diagnose", "stages.diagnose.stage:STAGE", "Name the physical effect that a model is missing."),
     StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
+    StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with everything that was found."),
 )
 
 

@@ -1,0 +1,111 @@
+"""Where and when it fails, and before and after: the models side by side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from plop.reporting.compared import ReportFacts
+from plop.reporting.html import bars, number, table, text
+from plop.reporting.verdict_section import closed_gap, error_over
+
+_CHARTS = (("phase", "phase", "By phase"), ("distance", "distance_to_tool_mm", "By distance to the tool, mm"),
+           ("height", "height_mm", "By height above the table, mm"))  # fmt: skip
+
+
+def legend(facts: ReportFacts) -> str:
+    """Name the colours of the models."""
+    keys = "".join(f'<span><i style="height:11px;background:{c.colour}"></i>{text(c.label)}</span>' for c in facts.compared)
+    return f'<p class="key">{keys}<span><i style="height:0;border-top:2px dotted #000"></i>noise floor</span></p>'
+
+
+def where_section(facts: ReportFacts) -> str:
+    """Draw the error by phase, distance, height and camera."""
+    charts = [_chart(facts, key, label, title) for key, label, title in _CHARTS]
+    if facts.compared[0].facts["tables"].get("camera"):
+        charts.append(_chart(facts, "camera", "camera", "By camera: depth, mean difference", "depth_mm", "depth_mm_floor"))
+    return (f"<h2>Where and when it fails</h2>{legend(facts)}<div class='charts'>{''.join(charts)}</div>"
+            "<p class='soft'>RMS distance between measured and predicted points; the first frame is given and counts "
+            "nowhere. The dotted tick is the floor: what noise alone would give (for cameras: what is left when the "
+            "measured points are rendered).</p>")  # fmt: skip
+
+
+def _chart(
+    facts: ReportFacts, key: str, label: str, title: str, value: str = "rms_mm", floor: str = "floor_mm"
+) -> str:  # fmt: skip
+    rows = facts.compared[0].facts["tables"][key]
+    labels = [str(row[label]) for row in rows]
+    found = [[compared.row(key, **{label: name}) for name in labels] for compared in facts.compared]
+    series = [[None if row is None else row[value] for row in column] for column in found]
+    return bars(title, labels, series, [c.colour for c in facts.compared], [row[floor] for row in rows], "mm")
+
+
+def before_after_section(facts: ReportFacts) -> str:
+    """List every episode with every model, held-out episodes first, and their totals."""
+    names = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
+    groups = [("held out", [n for n in names if n in facts.held_out]),
+              ("fitted to", [n for n in names if n in facts.fitted]),
+              ("", [n for n in names if n not in facts.held_out and n not in facts.fitted])]  # fmt: skip
+    rows, marked = [], []
+    for kind, episodes in groups:
+        rows += [_row(facts, [name], name, kind) for name in episodes]
+        if len(episodes) > 1:
+            marked.append(len(rows))
+            rows.append(_row(facts, episodes, f"{len(episodes)} episodes", kind))
+    head = ["episode", "", *(c.label for c in facts.compared), "nothing moves", "best rigid", "floor"]
+    if len(facts.compared) > 1:
+        head.append("gap closed")
+    body = table(head, rows, numeric=range(2, len(head)), marked=marked)
+    return f"<h2>{_title(facts)}</h2>{_note(facts)}{body}{_scores(facts)}"
+
+
+def _title(facts: ReportFacts) -> str:
+    return "Before and after" if len(facts.compared) > 1 else "Episode by episode"
+
+
+def _note(facts: ReportFacts) -> str:
+    if len(facts.compared) < 2:
+        return "<p class='soft'>RMS error in mm.</p>"
+    if facts.held_out:
+        what = "No effect was fitted to the episodes that are held out."
+    elif facts.fitted:
+        what = ("All these episodes took part in the fit. The gain below the verdict is scored on held-out episodes: each "
+                "is predicted with what the others say.")  # fmt: skip
+    else:
+        what = "Which episodes the effect was fitted to is not known here."
+    return ("<p class='soft'>RMS error in mm. Gap closed: share of the first model's error above the floor that the last "
+            f"one takes away. {what}</p>")  # fmt: skip
+
+
+def _row(facts: ReportFacts, episodes: list[str], label: str, kind: str) -> list[str]:
+    found = [error_over(compared, episodes) for compared in facts.compared]
+    first, last = found[0], found[-1]
+    cells = [text(label), text(kind), *(number(None if f is None else f["rms"]) for f in found)]
+    cells += [number(first[key] if first else None) for key in ("persistence", "rigid", "floor")]
+    if len(facts.compared) > 1:
+        share = closed_gap(first, last) if first and last else None
+        cells.append("–" if share is None else f"{100 * share:.0f} %")
+    return cells
+
+
+def _scores(facts: ReportFacts) -> str:
+    """Show what `plop eval` says of the same models: cloud and image scores."""
+    rows = []
+    metrics = ("cd_mm", "emd_mm", "hd_mm", "psnr_db", "ssim", "j_score")
+    for label, scores in facts.scores:
+        methods: dict[str, Any] = scores["methods"]
+        for method in methods if label == facts.scores[0][0] else [scores["method"]]:
+            name = label if method == scores["method"] else f"baseline: {method}"
+            found = [methods[method]["episode"].get(metric) for metric in metrics]
+            rows.append([text(name), *("–" if f is None else _mean(f) for f in found)])
+    if not rows:
+        return ""
+    head = ["", "CD [mm]", "EMD [mm]", "HD [mm]", "PSNR [dB]", "SSIM", "J"]
+    return "<h3>Scores of <code>plop eval</code> (mean over test episodes, 95 % interval)</h3>" + table(
+        head, rows, numeric=range(1, 7)
+    )
+
+
+def _mean(entry: dict[str, Any]) -> str:
+    low, high = entry.get("low"), entry.get("high")
+    span = "" if low is None or high is None else f" <span class='soft'>({low:.2f} to {high:.2f})</span>"
+    return f"{entry['mean']:.2f}{span}"

@@ -1,0 +1,142 @@
+"""Read what a report is made from, and refuse what does not belong together."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plop.diagnosis.field_file import StoredField, read_field
+from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
+from plop.reporting.colours import MODELS
+from plop.reporting.compared import Compared, Made
+from stages.contract import Input, Inputs
+
+
+def several(inputs: Inputs, name: str) -> list[Input]:
+    """Give the artifacts of an input that takes many, in the order given."""
+    found = {int(key.partition(".")[2]): value for key, value in inputs.items() if key.startswith(f"{name}.")}
+    return [found[k] for k in sorted(found)]
+
+
+def read_json(folder: Path, name: str) -> dict[str, Any]:
+    """Read one JSON file of an artifact.
+
+    Raises:
+        PlopError: It is missing or damaged.
+    """
+    try:
+        facts: dict[str, Any] = json.loads((folder / name).read_text())
+    except (OSError, ValueError) as error:
+        raise PlopError("A result cannot be read.", where=folder / name, expected=name, found=str(error),
+                        fix="Run the stage that writes it again.") from error  # fmt: skip
+    return facts
+
+
+def model_key(item: Input) -> str:
+    """Fingerprint of the model that an artifact was made with; empty when it is not known."""
+    source = item.manifest.inputs.get("model", {}) if item.manifest is not None else {}
+    return str(source.get("fingerprint", ""))
+
+
+def labels_of(inputs: Inputs, labels: tuple[str, ...]) -> list[str]:
+    """Name the models: as asked for, else by address.
+
+    Raises:
+        PlopError: There are not as many labels as comparisons.
+    """
+    comparisons = several(inputs, "comparisons")
+    if labels:
+        if len(labels) != len(comparisons) or len(set(labels)) != len(labels):
+            raise PlopError("The labels do not fit the comparisons.", where="report.labels",
+                            expected=f"{len(comparisons)} different labels", found=", ".join(labels))  # fmt: skip
+        return list(labels)
+    found = []
+    for number, item in enumerate(comparisons):
+        source = item.manifest.inputs.get("model", {}) if item.manifest is not None else {}
+        found.append(f"{source['stage']}@{source['fingerprint'][:8]}" if "fingerprint" in source else f"model {number + 1}")
+    return found
+
+
+def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -> list[Compared]:
+    """Read the comparisons and, where it is given, the model of each.
+
+    Raises:
+        PlopError: A comparison is of other recordings or of another schema.
+    """
+    models = {item.manifest.fingerprint: item for item in several(inputs, "models") if item.manifest is not None}
+    found = []
+    for number, (label, item) in enumerate(zip(labels, several(inputs, "comparisons"), strict=True)):
+        _check_recordings(item, inputs["recordings"], label)
+        facts = read_json(item.path, "compare.json")
+        if facts.get("schema") != 1 or facts.get("environment") != recordings.environment:
+            raise PlopError("A comparison does not fit the recordings.", where=item.path / "compare.json",
+                            expected=f"schema 1, {recordings.environment}",
+                            found=f"schema {facts.get('schema')}, {facts.get('environment')}",
+                            fix="Run `plop compare` on these recordings.")  # fmt: skip
+        own = models.get(model_key(item))
+        model = read_json(own.path, "model.json") if own is not None else None
+        found.append(Compared(label, MODELS[number % len(MODELS)], facts, model))
+    return found
+
+
+def _check_recordings(item: Input, recordings: Input, label: str) -> None:
+    source = item.manifest.inputs.get("recordings", {}) if item.manifest is not None else {}
+    own = recordings.manifest.fingerprint if recordings.manifest is not None else None
+    if own is not None and source.get("fingerprint", own) != own:
+        raise PlopError("Results of different recordings do not go into one report.", where=label,
+                        expected=f"made from {recordings.manifest.address if recordings.manifest else own}",
+                        found=f"made from {source.get('stage')}@{source['fingerprint'][:8]}",
+                        fix="Run `plop compare` with the same recordings for every model.")  # fmt: skip
+
+
+def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
+    """Read one episode's error field of every model.
+
+    Raises:
+        PlopError: The models were compared on different points.
+    """
+    fields = [read_field(item.path / "fields" / f"{name}.npz") for item in several(inputs, "comparisons")]
+    for field in fields[1:]:
+        same = field.points_m.shape == fields[0].points_m.shape
+        if not same or np.abs(field.points_m - fields[0].points_m).max() > 1e-6:
+            raise PlopError("The models were compared on different points.", where=name,
+                            expected="the same tracks and seed in every comparison", found="other points",
+                            fix="Run `plop compare` again with the same tracks and seed.")  # fmt: skip
+    return fields
+
+
+def fitted_episodes(inputs: Inputs) -> list[str]:
+    """Episodes that the models' effects were fitted to.
+
+    A diagnosis counts when one of the models was made from it, or when that cannot be told.
+    """
+    models = [item.manifest for item in several(inputs, "models") if item.manifest is not None]
+    made_from = {m.inputs["diagnosis"]["fingerprint"] for m in models if "diagnosis" in m.inputs}
+    names: list[str] = []
+    for item in several(inputs, "diagnoses"):
+        known = item.manifest is not None and bool(models)
+        if not known or (item.manifest is not None and item.manifest.fingerprint in made_from):
+            names += read_json(item.path, "diagnosis.json").get("episodes", [])
+    return sorted(set(names))
+
+
+def provenance(inputs: Inputs) -> list[Made]:
+    """Say of every input where it came from, recordings first."""
+    found: dict[str, Made] = {}
+    for role, item in inputs.items():
+        manifest = item.manifest
+        if manifest is None or manifest.address in found:
+            continue
+        sources = {name: f"{s['stage']}@{s['fingerprint'][:8]}" if "fingerprint" in s else str(s.get("name", "a file"))
+                   for name, s in manifest.inputs.items()}  # fmt: skip
+        told = manifest.provenance
+        found[manifest.address] = Made(
+            manifest.address, role.partition(".")[0], str(told.get("command", manifest.stage)), manifest.config, sources,
+            {k: str(v) for k, v in told.get("versions", {}).items()}, str(told.get("made", "")), told.get("seconds"),
+            manifest.fingerprint,
+        )  # fmt: skip
+    return list(found.values())

@@ -1,0 +1,169 @@
+"""report: one HTML file that shows a colleague what was found, without plop and without a network."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
+from plop.reporting.compared import ReportFacts
+from plop.reporting.packed import packed_episode
+from plop.reporting.page_file import report_page
+from plop.reporting.report_images import episode_images
+from plop.reporting.verdict_section import closed_gap, error_over, judged_on
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.report.sources import (
+    fitted_episodes,
+    labels_of,
+    model_key,
+    provenance,
+    read_compared,
+    read_fields,
+    read_json,
+    several,
+)
+
+MOST_MB = 25.0
+"""Largest page that still goes through mail."""
+
+
+@dataclass(frozen=True)
+class ReportConfig:
+    """Settings of `report`; their defaults are written only here."""
+
+    labels: tuple[str, ...] = ()
+    """Names of the models, in the order of the comparisons; without them their addresses."""
+    title: str = ""
+    """Title of the page; without one it names the object."""
+    frames: int = 24
+    """Most frames of an episode that are shown."""
+    episodes: int = 12
+    """Most episodes that can be looked at; tables hold all of them. The worst are taken."""
+    camera: str = ""
+    """Camera of the images; when empty, the one whose image changes most."""
+    difference_mm: float = 5.0
+    """Depth difference at the ends of the colour scale [mm]."""
+
+
+def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
+    """Write report.html.
+
+    Raises:
+        PlopError: No comparison, results of different recordings or points, or labels that do not fit.
+    """
+    _check(inputs, config)
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    labels = labels_of(inputs, config.labels)
+    facts = _facts(inputs, config, recordings, labels)
+    names = _common_episodes(facts)
+    shown = _worst(facts, names, config.episodes)
+    episodes: list[dict[str, Any]] = []
+    for done, name in enumerate(shown):
+        episodes.append(_episode(inputs, recordings, name, config))
+        out.progress(done + 1, len(shown), name)
+    page = report_page(facts, episodes, limit_mm=config.difference_mm)
+    scratch = out.path / "report.html.tmp"
+    scratch.write_text(page, encoding="utf-8")
+    os.replace(scratch, out.path / "report.html")
+    return _summary(facts, len(page.encode()) / 1e6, names, shown)
+
+
+def _check(inputs: Inputs, config: ReportConfig) -> None:
+    if not several(inputs, "comparisons"):
+        raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
+                        found="none", fix="Run `plop compare`.")  # fmt: skip
+    if config.frames < 2 or config.episodes < 1 or config.difference_mm <= 0:
+        raise PlopError("A setting of report makes no sense.", where="report.frames, report.episodes, "
+                        "report.difference_mm", expected="2 or more, 1 or more, above 0",
+                        found=f"{config.frames}, {config.episodes}, {config.difference_mm:g}")  # fmt: skip
+
+
+def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
+    keys = {model_key(item): label for item, label in zip(several(inputs, "comparisons"), labels, strict=True)}
+    diagnoses = [(keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_json(item.path, "diagnosis.json"))
+                 for k, item in enumerate(several(inputs, "diagnoses"))]  # fmt: skip
+    diagnoses.sort(key=lambda pair: labels.index(pair[0]))
+    evals = several(inputs, "evals")
+    named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
+    scores = [(name, read_json(item.path, "scores.json")) for name, item in zip(named, evals, strict=True)]
+    fitted = fitted_episodes(inputs)
+    held = [name for name in recordings.test if name not in fitted]
+    manifest = inputs["recordings"].manifest
+    return ReportFacts(
+        config.title or f"{recordings.environment}: model and measurement", read_compared(inputs, labels, recordings),
+        diagnoses, scores, held, fitted, provenance(inputs), manifest.address if manifest else recordings.environment,
+    )  # fmt: skip
+
+
+def _common_episodes(facts: ReportFacts) -> list[str]:
+    """Episodes that every model was compared on.
+
+    Raises:
+        PlopError: There is none.
+    """
+    sets = [{row["episode"] for row in c.facts["tables"]["episode"]} for c in facts.compared]
+    names = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"] if all(row["episode"] in s for s in sets)]
+    if not names:
+        raise PlopError("No episode was compared with every model.", where="report.comparisons",
+                        fix="Run `plop compare` on the same episodes for every model.")  # fmt: skip
+    return names
+
+
+def _worst(facts: ReportFacts, names: list[str], most: int) -> list[str]:
+    """Choose the episodes that can be looked at; they keep their order."""
+    rows = {row["episode"]: row["rms_mm"] for row in facts.compared[0].facts["tables"]["episode"]}
+    chosen = sorted(names, key=lambda name: -rows[name])[:most]
+    return [name for name in names if name in chosen]
+
+
+def _episode(inputs: Inputs, recordings: RecordingSet, name: str, config: ReportConfig) -> dict[str, Any]:
+    fields = read_fields(inputs, name)
+    count = len(fields[0].times_s)
+    frames = sorted({int(k) for k in np.linspace(0, count - 1, min(count, config.frames)).round()})
+    packed = packed_episode(fields, frames)
+    packed["images"] = episode_images(
+        recordings.path(name), inputs["init"].path / name, fields[0].points_m[0].astype(float), fields[0].patch,
+        [field.predicted_m.astype(float) for field in fields], frames, camera=config.camera,
+        limit_mm=config.difference_mm,
+    )  # fmt: skip
+    return packed
+
+
+def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[str]) -> Summary:
+    episodes, over = judged_on(facts)
+    found = [error_over(compared, episodes) for compared in facts.compared]
+    rows = []
+    for compared, error in zip(facts.compared, found, strict=True):
+        share = closed_gap(found[0], error) if found[0] and error and error is not found[0] else None
+        rows.append({"model": compared.label, "over": over, "rms_mm": round(error["rms"], 3) if error else None,
+                     "floor_mm": round(error["floor"], 3) if error else None,
+                     "gap_closed_percent": None if share is None else round(100 * share, 1)})  # fmt: skip
+    figures = {"file": "report.html", "size_mb": round(size_mb, 2), "models": len(facts.compared), "episodes": len(names),
+               "verdict": facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"}  # fmt: skip
+    warnings = []
+    if len(shown) < len(names):
+        warnings.append(f"{len(shown)} of {len(names)} episodes can be looked at; tables hold all of them.")
+    if size_mb > MOST_MB:
+        warnings.append(f"The page has {size_mb:.0f} MB: lower report.frames or report.episodes to send it by mail.")
+    return Summary(figures, rows, warnings)
+
+
+STAGE = Stage(
+    name="report",
+    version=1,
+    help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
+    config=ReportConfig,
+    inputs={
+        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
+        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
+        "models": InputSpec(("train", "identify", "augment"), "the models, for their parameters", optional=True, many=True),
+        "comparisons": InputSpec(("compare",), "one for each model, the base first", many=True),
+        "diagnoses": InputSpec(("diagnose",), "what was diagnosed", optional=True, many=True),
+        "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
+    },
+    run=run,
+)
