@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from joblib import Parallel, delayed
+
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import compared_frames
@@ -74,6 +76,26 @@ def starts_settled(episodes: list[Episode], base: EngineBase) -> bool:
             squares.append(float(((points - points[:1] - episode.points + episode.points[:1])[early] ** 2).mean()))
         errors.append(float(np.median(squares)))
     return errors[0] <= errors[1]
+
+
+OUTLIER = 2.5
+"""An episode whose error is so many times the median's is left out of the fit: something else happened in it."""
+
+
+def outliers(episodes: list[Episode], base: EngineBase, jobs: int = 1) -> dict[str, str]:
+    """Find episodes that the engine follows far worse than the others; name -> why."""
+    squares = Parallel(n_jobs=jobs)(delayed(_mean_square)(TrackedCase(episode, base)) for episode in episodes)
+    rms = 1000 * np.sqrt(np.array(squares))
+    middle = float(np.median(rms))
+    if len(episodes) < 4:
+        return {}
+    return {e.name: f"the engine misses it by {r:.2f} mm RMS, the others by {middle:.2f} mm"
+            for e, r in zip(episodes, rms, strict=True) if r > OUTLIER * middle}  # fmt: skip
+
+
+def _mean_square(case: TrackedCase) -> float:
+    error = case.predict(case.base.material, case.base.config) - case.observed
+    return float(np.nanmean((error**2).sum(-1)))
 
 
 def identify(

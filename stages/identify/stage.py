@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.identify import NAMES, identify, spacing_for, starts_settled
+from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.sets import tracked_episodes
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
@@ -77,8 +77,12 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     spacing = config.spacing_m or spacing_for(episodes)
     base = EngineBase(material, spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
+    base = replace(base, settled=settled)
+    odd = outliers(episodes, base, config.jobs)
+    left_out |= odd
+    episodes = [episode for episode in episodes if episode.name not in odd]
     base, found = identify(
-        episodes, replace(base, settled=settled), config.fit, iterations=config.iterations, jobs=config.jobs,
+        episodes, base, config.fit, iterations=config.iterations, jobs=config.jobs,
         progress=lambda step, steps, rms: out.progress(step, steps, "Gauss-Newton", rms_mm=1000 * rms),
     )  # fmt: skip
     facts = {"schema": MODEL_SCHEMA, "kind": "engine", "engine": base_to_dict(base),
