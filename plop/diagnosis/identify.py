@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-
 from joblib import Parallel, delayed
 
 from plop.diagnosis.engine_run import predict_points, start_particles
