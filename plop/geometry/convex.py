@@ -31,6 +31,8 @@ def convex_surface(points: np.ndarray, table_z_m: float | None = None) -> tuple[
     """
     measured = points
     if table_z_m is not None:
+        points = points.copy()
+        points[:, 2] = np.maximum(points[:, 2], table_z_m)  # nothing is below the table but noise
         rim = points[points[:, 2] < table_z_m + _RIM_M].copy()
         rim[:, 2] = table_z_m
         points = np.concatenate([points, rim])
@@ -53,11 +55,11 @@ def convex_surface(points: np.ndarray, table_z_m: float | None = None) -> tuple[
 
 def _drawn_in(planes: np.ndarray, points: np.ndarray, inside: np.ndarray, table_z_m: float | None) -> np.ndarray:
     """Move the planes n x + d <= 0 inwards through the middle of the points near them; corners of what is left."""
-    depth = -(points @ planes[:, :3].T + planes[:, 3]).max(1)
-    near = depth[depth < _SKIN_M]
     moved = planes.copy()
     free = np.ones(len(planes), bool)
     if table_z_m is not None:
         free = ~((planes[:, 2] < -0.99) & (np.abs(planes[:, 3] - table_z_m) < _RIM_M))
+    depth = -(points @ planes[free, :3].T + planes[free, 3]).max(1)
+    near = depth[depth < _SKIN_M]
     moved[free, 3] += float(np.median(near)) if len(near) else 0.0
     return np.asarray(HalfspaceIntersection(moved, inside).intersections)

@@ -63,7 +63,9 @@ class FilledEngineModel:
         run = simulate(particles, self.base.material, motion, np.array([0.0, action.dt_s]), config,
                        effects=self.effects)  # fmt: skip
         own = slice(len(particles) - len(gaussians), None)
-        after, rotation = carried(gaussians, run.positions[-1][own], run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
+        # displacements, not places: a settled object stands a little deeper in the grid than it was seen
+        places = gaussians.means.detach().cpu().double().numpy() + (run.positions[-1] - run.positions[0])[own]
+        after, rotation = carried(gaussians, places, run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
         normal = same_normal(motion, action)
         side = torch.from_numpy(normal * run.sides[-1][own].astype(np.float32)).to(state.side)
         self._memory = _Memory(run.final, after.means.detach().clone(), after.ids.clone())
