@@ -111,7 +111,8 @@ def _distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def tables(fields: Sequence[ErrorField]) -> dict[str, list[dict[str, Any]]]:
     """Condense the errors by episode, phase, phase of each episode, distance to the tool, and height.
 
-    The first frame, which is given, counts nowhere, nor do points that the tool hides. Rows of distance and height without a point are left out.
+    The first frame, which is given, counts nowhere, nor do points that the tool hides. Rows without a point are
+    left out.
     """
     everywhere = [f.seen for f in fields]
     phases = [np.broadcast_to(f.tool.phase[:, None], f.error_m.shape) for f in fields]

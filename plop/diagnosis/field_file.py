@@ -56,7 +56,8 @@ def stored_field(field: ErrorField) -> StoredField:
     episode = field.episode
     vertices, faces = fine_surface(episode.vertices, episode.faces, SURFACE_EDGE_M)
     return StoredField(
-        episode.name, episode.times, episode.points, field.predicted, field.error_m, field.persistence_m, field.rigid_m, field.seen,
+        episode.name, episode.times, episode.points, field.predicted, field.error_m, field.persistence_m, field.rigid_m,
+        field.seen,
         field.tool.distance_m, field.height_m, field.tool.phase.astype(np.int8), episode.patch, episode.noise_m,
         field.floor_m, vertices, faces, episode.tool.vertices, episode.tool.faces, episode.tool.world_from_tool,
         np.nan if episode.table_z_m is None else episode.table_z_m,

@@ -19,8 +19,8 @@ def _one(label: str, found: dict[str, Any]) -> str:
     closed = found.get("closed_share")
     share = "" if closed is None else f" The best effect closes {100 * min(closed, 1):.0f} % of the explainable gap."
     floor = "" if found.get("floor") is None else f" (in the reference recordings {number(found['floor'])})"
-    says = (f"<p><b>{text(found['verdict']['kind'])}</b>. {text(found['verdict']['text'])}</p><p class='soft'>Mean squared "
-            f"residual in units of its expectation: {number(found['error'])}{floor}.{share} "
+    says = (f"<p><b>{text(found['verdict']['kind'])}</b>. {text(found['verdict']['text'])}</p><p class='soft'>Mean "
+            f"squared residual in units of its expectation: {number(found['error'])}{floor}.{share} "
             f"False alarms are judged by {found['shams']['count']} shams.</p>")  # fmt: skip
     return (f"<h2>What is missing in {text(label)}</h2>{says}{_ranking(found)}{_next(found)}{_sensors(found)}"
             f"{_limits(found)}{_dropped(found)}")  # fmt: skip
@@ -79,14 +79,16 @@ def _limits(found: dict[str, Any]) -> str:
     for effect, limit in found.get("limits", {}).items():
         least = limit.get("amplitude")
         size = limit.get("displacement_m")
-        name = limit.get("parameter", "")
-        seen = "cannot be seen in these recordings" if least is None else f"{text(name)} {short(least)} {text(limit.get('unit', ''))}"
-        rows.append((float("inf") if size is None else size, [text(effect), seen, number(None if size is None else 1000 * size, 3)]))
+        seen = f"{limit.get('parameter', '')} {short(least)} {limit.get('unit', '')}"
+        cells = [text(effect), text(seen) if least is not None else "cannot be seen in these recordings",
+                 number(None if size is None else 1000 * size, 3)]  # fmt: skip
+        rows.append((float("inf") if size is None else size, cells))
     if not rows:
         return ""
-    body = table(["effect", "smallest that would have been named", "moves [mm]"],
-                 [row for _, row in sorted(rows, key=lambda pair: pair[0])], numeric=(2,))  # fmt: skip
-    return f"<details><summary>Detection limits: what could have been seen in these recordings</summary>{body}</details>"
+    ordered = [cells for _, cells in sorted(rows, key=lambda pair: pair[0])]
+    body = table(["effect", "smallest that would have been named", "moves [mm]"], ordered, numeric=(2,))
+    title = "Detection limits: what could have been seen in these recordings"
+    return f"<details><summary>{title}</summary>{body}</details>"
 
 
 def _dropped(found: dict[str, Any]) -> str:
@@ -97,28 +99,35 @@ def _dropped(found: dict[str, Any]) -> str:
 
 
 def parameters_section(facts: ReportFacts) -> str:
-    """List the parameters of every model with units and intervals."""
-    rows = [row for compared in facts.compared for row in _model_rows(compared)]
-    if not rows:
+    """List the parameters of every model with units and intervals: what was fitted first, what was given folded."""
+    fitted = [row for compared in facts.compared for row in _fitted(compared)]
+    given = [row for compared in facts.compared for row in _given(compared)]
+    if not fitted and not given:
         return ""
     head = ["model", "part", "parameter", "value", "95 % interval", "unit"]
-    return "<h2>Parameters</h2>" + table(head, rows, numeric=(3, 4))
+    shown = table(head, fitted, numeric=(3, 4)) if fitted else "<p>Nothing was fitted.</p>"
+    if not given:
+        return f"<h2>Parameters</h2>{shown}"
+    folded = f"<details><summary>Given, not fitted</summary>{table(head, given, numeric=(3, 4))}</details>"
+    return f"<h2>Parameters</h2>{shown}{folded}"
 
 
-def _model_rows(compared: Compared) -> list[list[str]]:
-    if compared.model is None:
-        return []
-    model, rows = compared.model, []
-    material = {**model.get("engine", {}).get("material", {})}
-    for name, estimate in model.get("estimates", {}).items():
-        material.pop(name, None)
-        rows.append(_parameter(compared.label, "engine, fitted", name, estimate))
-    for name, value in material.items():
-        if isinstance(value, (int, float)):
-            rows.append(_parameter(compared.label, "engine, given", name, {"value": value, "unit": _unit(name)}))
+def _fitted(compared: Compared) -> list[list[str]]:
+    model = compared.model or {}
+    rows = [_parameter(compared.label, "engine", name, p) for name, p in model.get("estimates", {}).items()]
+    for name, parameters in model.get("changed", {}).items():
+        rows += [_parameter(compared.label, name, key, p) for key, p in parameters.items()]
     for effect in model.get("effects", []):
         rows += [_parameter(compared.label, effect["effect"], name, p) for name, p in effect["parameters"].items()]
     return rows
+
+
+def _given(compared: Compared) -> list[list[str]]:
+    model = compared.model or {}
+    fitted = model.get("estimates", {})
+    values = model.get("engine", {}).get("material", {}) if model.get("kind") == "engine" else {}
+    return [_parameter(compared.label, "engine", name, {"value": value, "unit": _unit(name)})
+            for name, value in values.items() if isinstance(value, (int, float)) and name not in fitted]  # fmt: skip
 
 
 def _parameter(label: str, part: str, name: str, p: dict[str, Any]) -> list[str]:

@@ -8,13 +8,15 @@ from plop.reporting.compared import ReportFacts
 from plop.reporting.html import bars, number, table, text
 from plop.reporting.verdict_section import closed_gap, error_over
 
-_CHARTS = (("phase", "phase", "By phase"), ("distance", "distance_to_tool_mm", "By distance to the tool, mm"),
-           ("height", "height_mm", "By height above the table, mm"))  # fmt: skip
+_CHARTS = (("phase", "phase", "By phase: error"),
+           ("distance", "distance_to_tool_mm", "By distance to the tool in mm: error"),
+           ("height", "height_mm", "By height above the table in mm: error"))  # fmt: skip
 
 
 def legend(facts: ReportFacts) -> str:
     """Name the colours of the models."""
-    keys = "".join(f'<span><i style="height:11px;background:{c.colour}"></i>{text(c.label)}</span>' for c in facts.compared)
+    keys = "".join(f'<span><i style="height:11px;background:{c.colour}"></i>{text(c.label)}</span>'
+                   for c in facts.compared)  # fmt: skip
     return f'<p class="key">{keys}<span><i style="height:0;border-top:2px dotted #000"></i>noise floor</span></p>'
 
 
@@ -22,7 +24,8 @@ def where_section(facts: ReportFacts) -> str:
     """Draw the error by phase, distance, height and camera."""
     charts = [_chart(facts, key, label, title) for key, label, title in _CHARTS]
     if facts.compared[0].facts["tables"].get("camera"):
-        charts.append(_chart(facts, "camera", "camera", "By camera: depth, mean difference", "depth_mm", "depth_mm_floor"))
+        title = "By camera: mean difference in depth"
+        charts.append(_chart(facts, "camera", "camera", title, "depth_mm", "depth_mm_floor"))
     return (f"<h2>Where and when it fails</h2>{legend(facts)}<div class='charts'>{''.join(charts)}</div>"
             "<p class='soft'>RMS distance between measured and predicted points; the first frame is given and counts "
             "nowhere. The dotted tick is the floor: what noise alone would give (for cameras: what is left when the "
@@ -68,12 +71,12 @@ def _note(facts: ReportFacts) -> str:
     if facts.held_out:
         what = "No effect was fitted to the episodes that are held out."
     elif facts.fitted:
-        what = ("All these episodes took part in the fit. The gain below the verdict is scored on held-out episodes: each "
-                "is predicted with what the others say.")  # fmt: skip
+        what = ("All these episodes took part in the fit. The gain in the ranking is scored on held-out episodes: "
+                "each is predicted with what the others say.")  # fmt: skip
     else:
         what = "Which episodes the effect was fitted to is not known here."
-    return ("<p class='soft'>RMS error in mm. Gap closed: share of the first model's error above the floor that the last "
-            f"one takes away. {what}</p>")  # fmt: skip
+    return ("<p class='soft'>RMS error in mm. Gap closed: share of the first model's error above the floor that the "
+            f"last one takes away. {what}</p>")  # fmt: skip
 
 
 def _row(facts: ReportFacts, episodes: list[str], label: str, kind: str) -> list[str]:

@@ -46,7 +46,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequen
 
     top = "".join(cell("th", k, text(title)) for k, title in enumerate(head))
     body = "".join(
-        f"<tr{' class=named' if place in marked else ''}>" + "".join(cell("td", k, c) for k, c in enumerate(row)) + "</tr>"
+        f"<tr{' class=named' if place in marked else ''}>{''.join(cell('td', k, c) for k, c in enumerate(row))}</tr>"
         for place, row in enumerate(rows)
     )
     return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
@@ -78,7 +78,8 @@ def bars(
             if value is None:
                 continue
             top, long = y + k * thick, reach * value / most
-            parts.append(f'<rect x="{left}" y="{top + 1}" width="{long:.1f}" height="{thick - 2}" fill="{colours[k]}"/>')
+            parts.append(f'<rect x="{left}" y="{top + 1}" width="{long:.1f}" height="{thick - 2}" '
+                         f'fill="{colours[k]}"/>')  # fmt: skip
             parts.append(f'<text x="{left + long + 5:.1f}" y="{top + thick / 2 + 4:.1f}">{number(value)}</text>')
         floor = floors[group]
         if floor is not None:

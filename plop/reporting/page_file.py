@@ -44,10 +44,10 @@ def report_page(facts: ReportFacts, episodes: list[dict[str, Any]], *, limit_mm:
              provenance_section(facts)]  # fmt: skip
     return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{text(facts.title)}</title>'
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{style}</style></head><body><main>'
-            f"<h1>{text(facts.title)}</h1><p class='soft'>{_subtitle(facts)}</p>{''.join(parts)}</main>"
-            f'<script type="application/json" id="data">{packed}</script><script>{solid}</script><script>{page}</script>'
-            "</body></html>\n")  # fmt: skip
+            f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{style}</style></head>'
+            f"<body><main><h1>{text(facts.title)}</h1><p class='soft'>{_subtitle(facts)}</p>{''.join(parts)}</main>"
+            f'<script type="application/json" id="data">{packed}</script><script>{solid}</script>'
+            f"<script>{page}</script></body></html>\n")  # fmt: skip
 
 
 def _subtitle(facts: ReportFacts) -> str:
@@ -62,20 +62,24 @@ def _look_section(facts: ReportFacts, episodes: list[dict[str, Any]], limit_mm: 
     held = set(facts.held_out)
     options = "".join(f'<option value="{k}">{text(e["name"])}{" (held out)" if e["name"] in held else ""}</option>'
                       for k, e in enumerate(episodes))  # fmt: skip
-    models = "".join(f'<button type="button" data-model="{k}">{text(c.label)}</button>' for k, c in enumerate(facts.compared))
+    models = "".join(f'<button type="button" data-model="{k}">{text(c.label)}</button>'
+                     for k, c in enumerate(facts.compared))  # fmt: skip
     seen = {name for e in episodes for _, _, name in e["phases"]}
-    phases = "".join(f'<span><i style="height:11px;background:{PHASE_COLOURS[name]};border:1px solid #c9cdd3"></i>{name}</span>'
+    phases = "".join(f'<span><i class="swatch" style="background:{PHASE_COLOURS[name]}"></i>{name}</span>'
                      for name in PHASES if name in seen)  # fmt: skip
-    lines = "".join(f'<span><i style="border-top:3px solid {c.colour}"></i>{text(c.label)}</span>' for c in facts.compared)
+    lines = "".join(f'<span><i style="border-top:3px solid {c.colour}"></i>{text(c.label)}</span>'
+                    for c in facts.compared)  # fmt: skip
     return f"""<h2>Measured, predicted, difference</h2>
 <div class="controls"><label for="episode">Episode</label><select id="episode">{options}</select>
 <span role="group" aria-label="model" class="controls" style="margin:0"><label>Model</label>{models}</span></div>
 <div class="scrub"><button type="button" id="play">Play</button>
 <input type="range" id="scrub" min="0" max="1" step="1" value="0" aria-label="time"><output id="now"></output></div>
 <div class="triple">
-<figure><img id="measured" alt="measured image"><figcaption>measured, camera <span id="camera"></span></figcaption></figure>
+<figure><img id="measured" alt="measured image">
+<figcaption>measured, camera <span id="camera"></span></figcaption></figure>
 <figure><img id="predicted" alt="predicted image"><figcaption id="predicted-caption">predicted</figcaption></figure>
-<figure><img id="difference" alt="difference in depth"><figcaption>difference in depth, predicted minus measured</figcaption>
+<figure><img id="difference" alt="difference in depth">
+<figcaption>difference in depth, predicted minus measured</figcaption>
 <div class="bar" style="background:{_gradient(difference_palette())}"></div>
 <div class="ticks"><span>{limit_mm:g} mm nearer</span><span>0</span><span>{limit_mm:g} mm farther</span></div>
 <p class="key"><span><i style="height:11px;background:rgb(20,20,20)"></i>only measured</span>
@@ -84,11 +88,13 @@ def _look_section(facts: ReportFacts, episodes: list[dict[str, Any]], limit_mm: 
 <div class="pair"><figure><div class="controls"><span role="group" aria-label="shape" class="controls" style="margin:0">
 <label>Error on the object, shape as</label><button type="button" data-shape="measured">measured</button>
 <button type="button" data-shape="predicted">predicted</button></span></div>
-<canvas id="solid" tabindex="0" role="img" aria-label="error on the object; arrow keys turn it, plus and minus zoom"></canvas>
-<div class="bar" style="background:linear-gradient(90deg,{','.join(colour_map(16))})"></div>
+<canvas id="solid" tabindex="0" role="img"
+aria-label="error on the object; arrow keys turn it, plus and minus zoom"></canvas>
+<div class="bar" style="background:linear-gradient(90deg,{",".join(colour_map(16))})"></div>
 <div class="ticks"><span>0 mm</span><span id="bar-middle"></span><span id="bar-top"></span></div>
 <figcaption>Drag to turn; click and scroll to zoom; or arrow keys, + and −.</figcaption></figure>
-<figure><div class="controls"><label>Error over time</label></div><canvas id="chart" role="img" aria-label="error over time"></canvas>
+<figure><div class="controls"><label>Error over time</label></div>
+<canvas id="chart" role="img" aria-label="error over time"></canvas>
 <p class="key">{lines}<span><i style="border-top:2px dashed #8a8a8a"></i>nothing moves</span>
 <span><i style="border-top:2px dashed #e69f00"></i>best rigid motion</span>
 <span><i style="border-top:2px dotted #000"></i>noise floor</span></p><p class="key">{phases}</p></figure></div>"""

@@ -19,12 +19,13 @@ def provenance_section(facts: ReportFacts) -> str:
     versions = sorted({f"{name} {v}" for made in facts.provenance for name, v in made.versions.items()})
     settings = "".join(
         f"<details><summary><code>{text(made.address)}</code>: settings</summary>"
-        f"<pre>fingerprint {text(made.fingerprint)}\n{text(json.dumps(made.config, indent=1, sort_keys=True))}</pre></details>"
+        f"<pre>fingerprint {text(made.fingerprint)}\n{text(json.dumps(made.config, indent=1, sort_keys=True))}</pre>"
+        "</details>"
         for made in facts.provenance
     )
     commands = "\n".join(_command(made) for made in facts.provenance)
-    return ("<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name contents, so the "
-            "same command gives the same result with the settings listed below under each artifact: put them into "
+    return ("<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name "
+            "contents, so the same command gives the same result with the settings listed below: put them into "
             f"<code>plop.toml</code>.</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
             + table(["artifact", "what", "made from", "seed", "made", "plop"], rows)
             + f"<p class='soft'>{text(', '.join(versions))}</p>{settings}")  # fmt: skip

@@ -15,11 +15,13 @@ def verdict_section(facts: ReportFacts) -> str:
     """Say what was found: the diagnosis of the first model, or, without one, where it fails most."""
     kind, sentence = _verdict(facts)
     quiet = " none" if kind in _QUIET or not facts.diagnoses else ""
-    more = "".join(f"<p>{text(label)}, diagnosed again: <b>{text(d['verdict']['kind'])}</b>. {text(d['verdict']['text'])}</p>"
+    more = "".join(f"<p>{text(label)}, diagnosed again: <b>{text(d['verdict']['kind'])}</b>. "
+                   f"{text(d['verdict']['text'])}</p>"
                    for label, d in facts.diagnoses[1:])  # fmt: skip
     figures = "".join(f"<div><b>{text(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
     return (f'<section class="verdict{quiet}" id="verdict"><b class="kind">{text(kind)}</b>'
-            f'<p class="says">{text(sentence)}</p>{more}<div class="facts">{figures}</div></section>')  # fmt: skip
+            f'<p class="says">{text(sentence).replace(" %", "&nbsp;%")}</p>{more}'
+            f'<div class="facts">{figures}</div></section>')  # fmt: skip
 
 
 def _verdict(facts: ReportFacts) -> tuple[str, str]:

@@ -7,16 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 
+from plop.diagnosis.error_fields import rms_seen
+from plop.diagnosis.field_file import read_field
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
 from plop.geometry.cloud_ply import read_cloud
 from plop.recordings.recording import Recording
+from plop.reporting.colours import ERROR_MAP
 
 SH_0 = 0.28209479177387814
 """The constant spherical harmonic: colour = 0.5 + SH_0 * sh[0]."""
+_POINT_M = 0.001
 
 
 def open_rerun(title: str, save: Path | None) -> Any:
@@ -68,6 +73,20 @@ def log_trajectory(rr: Any, path: Path) -> None:
             for frame in trajectory.frames(group):
                 rr.set_time("frame", sequence=int(frame))
                 _log_gaussians(rr, trajectory.read(group, frame), f"world/{group}", static=False)
+
+
+def log_field(rr: Any, path: Path) -> None:
+    """Log an error field of `plop compare`: measured and predicted points coloured by error, and arrows between."""
+    field = read_field(path)
+    top = max(float(np.quantile(field.error_m, 0.98)), 1e-6)
+    colours = (255 * np.asarray(colormaps[ERROR_MAP](np.clip(field.error_m / top, 0, 1)))).astype(np.uint8)
+    for frame, time_s in enumerate(field.times_s):
+        rr.set_time("time", duration=float(time_s))
+        measured, predicted = field.points_m[frame], field.predicted_m[frame]
+        rr.log("world/measured", rr.Points3D(measured, colors=colours[frame], radii=_POINT_M))
+        rr.log("world/predicted", rr.Points3D(predicted, colors=[200, 200, 200], radii=0.6 * _POINT_M))
+        rr.log("world/error", rr.Arrows3D(origins=measured, vectors=predicted - measured, colors=colours[frame]))
+        rr.log("error_mm", rr.Scalars(1000 * float(rms_seen(field.error_m, field.seen)[frame])))
 
 
 def log_cloud(rr: Any, path: Path) -> None:

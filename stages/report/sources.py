@@ -57,7 +57,8 @@ def labels_of(inputs: Inputs, labels: tuple[str, ...]) -> list[str]:
     found = []
     for number, item in enumerate(comparisons):
         source = item.manifest.inputs.get("model", {}) if item.manifest is not None else {}
-        found.append(f"{source['stage']}@{source['fingerprint'][:8]}" if "fingerprint" in source else f"model {number + 1}")
+        known = "fingerprint" in source
+        found.append(f"{source['stage']}@{source['fingerprint'][:8]}" if known else f"model {number + 1}")
     return found
 
 
@@ -135,8 +136,9 @@ def provenance(inputs: Inputs) -> list[Made]:
                    for name, s in manifest.inputs.items()}  # fmt: skip
         told = manifest.provenance
         found[manifest.address] = Made(
-            manifest.address, role.partition(".")[0], str(told.get("command", manifest.stage)), manifest.config, sources,
-            {k: str(v) for k, v in told.get("versions", {}).items()}, str(told.get("made", "")), told.get("seconds"),
-            manifest.fingerprint,
+            manifest.address, role.partition(".")[0], str(told.get("command", manifest.stage)), manifest.config,
+            sources,
+            {k: str(v) for k, v in told.get("versions", {}).items()}, str(told.get("made", "")),
+            told.get("seconds"), manifest.fingerprint,
         )  # fmt: skip
     return list(found.values())

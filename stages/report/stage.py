@@ -106,7 +106,8 @@ def _common_episodes(facts: ReportFacts) -> list[str]:
         PlopError: There is none.
     """
     sets = [{row["episode"] for row in c.facts["tables"]["episode"]} for c in facts.compared]
-    names = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"] if all(row["episode"] in s for s in sets)]
+    first = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
+    names = [name for name in first if all(name in known for known in sets)]
     if not names:
         raise PlopError("No episode was compared with every model.", where="report.comparisons",
                         fix="Run `plop compare` on the same episodes for every model.")  # fmt: skip
@@ -142,8 +143,9 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
         rows.append({"model": compared.label, "over": over, "rms_mm": round(error["rms"], 3) if error else None,
                      "floor_mm": round(error["floor"], 3) if error else None,
                      "gap_closed_percent": None if share is None else round(100 * share, 1)})  # fmt: skip
-    figures = {"file": "report.html", "size_mb": round(size_mb, 2), "models": len(facts.compared), "episodes": len(names),
-               "verdict": facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"}  # fmt: skip
+    verdict = facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"
+    figures = {"file": "report.html", "size_mb": round(size_mb, 2), "models": len(facts.compared),
+               "episodes": len(names), "verdict": verdict}  # fmt: skip
     warnings = []
     if len(shown) < len(names):
         warnings.append(f"{len(shown)} of {len(names)} episodes can be looked at; tables hold all of them.")
@@ -160,10 +162,11 @@ STAGE = Stage(
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
         "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "models": InputSpec(("train", "identify", "augment"), "the models, for their parameters", optional=True, many=True),
+        "models": InputSpec(("train", "identify", "augment"), "the models, for their parameters", optional=True,
+                            many=True),
         "comparisons": InputSpec(("compare",), "one for each model, the base first", many=True),
         "diagnoses": InputSpec(("diagnose",), "what was diagnosed", optional=True, many=True),
         "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
     },
     run=run,
-)
+)  # fmt: skip

@@ -31,7 +31,7 @@ function makeSolid(canvas, palette) {
     pen.fillRect(0, 0, w, h);
     const s = state.scene;
     if (!s) return;
-    const scale = state.zoom * 0.8 * Math.min(w, h) / s.reach;
+    const scale = state.zoom * 1.02 * Math.min(w, h) / s.reach;
     const place = (p, k) => { const v = turned(p, k, s.centre); return [w / 2 + scale * v[0], h / 2 - scale * v[1], v[2]]; };
     drawTable(s, place);
     const corners = [], todo = [];
@@ -44,7 +44,7 @@ function makeSolid(canvas, palette) {
       const u = [b[0] - a[0], b[1] - a[1], (b[2] - a[2]) * scale], v = [c[0] - a[0], c[1] - a[1], (c[2] - a[2]) * scale];
       const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
       const facing = Math.abs(n[2]) / (Math.hypot(...n) || 1);
-      todo.push([a[2] + b[2] + c[2], a, b, c, shade(colour(value / s.top), turn < 0 ? 0.78 + 0.22 * facing : 0.6)]);
+      todo.push([a[2] + b[2] + c[2], a, b, c, shade(colour(value / s.top), turn < 0 || Math.abs(turn) < 12 * ratio ? 0.86 + 0.14 * facing : 0.6)]);
     }
     todo.sort((p, q) => q[0] - p[0]);
     for (const [, a, b, c, fill] of todo) {
@@ -59,7 +59,7 @@ function makeSolid(canvas, palette) {
 
   function drawTable(s, place) {
     if (s.table === null) return;
-    const r = 0.62 * s.reach, [x, y] = s.centre;
+    const r = 0.55 * s.reach, [x, y] = s.centre;
     const ring = new Float32Array([x - r, y - r, s.table, x + r, y - r, s.table, x + r, y + r, s.table, x - r, y + r, s.table]);
     pen.strokeStyle = "#c9cdd3"; pen.fillStyle = "#f7f8f9"; pen.lineWidth = 1;
     pen.beginPath();

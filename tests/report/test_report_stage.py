@@ -1,0 +1,150 @@
+"""The report: what the page says, that nothing leaves it, and that it works in a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plop.artifacts.manifest import Manifest
+from plop.errors import PlopError
+from stages.compare import stage as compare_stage
+from stages.compare.stage import CompareConfig
+from stages.contract import Input, Output
+from stages.report.stage import ReportConfig, run
+from tests.compare_scene import make_inputs
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-extensions",
+         "--disable-background-networking", "--disable-component-update", "--disable-sync")  # fmt: skip
+NASTY = "<script>alert(1)</script>"
+
+
+def parameter(value: float, unit: str) -> dict:
+    return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": unit, "at_bound": False}
+
+
+def ranked(effect: str, gain: float, p: float, reasons: list[str], kind: str = "physics") -> dict:
+    return {"effect": effect, "kind": kind, "help": NASTY, "gain": gain, "gain_error": 0.05, "p": p, "size_mm": 1.5,
+            "parameters": {f"{effect}_pa_s": parameter(40.0, "Pa s")}, "reasons": reasons}  # fmt: skip
+
+
+DIAGNOSIS = {
+    "schema": 1, "error": 6.0, "floor": 1.1, "closed_share": 0.9, "shams": {"count": 199}, "episodes": ["box_000"],
+    "verdict": {"kind": "EFFECT", "named": ["viscosity"], "text": "Missing: viscosity."},
+    "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("tilt", 0.01, 0.4, ["p = 0.400 > 0.02"])],
+    "base": ranked("base parameters", 0.0, 0.9, ["p = 0.900 > 0.02"], "base"), "sensors": [], "dropped": {},
+    "limits": {"adhesion": {"parameter": "traction_pa", "amplitude": 12.0, "unit": "Pa", "displacement_m": 2e-4}},
+}  # fmt: skip
+
+
+def with_manifest(path: Path, stage: str, mark: str, **sources: str) -> Input:
+    made_from = {name: {"stage": "x", "fingerprint": source} for name, source in sources.items()}
+    told = {"command": stage, "made": "2026-01-01", "versions": {"plop": "1"}}
+    return Input(path, Manifest(stage, mark, 1, {"seed": 3}, made_from, provenance=told))
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    measured = make_inputs(folder)
+    found = {"recordings": with_manifest(measured["recordings"].path, "simulate", "rec"), "init": measured["init"]}
+    with pytest.MonkeyPatch.context() as patch:
+        for k, share in enumerate((1.0, 0.2)):
+
+            def predict(model, recording, splat, episode, share=share):
+                low = 0.004 * share * np.linspace(0, 1, len(episode.times))[:, None] * (episode.points[0, :, 0] > 0)
+                return episode.points - np.stack([0 * low, 0 * low, low], -1)
+
+            patch.setattr(compare_stage, "predict_episode", predict)
+            out = folder / f"compare_{k}"
+            out.mkdir()
+            compare_stage.run(measured, CompareConfig(frames=1, pictures=False), Output(out))
+            found[f"comparisons.{k}"] = with_manifest(out, "compare", f"cmp{k}", recordings="rec", model=f"model{k}")
+            (folder / f"model_{k}").mkdir()
+            effects = [{"effect": "viscosity", "parameters": {"viscosity_pa_s": parameter(40.0, "Pa s")}}] * k
+            (folder / f"model_{k}" / "model.json").write_text(json.dumps({"kind": "augmented", "effects": effects}))
+            found[f"models.{k}"] = with_manifest(folder / f"model_{k}", "augment", f"model{k}", diagnosis="diag")
+    (folder / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
+    found["diagnoses.0"] = with_manifest(folder, "diagnose", "diag", model="model0")
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(inputs, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    summary = run(inputs, ReportConfig(labels=("base", f"base+{NASTY}")), Output(folder))
+    assert summary.figures["verdict"] == "EFFECT" and summary.table[1]["gap_closed_percent"] > 75
+    return folder / "report.html"
+
+
+def visible(page: Path) -> str:
+    """Text of the page without scripts, styles and tags."""
+    body = re.sub(r"<(script|style).*?</\1>", " ", page.read_text(), flags=re.S)
+    return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body)))
+
+
+def test_the_page_says_what_was_found(page):
+    said = visible(page)
+    assert said.index("EFFECT") < said.index("Measured, predicted, difference") < said.index("Ranking")
+    for words in ("Missing: viscosity.", "70.0 ± 5.0 %", "p = 0.400 > 0.02", "viscosity_pa_s", "36 to 44", "Pa s",
+                  "traction_pa 12 Pa", "held out", "By phase", "By distance to the tool", "By camera", "nothing moves",
+                  "plop compare --recordings x@rec", "compare@cmp1", "seed"):  # fmt: skip
+        assert words in said, words
+
+
+def test_episodes_that_were_fitted_to_are_not_called_held_out(page):
+    rows = re.findall(r"<tr[^>]*><td>(box_00\d)</td><td>([^<]*)</td>", page.read_text())
+    assert ("box_000", "fitted to") in rows and ("box_001", "held out") in rows
+
+
+def test_nothing_can_leave_the_page(page):
+    html = page.read_text()
+    assert "Content-Security-Policy" in html and "default-src 'none'" in html
+    assert not re.search(r"""(src|href|action)\s*=\s*["']?\s*(https?:)?//""", html)
+    assert not re.search(r"\b(fetch|XMLHttpRequest|WebSocket|sendBeacon|import)\s*\(", html)
+    assert not re.search(r"url\(\s*['\"]?(?!data:)", html) and "@import" not in html
+    assert NASTY not in html.split("<script type=")[0], "names must be escaped"
+    assert page.stat().st_size < 3e6
+
+
+def test_in_a_browser_it_renders_the_scrubber_moves_and_nothing_is_requested(page, tmp_path):
+    if CHROMIUM is None:
+        pytest.skip("no Chromium here: the page was not opened in a browser (apt-get install chromium)")
+    command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,900",
+               "--virtual-time-budget=10000", "--dump-dom", f"{page.as_uri()}#selftest"]  # fmt: skip
+    dom = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False).stdout
+    found = re.search(r'<pre id="selftest">(.*?)</pre>', dom, re.S)
+    assert found, f"the page did not finish its self-test: {dom[-400:]}"
+    told = json.loads(unescape(found[1]))
+    assert told.pop("errors") == [] and told.pop("requests") == [] and told.pop("overflows") is False
+    assert told.pop("widths") == [48, 48, 48]
+    assert all(told.values()), told
+
+
+def test_results_of_other_recordings_are_refused(inputs, tmp_path):
+    other = with_manifest(inputs["comparisons.1"].path, "compare", "cmp9", recordings="other", model="model1")
+    with pytest.raises(PlopError, match="different recordings"):
+        run({**inputs, "comparisons.1": other}, ReportConfig(), Output(tmp_path))
+
+
+@pytest.mark.parametrize("config", [ReportConfig(labels=("one",)), ReportConfig(labels=("a", "a")),
+                                    ReportConfig(frames=1), ReportConfig(difference_mm=0)])  # fmt: skip
+def test_settings_without_sense_are_named(inputs, tmp_path, config):
+    with pytest.raises(PlopError) as caught:
+        run(inputs, config, Output(tmp_path))
+    assert caught.value.where.startswith("report.")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_report_without_diagnosis_says_where_it_fails(inputs, tmp_path):
+    alone = {name: inputs[name] for name in ("recordings", "init", "comparisons.0")}
+    summary = run(alone, ReportConfig(frames=2), Output(tmp_path))
+    said = visible(tmp_path / "report.html")
+    assert "NOT DIAGNOSED" in said and "most in episode box_00" in said and summary.figures["models"] == 1
