@@ -100,7 +100,7 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
         "held_out_rms_mm": before_and_after(found, measured, base, runs), "seconds": time.perf_counter() - started,
         "dropped": found.dropped,
     }  # fmt: skip
-    return json.loads(json.dumps(row, default=float).replace("Infinity", "null").replace("NaN", "null"))
+    return json.loads(json.dumps(row, default=float).replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null"))
 
 
 def main() -> None:

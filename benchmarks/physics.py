@@ -113,7 +113,7 @@ def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path,
         "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
         "baselines": baselines(found), "seconds": time.perf_counter() - started, "engine_runs": runs.done,
     }  # fmt: skip
-    return json.loads(json.dumps(row, default=float).replace("Infinity", "null").replace("NaN", "null"))
+    return json.loads(json.dumps(row, default=float).replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null"))
 
 
 if __name__ == "__main__":
