@@ -77,7 +77,7 @@ def starts_settled(episodes: list[Episode], base: EngineBase) -> bool:
     return errors[0] <= errors[1]
 
 
-OUTLIER = 2.5
+OUTLIER = 2.0
 """An episode whose error is so many times the median's is left out of the fit: something else happened in it."""
 
 
