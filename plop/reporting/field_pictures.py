@@ -86,7 +86,8 @@ def _quiet(panel: Any, places: np.ndarray, elevation: float, azimuth: float) -> 
 def draw_tables(path: Path, tables: dict[str, list[dict[str, Any]]]) -> None:
     """Draw the table of episodes and phases, and bars by distance, height and camera."""
     figure = Figure(figsize=(12, 3.4 + 0.3 * len(tables["episode"])), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=[1.1, 1])
+    halves: Any = figure.subfigures(1, 2, width_ratios=[1.1, 1])
+    left, right = halves
     _heat(left.subplots(), tables)
     distance, height, camera = right.subplots(3, 1)
     _bars(distance, tables["distance"], "distance_to_tool_mm", "distance to the tool [mm]")

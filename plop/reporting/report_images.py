@@ -25,8 +25,8 @@ _NAMED = 4
 
 def difference_palette(steps: int = 63) -> list[tuple[int, int, int]]:
     """Give the colours of a depth difference, predicted nearer first."""
-    return [tuple(int(round(255 * part)) for part in colormaps[DIFFERENCE_MAP](k / (steps - 1))[:3])
-            for k in range(steps)]  # type: ignore[misc]  # fmt: skip
+    colours = (colormaps[DIFFERENCE_MAP](k / (steps - 1)) for k in range(steps))
+    return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b, _ in colours]
 
 
 def episode_images(

@@ -119,7 +119,7 @@ def test_in_a_browser_it_renders_the_scrubber_moves_and_nothing_is_requested(pag
         pytest.skip("no Chromium here: the page was not opened in a browser (apt-get install chromium)")
     command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,900",
                "--virtual-time-budget=10000", "--dump-dom", f"{page.as_uri()}#selftest"]  # fmt: skip
-    dom = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False).stdout
+    dom = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False).stdout
     found = re.search(r'<pre id="selftest">(.*?)</pre>', dom, re.S)
     assert found, f"the page did not finish its self-test: {dom[-400:]}"
     told = json.loads(unescape(found[1]))
