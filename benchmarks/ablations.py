@@ -40,8 +40,8 @@ from stages.train.stage import STAGE as TRAIN
 from stages.train.stage import TrainConfig
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
-TRAINED = {"quadratic (27 nodes)": "quadratic", "paper (8 nodes)": "paper", "cubic (64 nodes)": "cubic"}
-NO_RESAMPLING = "quadratic, no resampling"
+KERNELS = {"quadratic (27 nodes)": "quadratic", "quadratic, no resampling": "quadratic", "paper (8 nodes)": "paper",
+           "cubic (64 nodes)": "cubic"}  # fmt: skip
 COLUMNS = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "nodes_mm": "nodes [mm]"}
 SCORED_EVERY = 4
 WARM_UP = 3
@@ -141,13 +141,13 @@ def main(workspace: Path, folder: Path, environments: list[str]) -> None:
     for environment in environments or known[:1]:
         trained = latest(store, "train", environment)
         inputs = inputs_of(store, trained)
-        for label in [*TRAINED, NO_RESAMPLING]:
+        for label, kernel in KERNELS.items():
             here = folder / environment
             kept = here / f"{label.split(' (')[0].replace(', ', '-').replace(' ', '-')}.json"
             if not kept.is_file():
-                path = train(trained, inputs, TRAINED.get(label, "quadratic"), here)
+                path = train(trained, inputs, kernel, here)
                 model = load_model(path, torch.device("cpu"))
-                if label == NO_RESAMPLING:
+                if label.endswith("no resampling"):
                     model.config = replace(model.config, resampling=replace(model.config.resampling, enabled=False))
                 here.mkdir(parents=True, exist_ok=True)
                 kept.write_text(json.dumps(score(model, inputs)))
