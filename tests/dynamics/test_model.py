@@ -116,7 +116,7 @@ def test_motion_and_side_follow_merging_and_splitting(block):
     scales = torch.full_like(long, 0.001)
     scales[5, 0] = 0.01
     state = replace(state, gaussians=block.with_(scales=scales, opacities=opacities))
-    after = resample(state, ResamplingConfig(), generator=torch.Generator().manual_seed(0))
+    after = resample(state, ResamplingConfig(split_above=4.0), generator=torch.Generator().manual_seed(0))
     assert 7 not in after.gaussians.ids
     assert (after.gaussians.ids == 5).sum() == 2
     assert_close(after.last_translation[after.gaussians.ids == 5], state.last_translation[[5, 5]])
