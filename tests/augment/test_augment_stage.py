@@ -1,0 +1,135 @@
+"""An effect is added and taken out again: the base's files come back bit for bit; bad values are refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from plop.artifacts.manifest import MANIFEST_NAME
+from plop.dynamics.model import PlopConfig, PlopModel
+from plop.dynamics.model_io import save_model
+from plop.errors import PlopError
+from plop.models import effects_of, load_model
+from plop.physics.augmented import AugmentedModel
+from plop.physics.filled_model import FilledEngineModel
+from stages.augment.stage import AugmentConfig, run
+from stages.contract import Input, Output
+from tests.tracked_set import write_engine
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Input:
+    return write_engine(tmp_path / "engine")
+
+
+@pytest.fixture
+def learned(tmp_path: Path) -> Input:
+    folder = tmp_path / "learned"
+    (folder / "logs").mkdir(parents=True)
+    save_model(folder, PlopModel(PlopConfig()))
+    (folder / "logs" / "loss.bin").write_bytes(b"\x00\x01")
+    (folder / MANIFEST_NAME).write_text('{"when": "it was trained"}')
+    return Input(folder)
+
+
+def diagnosis(folder: Path, named: tuple[str, ...] = ("viscosity",), value: float = 40.0) -> Input:
+    folder.mkdir(exist_ok=True)
+    row = {"effect": "viscosity", "parameters": {"viscosity_pa_s": {"value": value, "low": 30.0, "high": 50.0,
+           "unit": "Pa s", "at_bound": False}}}  # fmt: skip
+    base = {"effect": "stiffness", "parameters": {"d_ln_e": {"value": 0.3, "low": 0.2, "high": 0.4, "unit": "-"}}}
+    facts = {"verdict": {"kind": "EFFECT", "named": list(named)}, "ranking": [row], "base": base}
+    (folder / "diagnosis.json").write_text(json.dumps(facts))
+    return Input(folder)
+
+
+def out(folder: Path) -> Output:
+    folder.mkdir()
+    return Output(folder)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*"))
+            if p.is_file() and p.name != MANIFEST_NAME}  # fmt: skip
+
+
+def test_what_was_diagnosed_is_added_with_its_interval(engine, tmp_path):
+    summary = run({"model": engine, "diagnosis": diagnosis(tmp_path / "d")}, AugmentConfig(), out(tmp_path / "a"))
+    facts = json.loads((tmp_path / "a" / "model.json").read_text())
+    value = {"value": 40.0, "low": 30.0, "high": 50.0, "unit": "Pa s"}
+    assert facts["kind"] == "augmented"
+    assert facts["effects"] == [{"effect": "viscosity", "parameters": {"viscosity_pa_s": value}}]
+    assert summary.table == [{"effect": "viscosity", "parameter": "viscosity_pa_s", **value}]
+    assert facts["training"]["environment"] == "block"
+    model = load_model(tmp_path / "a")
+    assert isinstance(model, FilledEngineModel) and model.effects[0]["viscosity_pa_s"] == 40.0
+
+
+def test_adding_and_removing_gives_the_same_files_back(learned, engine, tmp_path):
+    inputs = {"model": learned, "engine": engine}
+    run(inputs, AugmentConfig("tilt", ("gx_m_s2=1",)), out(tmp_path / "a"))
+    assert isinstance(load_model(tmp_path / "a"), AugmentedModel)
+    assert not list((tmp_path / "a").rglob(MANIFEST_NAME))  # the same base and effect give the same artifact
+    run({"model": Input(tmp_path / "a")}, AugmentConfig("viscosity", ("viscosity_pa_s=5",)), out(tmp_path / "b"))
+    assert [e.name for e in effects_of(tmp_path / "b")] == ["tilt", "viscosity"]
+    run({"model": Input(tmp_path / "b")}, AugmentConfig(remove=True), out(tmp_path / "c"))
+    assert files(tmp_path / "c") == files(tmp_path / "a")
+    summary = run({"model": Input(tmp_path / "c")}, AugmentConfig(remove=True), out(tmp_path / "d"))
+    assert files(tmp_path / "d") == files(learned.path)
+    assert summary.figures == {"effects": "none"}
+
+
+def test_a_base_parameter_changes_the_engine_itself(engine, tmp_path):
+    before = load_model(engine.path).base.material.youngs_modulus_pa
+    run({"model": engine, "diagnosis": diagnosis(tmp_path / "d", ("stiffness",))}, AugmentConfig(), out(tmp_path / "a"))
+    model = load_model(tmp_path / "a")
+    assert model.effects == () and model.base.material.youngs_modulus_pa == pytest.approx(before * 2.718281828**0.3)
+
+
+def test_a_users_effect_travels_with_the_model(engine, tmp_path):
+    mine = tmp_path / "mine.py"
+    mine.write_text(
+        "from plop.physics.effects.effect import Effect, Parameter\n\n\nclass Mine(Effect):\n    name = 'mine'\n"
+        "    help = law = source = 'test'\n    amplitudes = (Parameter('a', '-', 0.0, 1.0, step=0.1),)\n"
+    )
+    run({"model": engine, "effect_file": Input(mine)}, AugmentConfig("mine", ("a=0.5",)), out(tmp_path / "a"))
+    mine.unlink()
+    assert load_model(tmp_path / "a").effects[0]["a"] == 0.5
+
+
+@pytest.mark.parametrize("value, where", [
+    (("viscosity_pa_s=1e9",), "viscosity.viscosity_pa_s"), (("viscosity_pa_s=-1",), "viscosity.viscosity_pa_s"),
+    (("viscosity_pa_s=nan",), "viscosity.viscosity_pa_s"), (("viscosity=3",), "viscosity"),
+    (("viscosity_pa_s=much",), "--value"), (("viscosity_pa_s",), "--value"),
+])  # fmt: skip
+def test_values_that_cannot_be_are_refused(engine, tmp_path, value, where):
+    with pytest.raises(PlopError) as caught:
+        run({"model": engine}, AugmentConfig("viscosity", value), out(tmp_path / "a"))
+    assert caught.value.where == where
+    assert not (tmp_path / "a" / "model.json").exists()
+
+
+def test_nothing_to_add_is_said(engine, tmp_path):
+    with pytest.raises(PlopError, match="no effect to add"):
+        run({"model": engine}, AugmentConfig(), out(tmp_path / "a"))
+    with pytest.raises(PlopError, match="no effect to add"):  # nothing detectable
+        run({"model": engine, "diagnosis": diagnosis(tmp_path / "d", ())}, AugmentConfig(), out(tmp_path / "b"))
+    with pytest.raises(PlopError, match="no effect to add"):  # not among what was fitted
+        run({"model": engine, "diagnosis": diagnosis(tmp_path / "d")}, AugmentConfig("tilt"), out(tmp_path / "c"))
+
+
+def test_an_unknown_effect_gets_a_suggestion(engine, tmp_path):
+    with pytest.raises(PlopError) as caught:
+        run({"model": engine}, AugmentConfig("viscosty", ("a=1",)), out(tmp_path / "a"))
+    assert caught.value.fix == "Did you mean viscosity?"
+
+
+def test_a_learned_model_needs_an_engine_beside_it(learned, tmp_path):
+    with pytest.raises(PlopError, match="needs the engine"):
+        run({"model": learned}, AugmentConfig("tilt", ("gx_m_s2=1",)), out(tmp_path / "a"))
+
+
+def test_only_what_was_added_can_be_removed(engine, tmp_path):
+    with pytest.raises(PlopError, match="no added effect"):
+        run({"model": engine}, AugmentConfig(remove=True), out(tmp_path / "a"))

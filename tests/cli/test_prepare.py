@@ -1,0 +1,87 @@
+"""What a command needs is found, or it is asked for by name; nothing is guessed between two."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from plop.artifacts.store import Artifact, Store
+from plop.errors import PlopError
+from plop_cli.console import Console
+from plop_cli.execute import execute
+from plop_cli.inputs import LEFT_OUT
+from plop_cli.prepare import Preparation, takes_model_instead, wants_preparation
+from stages import stage_ref
+from stages.contract import InputSpec, Stage
+from tests.pipeline import fake_stages as fake
+
+DIAGNOSE, COMPARE = stage_ref("diagnose").load(), stage_ref("compare").load()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path)
+
+
+def stage(name: str, **inputs: tuple[str, ...]) -> Stage:
+    """A stage that only says what it was made from."""
+    specs = {key: InputSpec(stages, "") for key, stages in inputs.items()}
+    return Stage(name, 1, "", fake.PiecesConfig, specs, fake.FIT.run)
+
+
+def made(store: Store, name: str, seed: int = 0, **inputs: Artifact) -> Artifact:
+    made_of = stage(name, **{key: (a.key[0],) for key, a in inputs.items()})
+    addresses = {key: a.address for key, a in inputs.items()}
+    return execute(made_of, store=store, config=fake.PiecesConfig(seed=seed), inputs=addresses).artifact
+
+
+def recordings(store: Store, name: str, **settings: int) -> Artifact:
+    raw = fake.raw_folder(store.workspace / name, f"{name} ")
+    return execute(fake.INGEST, store=store, config=fake.PiecesConfig(**settings), inputs={"raw": raw}).artifact
+
+
+def preparation(store: Store) -> Preparation:
+    return Preparation(store, Console(quiet=True, as_json=False))
+
+
+def test_an_empty_workspace_says_what_is_missing(store):
+    with pytest.raises(PlopError) as caught:
+        preparation(store).inputs(DIAGNOSE, {}, None)
+    assert "in this workspace" in caught.value.found and caught.value.expected.startswith("--")
+
+
+def test_several_recordings_and_none_named_is_a_question(store):
+    recordings(store, "blocks")
+    recordings(store, "blocks", pieces=5)
+    base = made(store, "identify", recordings=store.artifacts("ingest")[0])
+    with pytest.raises(PlopError, match="Which recordings") as caught:
+        preparation(store).inputs(DIAGNOSE, {"model": base.address}, None)
+    assert caught.value.expected == "--recordings NAME" and caught.value.found.count("ingest@") == 2
+
+
+def test_the_source_of_a_model_is_what_its_base_was_made_from(store):
+    plain, mystery = recordings(store, "blocks"), recordings(store, "blocks", pieces=5)
+    base = made(store, "identify", recordings=plain)
+    diagnosis = made(store, "diagnose", recordings=mystery, model=base)
+    once = made(store, "augment", model=base, diagnosis=diagnosis)
+    twice = made(store, "augment", 1, model=once, diagnosis=diagnosis)
+    for model in (base, once, twice):
+        found = preparation(store).source_of(model)
+        assert found is not None and found.key == plain.key
+
+
+def test_recordings_that_the_model_was_made_from_are_no_reference_of_themselves(store):
+    plain, mystery = recordings(store, "blocks"), recordings(store, "blocks", pieces=5)
+    base = made(store, "identify", recordings=plain)
+    for asked, expected in ((plain, LEFT_OUT), (mystery, plain.address)):
+        found: dict[str, str | Path] = {"recordings": asked.address}
+        preparation(store)._reference(found, base)
+        assert found["reference"] == expected
+
+
+def test_which_commands_prepare():
+    assert wants_preparation(DIAGNOSE, {})
+    assert takes_model_instead(COMPARE)
+    assert wants_preparation(COMPARE, {"model": "base"}) and not wants_preparation(COMPARE, {"rollouts": "x"})
+    assert not wants_preparation(stage_ref("fuse").load(), {})

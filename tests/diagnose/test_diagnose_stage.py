@@ -1,0 +1,190 @@
+"""The stage on small recordings: the verdict with all its keys, what it never reads, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.sets import check_touch, tracked_episodes
+from plop.errors import PlopError
+from plop.physics.effects.library import effect_type
+from plop.recordings.set import RecordingSet
+from plop.recordings.truth import write_without_truth
+from stages.contract import Input, Inputs, Output
+from stages.diagnose.stage import DiagnoseConfig, run
+from tests.coarse_episodes import coarse_episode
+from tests.tracked_set import write_engine, write_recordings
+
+CONFIG = DiagnoseConfig(effects=("tilt",), shams=49, sensors=False, jobs=1)
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("set")
+
+
+@pytest.fixture(scope="module")
+def inputs(folder: Path) -> Inputs:
+    tilted = write_recordings(folder, 4, (effect_type("tilt")(gx_m_s2=3.0),))
+    return {**tilted, "model": write_engine(folder / "model")}
+
+
+@pytest.fixture(scope="module")
+def out(folder: Path) -> Path:
+    (folder / "out").mkdir()
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def facts(inputs: Inputs, out: Path) -> dict:
+    run(inputs, CONFIG, Output(out))
+    return json.loads((out / "diagnosis.json").read_text())
+
+
+def verdict_of(path: Path) -> dict:
+    """Everything but how long it took."""
+    facts = json.loads((path / "diagnosis.json").read_text())
+    return {key: value for key, value in facts.items() if key not in ("seconds", "engine_runs")}
+
+
+def again(out: Path, target: Path) -> Path:
+    """A scratch folder in which all engine runs are remembered, as after a kill."""
+    target.mkdir()
+    shutil.copytree(out / ".jobs", target / ".jobs")
+    return target
+
+
+def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
+    assert facts["verdict"]["kind"] == "EFFECT" and facts["verdict"]["named"] == ["tilt"]
+    best = facts["ranking"][0]
+    assert best["effect"] == "tilt" and best["passes"] and best["reasons"] == []
+    value = best["parameters"]["gx_m_s2"]
+    assert value["unit"] == "m/s^2" and value["value"] == pytest.approx(3.0, rel=0.4)
+    assert set(facts) == {"schema", "verdict", "ranking", "base", "confounded", "limits", "sensors", "shams", "error",
+                          "floor", "excess", "closed_share", "next_motion", "episodes", "reference_episodes", "dropped",
+                          "environment", "seconds", "engine_runs"}  # fmt: skip
+    assert len(facts["episodes"]) == 4 and facts["floor"] is None and facts["environment"] == "block"
+    assert facts["limits"]["tilt"]["displacement_m"] < best["size_mm"] / 1000
+    assert facts["engine_runs"] > 20
+
+
+def test_after_a_kill_nothing_is_run_twice(inputs, facts, out, tmp_path):
+    scratch = again(out, tmp_path / "again")
+    run(inputs, CONFIG, Output(scratch))
+    assert verdict_of(scratch) == verdict_of(out)
+    assert json.loads((scratch / "diagnosis.json").read_text())["engine_runs"] == 0
+
+
+def test_the_truth_in_the_recordings_is_not_read(inputs, facts, out, tmp_path):
+    bare = tmp_path / "bare"
+    shutil.copytree(inputs["recordings"].path, bare)
+    for path in (bare / "episodes").glob("*.h5"):
+        path.unlink()
+        write_without_truth(inputs["recordings"].path / "episodes" / path.name, path)
+    scratch = again(out, tmp_path / "out")
+    run({**inputs, "recordings": Input(bare)}, CONFIG, Output(scratch))
+    assert verdict_of(scratch) == verdict_of(out)
+
+
+_WATCHED = """
+import sys
+opened = []
+sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
+import json
+from pathlib import Path
+from stages.contract import Input, Output
+from stages.diagnose.stage import DiagnoseConfig, run
+folder, out = Path(sys.argv[1]), Path(sys.argv[2])
+inputs = {name: Input(folder / name) for name in ("recordings", "init", "tracks", "model")}
+run(inputs, DiagnoseConfig(effects=("tilt",), shams=49, sensors=False, jobs=1), Output(out))
+print(json.dumps([opened, sorted(m for m in sys.modules if m in ("plop.physics.sealed", "plop.recordings.truth"))]))
+"""
+
+
+def test_the_sealed_answer_is_never_opened(inputs, facts, folder, out, tmp_path):
+    assert (inputs["recordings"].path / "answer" / "sealed.json").is_file()
+    scratch = again(out, tmp_path / "out")
+    done = subprocess.run([sys.executable, "-c", _WATCHED, str(folder), str(scratch)], cwd=REPOSITORY, timeout=300,
+                          capture_output=True, text=True, check=True)  # fmt: skip
+    opened, imported = json.loads(done.stdout.splitlines()[-1])
+    assert any(path.endswith("model.json") for path in opened)  # the watch works
+    assert not [path for path in opened if "sealed.json" in path or "answer" in Path(path).parts]
+    assert imported == []
+    assert verdict_of(scratch) == verdict_of(out)
+
+
+def refused(inputs: Inputs, path: Path, config: DiagnoseConfig = CONFIG) -> PlopError:
+    with pytest.raises(PlopError) as caught:
+        run(inputs, config, Output(path))
+    return caught.value
+
+
+def test_fewer_than_four_episodes_are_too_few(inputs, tmp_path):
+    error = refused(inputs, tmp_path, replace(CONFIG, split="train"))
+    assert error.expected == "at least 4" and "3" in error.found
+
+
+def test_model_and_recordings_of_different_objects(inputs, tmp_path):
+    error = refused({**inputs, "model": write_engine(tmp_path / "model", "ball")}, tmp_path)
+    assert (error.expected, error.found) == ("ball", "block")
+
+
+def test_an_unknown_effect_gets_a_suggestion(inputs, tmp_path):
+    assert refused(inputs, tmp_path, replace(CONFIG, effects=("tillt",))).fix == "Did you mean tilt?"
+
+
+def test_an_error_in_an_effect_file_is_named_with_its_line(inputs, tmp_path):
+    mine = tmp_path / "mine.py"
+    mine.write_text("from plop.physics.effects.effect import Effect\n\nprint(wnid)\n")
+    error = refused({**inputs, "effect_file": Input(mine)}, tmp_path)
+    assert error.where == f"{mine}, line 3" and "wnid" in error.found
+
+
+@pytest.mark.parametrize("change", [{"shams": 10}, {"split": "tset"}])
+def test_settings_that_make_no_sense(inputs, tmp_path, change):
+    error = refused(inputs, tmp_path, replace(CONFIG, **change))
+    assert error.where == f"diagnose.{next(iter(change))}"
+
+
+def test_a_learned_model_needs_an_engine(inputs, tmp_path):
+    (tmp_path / "model").mkdir()
+    (tmp_path / "model" / "model.json").write_text(json.dumps({"schema": 1, "kind": "plop", "config": {}}))
+    assert "needs the engine" in refused({**inputs, "model": Input(tmp_path / "model")}, tmp_path).problem
+
+
+def test_episodes_without_a_track_are_left_out_with_the_reason(inputs, tmp_path):
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    tracks = tmp_path / "tracks"
+    shutil.copytree(inputs["tracks"].path, tracks)
+    (tracks / f"{recordings.names[0]}.h5").unlink()
+    found, left_out = tracked_episodes(recordings, inputs["init"].path, tracks, recordings.names)
+    assert [e.name for e in found] == recordings.names[1:]
+    assert list(left_out) == recordings.names[:1]
+    with pytest.raises(PlopError, match="No episode can be compared"):
+        tracked_episodes(recordings, inputs["init"].path, tmp_path / "nothing", recordings.names)
+
+
+def test_a_motion_that_never_touches_is_refused():
+    episode = coarse_episode(0)
+    check_touch(episode)
+    poses = episode.tool.world_from_tool.copy()
+    poses[:, 2, 3] += 0.2
+    away = replace(episode, tool=replace(episode.tool, world_from_tool=poses))
+    with pytest.raises(PlopError, match="never touches") as caught:
+        check_touch(away)
+    assert "mm at the nearest" in caught.value.found
+
+
+def test_points_follow_their_gaussians(inputs):
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    (episode,), _ = tracked_episodes(recordings, inputs["init"].path, inputs["tracks"].path, recordings.names[:1])
+    assert np.abs(episode.motion).max() > 2e-3
+    assert episode.noise_m < 5e-4 and episode.patches >= 8

@@ -1,0 +1,74 @@
+"""identify: the engine follows what it was fitted to; what it found, left out and cannot do is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.identify import TrackedCase, identify, spacing_for, starts_settled
+from plop.errors import PlopError
+from plop.models import load_model
+from plop.physics.filled import EngineBase
+from plop.physics.filled_model import FilledEngineModel
+from stages.contract import Output
+from stages.identify.stage import IdentifyConfig, run
+from tests.coarse_episodes import BASE, MATERIAL, coarse_episode
+from tests.tracked_set import write_recordings
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    return write_recordings(tmp_path_factory.mktemp("set"), 2)
+
+
+def test_stiffness_is_found_and_the_model_can_be_loaded(inputs, tmp_path):
+    config = IdentifyConfig(fit=("youngs_modulus_pa",), youngs_modulus_pa=2.4e4, spacing_m=0.010, start="settled",
+                            damping_per_s=5, iterations=3, jobs=1)  # fmt: skip
+    summary = run(inputs, config, Output(tmp_path))
+    facts = json.loads((tmp_path / "model.json").read_text())
+    assert facts["kind"] == "engine" and facts["training"]["environment"] == "block"
+    found = facts["estimates"]["youngs_modulus_pa"]["value"]
+    assert abs(np.log(found / 1.5e4)) < abs(np.log(2.4e4 / 1.5e4))  # nearer to the truth than the guess was
+    assert summary.figures["rms_after_mm"] < summary.figures["rms_before_mm"]
+    assert summary.table[0]["parameter"] == "youngs_modulus_pa" and summary.figures["episodes"] == 2
+    model = load_model(tmp_path)
+    assert isinstance(model, FilledEngineModel) and model.base.material.youngs_modulus_pa == pytest.approx(found)
+
+
+@pytest.mark.parametrize("change", [{"fit": ("hardness",)}, {"fit": ()}, {"start": "warm"}, {"split": "tset"}])
+def test_settings_that_make_no_sense(inputs, tmp_path, change):
+    with pytest.raises(PlopError, match="makes no sense") as caught:
+        run(inputs, replace(IdentifyConfig(), **change), Output(Path(tmp_path)))
+    assert "youngs_modulus_pa" in caught.value.expected
+
+
+def test_no_episode_is_said():
+    with pytest.raises(PlopError, match="no episode"):
+        identify([], BASE, ("youngs_modulus_pa",), iterations=1, jobs=1)
+
+
+def test_hidden_patches_are_not_fitted():
+    episode = coarse_episode(0)
+    seen = np.ones(episode.points.shape[:2], bool)
+    seen[2:, episode.patch == 0] = False
+    observed = TrackedCase(replace(episode, seen=seen), BASE).observed
+    assert np.isnan(observed[-1, 0]).all() and np.isfinite(observed[:, 1:]).all()
+
+
+def test_particles_fill_the_object_in_about_the_number_asked_for():
+    episode = coarse_episode(0)
+    assert 0.06 * 0.05 * 0.04 / spacing_for([episode], 500) ** 3 == pytest.approx(500, rel=0.1)
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_the_state_at_the_start_is_seen_in_the_motion(settled):
+    from plop.diagnosis.engine_run import predict_points, start_particles
+
+    soft = EngineBase(replace(MATERIAL, youngs_modulus_pa=8e3), spacing_m=0.010, settled=settled)
+    episode = coarse_episode(0)
+    own = replace(episode, points=predict_points(soft, episode, start_particles(soft, episode)))
+    assert starts_settled([own], soft) == settled
