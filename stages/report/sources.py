@@ -125,6 +125,16 @@ def fitted_episodes(inputs: Inputs) -> list[str]:
     return sorted(set(names))
 
 
+def fit_is_known(inputs: Inputs) -> bool:
+    """Tell whether every diagnosis that a model was made from is given: else nobody knows what is held out."""
+    models, given = several(inputs, "models"), several(inputs, "diagnoses")
+    if len(models) < len(several(inputs, "comparisons")) > 1:
+        return False
+    marks = {item.manifest.fingerprint for item in given if item.manifest is not None}
+    made_from = [item.manifest.inputs.get("diagnosis") for item in models if item.manifest is not None]
+    return all(source is None or source.get("fingerprint") in marks for source in made_from)
+
+
 def provenance(inputs: Inputs) -> list[Made]:
     """Say of every input where it came from, recordings first."""
     found: dict[str, Made] = {}

@@ -17,6 +17,7 @@ from plop.reporting.report_images import episode_images
 from plop.reporting.verdict_section import closed_gap, error_over, judged_on
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.report.sources import (
+    fit_is_known,
     fitted_episodes,
     labels_of,
     model_key,
@@ -91,7 +92,7 @@ def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, label
     named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
     scores = [(name, read_json(item.path, "scores.json")) for name, item in zip(named, evals, strict=True)]
     fitted = fitted_episodes(inputs)
-    held = [name for name in recordings.test if name not in fitted]
+    held = [name for name in recordings.test if name not in fitted] if fit_is_known(inputs) else []
     manifest = inputs["recordings"].manifest
     return ReportFacts(
         config.title or f"{recordings.environment}: model and measurement", read_compared(inputs, labels, recordings),
@@ -156,7 +157,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
 
 STAGE = Stage(
     name="report",
-    version=1,
+    version=2,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

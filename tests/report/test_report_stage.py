@@ -104,6 +104,13 @@ def test_episodes_that_were_fitted_to_are_not_called_held_out(page):
     assert ("box_000", "fitted to") in rows and ("box_001", "held out") in rows
 
 
+def test_nothing_is_called_held_out_when_the_fit_is_not_known(inputs, tmp_path):
+    unknown = {name: value for name, value in inputs.items() if not name.startswith("diagnoses")}
+    summary = run(unknown, ReportConfig(frames=2), Output(tmp_path))
+    assert {row["over"] for row in summary.table} == {"all episodes"}
+    assert "held out" not in visible(tmp_path / "report.html").split("Before and after")[1].split("Parameters")[0]
+
+
 def test_nothing_can_leave_the_page(page):
     html = page.read_text()
     assert "Content-Security-Policy" in html and "default-src 'none'" in html
