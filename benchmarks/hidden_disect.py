@@ -93,7 +93,7 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
     found = diagnose(Measured(measured), base, library(), runs, reference=Measured(reference))
     row = {
         "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
-        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast,
+        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast, "alone": f.alone,
                      "parameters": f.parameters, "reasons": f.reasons()}
                     for f in [*found.findings[:6], found.findings[-1]]],
         "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"), "excess": found.excess,
@@ -113,9 +113,9 @@ def main() -> None:
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     reference = episodes_of(options.data / "disect", "prism_jelly_part_*")
-    odd = outliers(reference, first_guess(reference), options.jobs)
-    reference = [episode for episode in reference if episode.name not in odd]
     base = fitted_base(reference, options.work, options.jobs)
+    odd = outliers(reference, base, options.jobs)
+    reference = [episode for episode in reference if episode.name not in odd]
     for name in SETS:
         path = options.work / f"{name}.json"
         if not path.is_file():

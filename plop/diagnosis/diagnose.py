@@ -83,8 +83,8 @@ def diagnose(
     state = State(tables, candidates)
     for _ in range(ROUNDS):
         scores = one_per_effect(state.scores())[:REFITTED]
-        candidates = _moved(candidates, scores)
-        chosen = {s.candidate.key for s in scores}
+        candidates = _moved(candidates, {s.candidate.key: s.values for s in scores} | state.base_values())
+        chosen = {s.candidate.key for s in scores} | set(state.base_values())
         for table in tables:
             table.respond([column for c in candidates if c.key in chosen for column in c.columns])
         state = State(tables, candidates)
@@ -99,9 +99,8 @@ def _check(count: int, dropped: Mapping[str, str]) -> None:
                         fix="Record more motions; a verdict from fewer would be a guess.")  # fmt: skip
 
 
-def _moved(candidates: list[Candidate], scores: list[Score]) -> list[Candidate]:
+def _moved(candidates: list[Candidate], fitted: Mapping[str, np.ndarray]) -> list[Candidate]:
     """Set the amplitudes of the best candidates to what was fitted, as far as a response can be seen there."""
-    fitted = {score.candidate.key: score.values for score in scores}
 
     def one(candidate: Candidate) -> Candidate:
         if candidate.key not in fitted:

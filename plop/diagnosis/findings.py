@@ -89,8 +89,9 @@ class State:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
                                 "at_bound": False, "chosen": True}  # fmt: skip
         rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
+        contrast = self._contrast(rows, len(columns), score.fit)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
-                       p_value(score.gain, shams), self._contrast(rows, len(columns), score.fit))  # fmt: skip
+                       p_value(score.gain, shams), contrast, score.alone, self._apart(score))  # fmt: skip
 
     def base_finding(self, shams: np.ndarray) -> Finding:
         """Judge a change of the base's own parameters, against leaving them as they are."""
@@ -102,7 +103,19 @@ class State:
         contrast = self._contrast(rows, len(rows), fitted)
         # The same kind of p as for effects: sham gains are shares of the error, too.
         return Finding("stiffness", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
-                       p_value(improvement, shams), contrast)  # fmt: skip
+                       p_value(improvement, shams), contrast, improvement)  # fmt: skip
+
+    def _apart(self, score: Score) -> float:
+        """Standard error of the difference in held-out error, an effect alone against the base's parameters alone."""
+        error = self.screen.gain_error(self.screen.base, self.screen.columns(score.candidate))
+        return error * float(self.screen.before().sum() / max(self.screen.grams.energy.sum(), 1e-30))
+
+    def base_values(self) -> dict[str, np.ndarray]:
+        """Fitted changes of the base's own parameters, by candidate; none without such parameters."""
+        if not len(self.screen.base):
+            return {}
+        values = iter(fit(self.screen.grams, self.screen.base).values)
+        return {c.key: np.array([next(values) for _ in c.columns]) for c in self.base_candidates}
 
     def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> float | None:
         """Distance of the last `own` amplitudes from those in the reference, in standard errors (Welch)."""

@@ -30,6 +30,8 @@ class Score:
     """Its amplitudes, fitted to all episodes together with the base's parameters (those come first)."""
     size_m: float
     """RMS displacement that it makes at the fitted amplitude [m]."""
+    alone: float
+    """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
 
     @property
     def values(self) -> np.ndarray:
@@ -82,10 +84,11 @@ class Screen:
             rows = np.concatenate([self.base, self.columns(candidate)])
             after = held_out_energy(self.grams, rows)
             fitted = fit(self.grams, rows)
+            alone = gain(self.grams.energy, held_out_energy(self.grams, self.columns(candidate)))
             sizes = [abs(v) * response_rms_m(c.key)
                      for v, c in zip(fitted.values[len(self.base) :], candidate.columns, strict=True)]  # fmt: skip
             found.append(Score(candidate, gain(before, after), self.gain_error(self.base, rows), after, fitted,
-                               float(np.hypot.reduce(sizes))))  # fmt: skip
+                               float(np.hypot.reduce(sizes)), alone))  # fmt: skip
         return sorted(found, key=lambda s: -s.gain)
 
     def gain_error(self, less: np.ndarray, more: np.ndarray) -> float:

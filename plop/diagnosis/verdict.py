@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,10 @@ class Finding:
     p: float | None
     contrast: float | None
     """How far its amplitude is from that in the reference recordings, in standard errors; None without reference."""
+    alone: float = 0.0
+    """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
+    alone_error: float = 0.0
+    """Standard error of the difference between `alone` and what the base's own parameters take away [-]."""
 
     @property
     def at_bound(self) -> bool:
@@ -100,6 +104,12 @@ def judge(
         text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
         return Verdict("SENSOR", sensors, text, facts)
+    if base is not None and base.passes():
+        laws = [f for f in findings if f.kind == "physics" and not f.at_bound]
+        rival = max(laws, key=lambda f: f.alone, default=None)
+        found = _base_or(base, rival, named[0] if named else None, facts)
+        if found is not None:
+            return found
     if named and findings[0].name == named[0].name:
         best = named[0]
         share = _closed(error, floor, left)
@@ -110,11 +120,35 @@ def judge(
         if best.kind == "base" and kind != "CONFOUNDED":
             return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
         return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
-    if base is not None and base.passes():
-        return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
     if decoys or wrong:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
+
+
+def _base_or(
+    base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]
+) -> Verdict | None:
+    """Decide between a changed base parameter and a law; None where a law explains much beyond the parameter.
+
+    A law that explains as much by itself as the parameter does, within two standard errors, cannot be told from it.
+
+    Args:
+        base: Change of the base's own parameters, which is significant.
+        rival: The law that explains most when the base's parameters are left as they are.
+        beyond: The best law that passes beyond the parameters, if any.
+        facts: Evidence.
+    """
+    margin = 0.0 if rival is None else ERRORS_LEAST * rival.alone_error
+    if rival is not None and rival.alone > base.gain + margin:
+        text = _effect_text("EFFECT", replace(rival, gain=rival.alone), [], None)
+        return None if beyond is not None else Verdict("EFFECT", [rival.name], text, facts)
+    if beyond is not None and beyond.gain * (1 - base.gain) > base.gain / 2:
+        return None
+    if rival is not None and rival.alone > base.gain - margin:
+        text = (f"{base.name} of the base, or {rival.name}, which these motions cannot tell apart; "
+                f"{parameters_text(base)}; or {parameters_text(rival)}.")  # fmt: skip
+        return Verdict("CONFOUNDED", [base.name, rival.name], text, facts)
+    return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
 
 
 def _closed(error: float, floor: float | None, left: float | None) -> float | None:
