@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from stages import stage_ref
 from stages.contract import InputSpec, Stage
 from tests.pipeline import fake_stages as fake
 
-DIAGNOSE, COMPARE = stage_ref("diagnose").load(), stage_ref("compare").load()
+DIAGNOSE = stage_ref("diagnose").load()
 
 
 @pytest.fixture
@@ -82,6 +83,9 @@ def test_recordings_that_the_model_was_made_from_are_no_reference_of_themselves(
 
 def test_which_commands_prepare():
     assert wants_preparation(DIAGNOSE, {})
-    assert takes_model_instead(COMPARE)
-    assert wants_preparation(COMPARE, {"model": "base"}) and not wants_preparation(COMPARE, {"rollouts": "x"})
+    scores = replace(DIAGNOSE, inputs={
+        "recordings": InputSpec(("ingest",), ""), "rollouts": InputSpec(("rollout",), "", along="recordings"),
+    })  # fmt: skip
+    assert takes_model_instead(scores) and not takes_model_instead(DIAGNOSE)
+    assert wants_preparation(scores, {"model": "base"}) and not wants_preparation(scores, {"rollouts": "x"})
     assert not wants_preparation(stage_ref("fuse").load(), {})

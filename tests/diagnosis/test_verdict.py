@@ -113,3 +113,24 @@ def test_what_passes_has_no_reason_against_it():
 def test_an_infinite_interval_is_left_out_of_the_sentence():
     value = {"value": 2.0, "low": float("-inf"), "high": float("inf"), "unit": "Pa", "at_bound": False}
     assert parameters_text(finding(parameters={"e": value})) == "e = 2 Pa"
+
+
+def test_a_law_that_does_more_than_the_base_parameter_by_itself_is_named():
+    """Stiffness mimics the law so well that beside it the law has nothing left to explain."""
+    verdict = judge([finding(alone=0.8, alone_error=0.05, **WEAK)], [], finding("stiffness", gain=0.5), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
+    assert "80 % of the held-out error" in verdict.text
+
+
+def test_a_law_that_does_as_much_as_the_base_parameter_cannot_be_told_from_it():
+    verdict = judge([finding(alone=0.55, alone_error=0.05, **WEAK)], [], finding("stiffness"), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("CONFOUNDED", ["stiffness", "tilt"])
+    for rival in (replace(at_bound(), alone=0.55, alone_error=0.05, **WEAK), finding("drag", alone=0.55, alone_error=0.05, **WEAK)):
+        assert judge([rival], [], finding("stiffness"), [], **FACTS).named == ["stiffness"]
+
+
+def test_a_law_that_explains_much_beyond_the_base_parameter_is_named():
+    verdict = judge([finding(gain=0.7, alone=0.3)], [], finding("stiffness", gain=0.4), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
+    verdict = judge([finding(gain=0.2, alone=0.3)], [], finding("stiffness", gain=0.6), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
