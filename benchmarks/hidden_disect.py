@@ -12,11 +12,14 @@ import json
 import sys
 import time
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.measure import plain_json
+from plop.diagnosis.candidates import Candidate, candidates_of
 from plop.diagnosis.diagnose import Diagnosis, diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
@@ -62,13 +65,24 @@ def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:
     return base_from_dict(json.loads(path.read_text())["engine"])
 
 
+def named_candidate(found: Diagnosis) -> Candidate:
+    """Give what was named, or else the best effect, with its response at the fitted amplitude."""
+    name = found.verdict.named[0] if found.verdict.named else found.scores[0].candidate.effect
+    if name == found.scores[0].candidate.effect:
+        return found.scores[0].candidate
+    parameters = next(f for f in found.findings if f.name == name).parameters
+    candidate = next(c for c in candidates_of(library()) if c.effect == name)
+    columns = tuple(replace(c, value=parameters[c.amplitude]["value"]) for c in candidate.columns)
+    return replace(candidate, columns=columns)
+
+
 def before_and_after(found: Diagnosis, measured: list[Episode], base: EngineBase, runs: Runs) -> dict[str, float]:
     """Simulate each episode with the best effect as fitted to the other episodes.
 
     Returns:
         RMS error of the patches in mm, without and with it.
     """
-    best = found.scores[0].candidate
+    best = named_candidate(found)
     table = Table(Measured(measured), base, runs)
     table.respond(best.columns)
     state = State([table], [best])
@@ -93,14 +107,14 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
     found = diagnose(Measured(measured), base, library(), runs, reference=Measured(reference))
     row = {
         "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
-        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast, "alone": f.alone,
-                     "parameters": f.parameters, "reasons": f.reasons()}
+        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast,
+                     "alone": f.alone,                     "parameters": f.parameters, "reasons": f.reasons()}
                     for f in [*found.findings[:6], found.findings[-1]]],
         "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"), "excess": found.excess,
         "held_out_rms_mm": before_and_after(found, measured, base, runs), "seconds": time.perf_counter() - started,
         "dropped": found.dropped,
     }  # fmt: skip
-    return json.loads(json.dumps(row, default=float).replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null"))
+    return dict(plain_json(row))
 
 
 def main() -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import statistics
 import time
 from collections.abc import Callable
+from typing import Any
 
 
 def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2) -> float:
@@ -26,3 +28,11 @@ def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2)
         work()
         times.append(time.perf_counter() - started)
     return 1000 * statistics.median(times)
+
+
+def plain_json(value: Any) -> Any:
+    """Turn numpy numbers into Python's, and what is not finite into null."""
+    text = json.dumps(value, default=float)
+    for word in ("-Infinity", "Infinity", "NaN"):
+        text = text.replace(word, "null")
+    return json.loads(text)

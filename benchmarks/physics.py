@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
+from benchmarks.measure import plain_json
 from benchmarks.physics_baselines import baselines
 from benchmarks.physics_plan import PLAN, Plan
 from benchmarks.physics_tables import write_results
@@ -113,7 +114,7 @@ def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path,
         "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
         "baselines": baselines(found), "seconds": time.perf_counter() - started, "engine_runs": runs.done,
     }  # fmt: skip
-    return json.loads(json.dumps(row, default=float).replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null"))
+    return dict(plain_json(row))
 
 
 if __name__ == "__main__":
