@@ -108,7 +108,7 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
     row = {
         "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
         "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast,
-                     "alone": f.alone,                     "parameters": f.parameters, "reasons": f.reasons()}
+                     "alone": f.alone, "parameters": f.parameters, "reasons": f.reasons()}
                     for f in [*found.findings[:6], found.findings[-1]]],
         "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"), "excess": found.excess,
         "held_out_rms_mm": before_and_after(found, measured, base, runs), "seconds": time.perf_counter() - started,

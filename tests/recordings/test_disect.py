@@ -163,3 +163,11 @@ def test_real_recordings_hold_what_their_json_claims(shared_data: Path, name: st
     assert sequence.truth["node_is_real"].sum() == sequence.facts["counts"]["nodes_uncut"]
     assert nodes[:, sequence.truth["node_is_real"], 2].min() * 1000 == pytest.approx(checks["min_y_mm"], abs=0.5)
     assert -0.010 < (sequence.tool_vertices[:, 2].min() + sequence.world_from_tool[:, 2, 3]).min() < -0.006
+
+
+def test_a_recording_that_hides_its_settings_is_named_by_shape_and_material(tmp_path: Path) -> None:
+    path = sample.write_sample(tmp_path)
+    side = json.loads(path.with_suffix(".json").read_text())
+    del side["environment"]
+    path.with_suffix(".json").write_text(json.dumps({**side, "shape": "prism", "material": "jelly"}))
+    assert read_disect(path).environment == "prism-jelly"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.mesh_sequence import list_mesh_sequences, read_mesh_sequence, write_mesh_sequence
+from plop.recordings.mesh_sequence import begun_at_rest, list_mesh_sequences, read_mesh_sequence, write_mesh_sequence
 from tests.render.box_sequence import box_sequence
 
 
@@ -80,3 +80,16 @@ def test_missing_damaged_and_newer_files_are_named(tmp_path: Path) -> None:
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PlopError, match="no mesh sequences"):
         list_mesh_sequences(tmp_path)
+
+
+def test_an_episode_is_led_back_to_rest() -> None:
+    first = box_sequence()
+    rate = first.times[1] - first.times[0]
+    late = dataclasses.replace(first, times=first.times - first.times[0] + rate, rest_vertices=first.vertices[0] + 0.01)
+    begun = begun_at_rest(late)
+    assert begun.times[0] == 0 and len(begun.times) == len(late.times) + 1
+    np.testing.assert_allclose(begun.vertices[0], late.rest_vertices)
+    path = begun.world_from_tool[:3, :3, 3]
+    np.testing.assert_allclose(path[1] - path[0], path[2] - path[1], atol=1e-9)
+    early = dataclasses.replace(late, times=late.times - late.times[0])
+    assert begun_at_rest(early) is early
