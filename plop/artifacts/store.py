@@ -212,7 +212,7 @@ def check_name(name: str) -> None:
     """
     if not NAME_PATTERN.fullmatch(name) or name == "latest":
         raise PlopError("This cannot be the name of an artifact.", where=name,
-                        expected="letters, digits, '.', '_', '+' and '-', beginning with a letter or digit")  # fmt: skip
+                        expected="letters, digits, '.', '_', '+', '-'; first a letter or digit")  # fmt: skip
 
 
 def _visible_folder(path: Path) -> bool:

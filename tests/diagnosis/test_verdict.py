@@ -125,7 +125,8 @@ def test_a_law_that_does_more_than_the_base_parameter_by_itself_is_named():
 def test_a_law_that_does_as_much_as_the_base_parameter_cannot_be_told_from_it():
     verdict = judge([finding(alone=0.55, alone_error=0.05, **WEAK)], [], finding("stiffness"), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("CONFOUNDED", ["stiffness", "tilt"])
-    for rival in (replace(at_bound(), alone=0.55, alone_error=0.05, **WEAK), finding("drag", alone=0.55, alone_error=0.05, **WEAK)):
+    same = {"alone": 0.55, "alone_error": 0.05, **WEAK}
+    for rival in (replace(at_bound(), **same), finding("drag", **same)):
         assert judge([rival], [], finding("stiffness"), [], **FACTS).named == ["stiffness"]
 
 
