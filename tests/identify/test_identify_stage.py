@@ -25,18 +25,27 @@ def inputs(tmp_path_factory):
     return write_recordings(tmp_path_factory.mktemp("set"), 2)
 
 
-def test_stiffness_is_found_and_the_model_can_be_loaded(inputs, tmp_path):
-    config = IdentifyConfig(fit=("youngs_modulus_pa",), youngs_modulus_pa=2.4e4, spacing_m=0.010, start="settled",
-                            damping_per_s=5, iterations=3, jobs=1)  # fmt: skip
+def test_the_fit_is_no_worse_and_the_model_can_be_loaded(inputs, tmp_path):
+    config = IdentifyConfig(fit=("youngs_modulus_pa",), youngs_modulus_pa=2.0e4, spacing_m=0.010, start="settled",
+                            damping_per_s=5, iterations=1, jobs=1)  # fmt: skip
     summary = run(inputs, config, Output(tmp_path))
     facts = json.loads((tmp_path / "model.json").read_text())
     assert facts["kind"] == "engine" and facts["training"]["environment"] == "block"
     found = facts["estimates"]["youngs_modulus_pa"]["value"]
-    assert abs(np.log(found / 1.5e4)) < abs(np.log(2.4e4 / 1.5e4))  # nearer to the truth than the guess was
-    assert summary.figures["rms_after_mm"] < summary.figures["rms_before_mm"]
+    assert summary.figures["rms_after_mm"] <= summary.figures["rms_before_mm"]
     assert summary.table[0]["parameter"] == "youngs_modulus_pa" and summary.figures["episodes"] == 2
     model = load_model(tmp_path)
     assert isinstance(model, FilledEngineModel) and model.base.material.youngs_modulus_pa == pytest.approx(found)
+
+
+def test_stiffness_is_recovered_from_the_engines_own_motion():
+    from plop.diagnosis.engine_run import predict_points, start_particles
+
+    episode = coarse_episode(0)
+    own = replace(episode, points=predict_points(BASE, episode, start_particles(BASE, episode)))
+    guess = replace(BASE, material=replace(MATERIAL, youngs_modulus_pa=2.0e4))
+    fitted, _ = identify([own], guess, ("youngs_modulus_pa",), iterations=4, jobs=1)
+    assert fitted.material.youngs_modulus_pa == pytest.approx(1.5e4, rel=0.1)
 
 
 @pytest.mark.parametrize("change", [{"fit": ("hardness",)}, {"fit": ()}, {"start": "warm"}, {"split": "tset"}])
