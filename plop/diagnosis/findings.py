@@ -91,7 +91,8 @@ class State:
         rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
         contrast = self._contrast(rows, len(columns), score.fit)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
-                       p_value(score.gain, shams), contrast, score.alone, self._apart(score))  # fmt: skip
+                       p_value(score.gain, shams), contrast, self._steady(score.after), score.alone,
+                       self._apart(score))  # fmt: skip
 
     def base_finding(self, shams: np.ndarray) -> Finding:
         """Judge a change of the base's own parameters, against leaving them as they are."""
@@ -103,7 +104,13 @@ class State:
         contrast = self._contrast(rows, len(rows), fitted)
         # The same kind of p as for effects: sham gains are shares of the error, too.
         return Finding("stiffness", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
-                       p_value(improvement, shams), contrast, improvement)  # fmt: skip
+                       p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
+
+    def _steady(self, after: np.ndarray) -> float:
+        """Gain over all episodes but the one that gains most [-]: what misleads in one motion does not count."""
+        before = self.screen.before()
+        rest = np.arange(len(before)) != np.argmax(before - after)
+        return gain(before[rest], after[rest])
 
     def _apart(self, score: Score) -> float:
         """Standard error of the difference in held-out error, an effect alone against the base's parameters alone."""

@@ -35,6 +35,8 @@ class Finding:
     p: float | None
     contrast: float | None
     """How far its amplitude is from that in the reference recordings, in standard errors; None without reference."""
+    steady: float | None = None
+    """Its gain over the episodes without the one that it helps most [-]; None when that is not known."""
     alone: float = 0.0
     """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
     alone_error: float = 0.0
@@ -48,6 +50,7 @@ class Finding:
     def passes(self) -> bool:
         """Tell whether all conditions for being named hold."""
         clear = self.contrast is None or abs(self.contrast) > 3
+        clear = clear and (self.steady is None or self.steady > GAIN_LEAST / 2)
         return (self.p is not None and self.p <= P_LARGEST and self.gain > GAIN_LEAST
                 and self.gain > ERRORS_LEAST * self.gain_error and not self.at_bound and clear)  # fmt: skip
 
@@ -62,6 +65,8 @@ class Finding:
             found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
         if self.at_bound:
             found.append("a parameter is at its bound")
+        if self.steady is not None and self.steady <= GAIN_LEAST / 2:
+            found.append("one episode alone carries it")
         if self.contrast is not None and abs(self.contrast) <= 3:
             found.append(f"the same amplitude as in the reference recordings ({self.contrast:.1f} standard errors)")
         return found
@@ -110,10 +115,11 @@ def judge(
         found = _base_or(base, rival, named[0] if named else None, facts)
         if found is not None:
             return found
-    if named and findings[0].name == named[0].name:
+    share = _closed(error, floor, left)
+    partly = share is not None and share < PARTLY_SHARE
+    # a law that leaves most of a gap that is itself no more than what episodes differ by has explained nothing
+    if named and findings[0].name == named[0].name and (wrong or not partly):
         best = named[0]
-        share = _closed(error, floor, left)
-        partly = share is not None and share < PARTLY_SHARE
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
         others = [name for name in confounds if name != best.name and name in possible]
         kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
