@@ -43,9 +43,10 @@ def test_stiffness_is_recovered_from_the_engines_own_motion():
 
     episode = coarse_episode(0)
     own = replace(episode, points=predict_points(BASE, episode, start_particles(BASE, episode)))
-    guess = replace(BASE, material=replace(MATERIAL, youngs_modulus_pa=2.0e4))
+    # on 20 mm cells the error has other minima beyond 1.6e4: the guess is on the near side of them
+    guess = replace(BASE, material=replace(MATERIAL, youngs_modulus_pa=1.4e4))
     fitted, _ = identify([own], guess, ("youngs_modulus_pa",), iterations=4, jobs=1)
-    assert fitted.material.youngs_modulus_pa == pytest.approx(1.5e4, rel=0.1)
+    assert fitted.material.youngs_modulus_pa == pytest.approx(1.5e4, rel=0.04)
 
 
 @pytest.mark.parametrize("change", [{"fit": ("hardness",)}, {"fit": ()}, {"start": "warm"}, {"split": "tset"}])
