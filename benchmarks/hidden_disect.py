@@ -141,7 +141,7 @@ def main() -> None:
     answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
     facts = {"command": "python -m benchmarks.hidden_disect --data DATA", "versions": versions(), "seeds": [0],
              "base": json.loads((options.work / "base.json").read_text()), "left_out": odd, "sets": rows,
-             "answers": answers}  # fmt: skip
+             "answers": {name: answer["effect"] for name, answer in answers.items()}}  # fmt: skip
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(facts, indent=1))
 
