@@ -110,7 +110,8 @@ def judge(
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
         return Verdict("SENSOR", sensors, text, facts)
     if base is not None and base.passes():
-        laws = [f for f in findings if f.kind == "physics" and not f.at_bound]
+        laws = [f for f in findings if f.kind == "physics" and not f.at_bound
+                and (f.contrast is None or abs(f.contrast) > 3)]  # fmt: skip
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
         if found is not None:

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.law_values import checked_values
 from plop.physics.effects.effect import Parameter
 
 
@@ -37,17 +37,8 @@ class Fault:
     """Its numbers; the first is meant when none is named."""
 
     def __init__(self, **values: float) -> None:
-        known = {p.name: p for p in self.parameters}
-        for key in values:
-            if key not in known:
-                raise PlopError(f"The sensor fault {self.name} has no such parameter.", where=key,
-                                expected=", ".join(known), found=key)  # fmt: skip
-        self.values = {key: float(values.get(key, p.default)) for key, p in known.items()}
-        for key, p in known.items():
-            if not (np.isfinite(self.values[key]) and p.low <= self.values[key] <= p.high):
-                raise PlopError("A parameter of a sensor fault is out of range.", where=f"{self.name}.{key}",
-                                expected=f"{p.low:g} to {p.high:g} {p.unit}", found=f"{self.values[key]:g}",
-                                fix="Check the unit: seconds, metres, radians.")  # fmt: skip
+        self.values = checked_values("sensor fault", self.name, self.parameters, values,
+                                     units="seconds, metres, radians")  # fmt: skip
 
     def __getitem__(self, parameter: str) -> float:
         """Value of one parameter."""

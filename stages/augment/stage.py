@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.whole_file import write_json
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
@@ -60,7 +60,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
         "base": {"stage": base.stage, "fingerprint": base.fingerprint} if base else {},
         "training": read_facts(folder).get("training", {}),
     }  # fmt: skip
-    _write(out.path / "model.json", facts)
+    write_json(out.path / "model.json", facts)
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
     return Summary({"effects": added}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
@@ -78,7 +78,7 @@ def _changed(folder: Path, engine: Any, parameters: dict[str, Any], name: str, o
     if facts["kind"] != "engine":
         raise PlopError("Only the engine has this parameter.", where=name, expected="a model of identify",
                         found=facts["kind"], fix="Train the learned model on the new recordings.")  # fmt: skip
-    _write(out / "model.json", {**facts, "engine": base_to_dict(engine), "changed": {name: parameters}})
+    write_json(out / "model.json", {**facts, "engine": base_to_dict(engine), "changed": {name: parameters}})
     return Summary({"changed": name}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
 
 
@@ -130,12 +130,6 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
             raise PlopError("A value of augment cannot be read.", where="--value", expected="PARAMETER=NUMBER",
                             found=text) from None  # fmt: skip
     return found
-
-
-def _write(path: Path, facts: dict[str, Any]) -> None:
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(json.dumps(facts, indent=1, sort_keys=True))
-    os.replace(scratch, path)
 
 
 STAGE = Stage(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_json
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode
@@ -79,9 +78,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     facts = facts_of(found, types, sensors, left_out)
     facts |= {"environment": recordings.environment, "seconds": round(time.perf_counter() - started, 1),
               "engine_runs": runs.done}  # fmt: skip
-    scratch = out.path / "diagnosis.json.tmp"
-    scratch.write_text(json.dumps(facts, indent=1))
-    os.replace(scratch, out.path / "diagnosis.json")
+    write_json(out.path / "diagnosis.json", facts, sort_keys=False)
     figures = {"verdict": found.verdict.kind, "named": ", ".join(found.verdict.named) or "-",
                "text": found.verdict.text, "episodes": len(found.evidence), "engine_runs": runs.done}  # fmt: skip
     return Summary(figures, rows_of(facts), [f"{name} is left out: {why}" for name, why in facts["dropped"].items()])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import os
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_json
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.sets import tracked_episodes
 from plop.dynamics.model_io import MODEL_SCHEMA
@@ -90,9 +89,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
              "training": {"environment": recordings.environment, "episodes": [e.name for e in episodes],
                           "rms_before_mm": 1000 * found.rms_before_m, "rms_after_mm": 1000 * found.rms_after_m,
                           "engine_runs": found.rollouts}}  # fmt: skip
-    scratch = out.path / "model.json.tmp"
-    scratch.write_text(json.dumps(facts, indent=1, sort_keys=True))
-    os.replace(scratch, out.path / "model.json")
+    write_json(out.path / "model.json", facts)
     return _summary(base, found, len(episodes), left_out)
 
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_json
 from plop.errors import PlopError
 from plop.recordings.droid_camera import DroidOptions
 from plop.recordings.droid_episode import RowChoice, open_episode
@@ -97,7 +98,7 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         report_path = out.path / "reports" / f"{folder.name}.json"
         if not out.is_done(folder.name):
             report = _ingest(folder, options, inputs, config, out, number, len(chosen))
-            _write_json(report_path, report)
+            write_json(report_path, report)
             out.mark_done(folder.name)
         reports[folder.name] = json.loads(report_path.read_text())
         out.progress(number + 1, len(chosen), folder.name)
@@ -208,13 +209,6 @@ def _relative(text: str, root: Path) -> str:
     for prefix in {str(root), str(root.resolve())}:
         text = text.replace(prefix + os.sep, "").replace(prefix, ".")
     return text
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(json.dumps(content, indent=1, sort_keys=True))
-    os.replace(scratch, path)
 
 
 INGEST_DROID = Stage(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.law_values import checked_values
 
 if TYPE_CHECKING:
     from plop.physics.config import EngineConfig
@@ -75,17 +75,8 @@ class Effect:
     "<effect>.<name>". The engine sorts, saves and restores them with the particles."""
 
     def __init__(self, **values: float) -> None:
-        known = {p.name: p for p in (*self.amplitudes, *self.shapes)}
-        for key in values:
-            if key not in known:
-                raise PlopError(f"The effect {self.name} has no such parameter.", where=key,
-                                expected=", ".join(known), found=key)  # fmt: skip
-        self.values = {key: float(values.get(key, p.default)) for key, p in known.items()}
-        for key, p in known.items():
-            if not (np.isfinite(self.values[key]) and p.low <= self.values[key] <= p.high):
-                raise PlopError("A parameter of an effect is out of range.", where=f"{self.name}.{key}",
-                                expected=f"{p.low:g} to {p.high:g} {p.unit}", found=f"{self.values[key]:g}",
-                                fix="Check the unit: lengths are metres, stresses pascals.")  # fmt: skip
+        self.values = checked_values("effect", self.name, (*self.amplitudes, *self.shapes), values,
+                                     units="lengths are metres, stresses pascals")  # fmt: skip
 
     def __getitem__(self, parameter: str) -> float:
         """Value of one parameter."""

@@ -1,0 +1,55 @@
+"""The numbers of a law, checked: what an effect of physics and a fault of a sensor have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from plop.errors import PlopError
+
+
+class NumberOfLaw(Protocol):
+    """One number of a law, with its range."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+    @property
+    def low(self) -> float: ...  # noqa: D102
+    @property
+    def high(self) -> float: ...  # noqa: D102
+    @property
+    def default(self) -> float: ...  # noqa: D102
+
+
+def checked_values(
+    what: str, law: str, numbers: Iterable[NumberOfLaw], given: Mapping[str, float], *, units: str
+) -> dict[str, float]:
+    """Complete the given values with defaults.
+
+    Args:
+        what: Kind of law, for messages, e.g. "effect".
+        law: Its name.
+        numbers: All its numbers.
+        given: Values by name.
+        units: The units that are usual, for messages.
+
+    Raises:
+        PlopError: An unknown number, or a value that is out of range or not finite.
+    """
+    known = {number.name: number for number in numbers}
+    for key in given:
+        if key not in known:
+            raise PlopError(f"The {what} {law} has no such parameter.", where=key, expected=", ".join(known),
+                            found=key)  # fmt: skip
+    values = {key: float(given.get(key, number.default)) for key, number in known.items()}
+    for key, number in known.items():
+        if not (np.isfinite(values[key]) and number.low <= values[key] <= number.high):
+            article = "an" if what[0] in "aeiou" else "a"
+            raise PlopError(f"A parameter of {article} {what} is out of range.", where=f"{law}.{key}",
+                            expected=f"{number.low:g} to {number.high:g} {number.unit}", found=f"{values[key]:g}",
+                            fix=f"Check the unit: {units}.")  # fmt: skip
+    return values
