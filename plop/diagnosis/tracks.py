@@ -81,7 +81,7 @@ def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.nd
     """
     count = len(first)
     paths = np.full((frames, count, 3), np.nan)
-    paths[0] = first.means.numpy()
+    paths[0] = first.means.numpy()  # of a track that begins with frame 1
     sides = np.zeros(count)
     with Trajectory(path) as track:
         known = track.frames("updated")
@@ -89,7 +89,7 @@ def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.nd
             raise PlopError("The track is of another recording.", where=path, expected=f"frames up to {frames - 1}",
                             found=f"frames up to {known[-1] if known else 'none'}",
                             fix="Run `plop filter` on these recordings.")  # fmt: skip
-        for frame in (k for k in known if k > 0):
+        for frame in known:
             state = track.read("updated", frame)
             ids = state.ids.numpy()
             number = np.bincount(ids, minlength=count)[:, None]

@@ -15,8 +15,9 @@ import numpy as np
 import torch
 
 from plop.determinism import deterministic
-from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter
-from plop.dynamics.interface import DynamicsModel
+from plop.dynamics.episodes import measured_views
+from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter, settled
+from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.dynamics.trivial import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
@@ -44,8 +45,10 @@ class FilterConfig:
     """Cells of the displacement grid along the object's longest extent."""
     isometry: float = 1.0
     """Weight of the isometry term, per 0.1 m [-]."""
-    depth_weight: float = 0.2
+    depth_weight: float = 0.6
     """Weight of the depth error, per 0.1 m [-]."""
+    settle: int = 2
+    """Updates of the first frame on its own views, before anything moves."""
     exclude: tuple[str, ...] = ()
     """Cameras that are not used, e.g. one that is out of order."""
 
@@ -99,7 +102,9 @@ def _filter_episode(
     frames = []
     with Recording(recording_path) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
-        for step in run_filter(model, recording, read_splat(splat), update, cameras=cameras, generator=generator):
+        first = settled(read_splat(splat), measured_views(recording, 0, cameras), update, config.settle)
+        writer.append("updated", 0, first, side=at_rest(first).side)
+        for step in run_filter(model, recording, first, update, cameras=cameras, generator=generator):
             _store(writer, step)
             frames.append({"frame": step.frame, "time_s": float(recording.time_s[step.frame]),
                            "cameras": step.innovation})  # fmt: skip
@@ -126,7 +131,7 @@ def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) 
 
 STAGE = Stage(
     name="filter",
-    version=2,
+    version=3,
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={
