@@ -47,7 +47,7 @@ def stale_reasons(
 
     An artifact is stale when its stage has a new version, a raw input has changed or gone, an input is
     gone, was made again with another content, is stale itself, or was replaced by a more recent artifact
-    of the same stage and environment.
+    of the same stage and origin (see `_origin`).
 
     Args:
         store: The workspace.
@@ -56,7 +56,8 @@ def stale_reasons(
         raw_digest: Digest of a raw input as it is now.
     """
     by_key = {a.key: a for a in artifacts}
-    newest: dict[tuple[str, str], Artifact] = {(a.key[0], a.manifest.environment): a for a in artifacts}
+    names = {full: name for name, full in store.names().items()}
+    successors = _successors(artifacts, {a.key: _origin(by_key, names, a) for a in artifacts})
     reasons: dict[Key, str] = {}
     visited: set[Key] = set()
 
@@ -78,7 +79,7 @@ def stale_reasons(
             return f"the stage is now version {version}, this is of version {manifest.stage_version}"
         for name, facts in manifest.inputs.items():
             if "fingerprint" in facts:
-                reason = _input_reason(name, facts, by_key, newest, reasons)
+                reason = _input_reason(name, facts, by_key, successors, reasons)
             else:
                 reason = _raw_reason(store, artifact, name, facts, raw_digest)
             if reason:
@@ -94,7 +95,7 @@ def _input_reason(
     name: str,
     facts: Mapping[str, Any],
     by_key: Mapping[Key, Artifact],
-    newest: Mapping[tuple[str, str], Artifact],
+    successors: Mapping[Key, Artifact],
     reasons: Mapping[Key, str],
 ) -> str | None:
     key = (str(facts["stage"]), str(facts["fingerprint"]))
@@ -105,10 +106,39 @@ def _input_reason(
         return f"its {name} {source.address} was made again and differs"
     if key in reasons:
         return f"its {name} {source.address} is stale"
-    latest = newest[(key[0], source.manifest.environment)]
+    latest = successors[key]
     if latest.content != source.content and not _differ_in_seed_only(latest, source):
         return f"its {name} {source.address} was replaced by {latest.address}"
     return None
+
+
+Origin = tuple[frozenset[str], frozenset[str]]
+"""What an artifact descends from: (environment and raw inputs, names of the first artifacts that have one)."""
+
+
+def _origin(known: Mapping[Key, Artifact], names: Mapping[str, str], artifact: Artifact) -> Origin:
+    raw, named = {artifact.manifest.environment}, set()
+    for key in closure(known, artifact):
+        first = known.get(key)
+        if first is not None and not parents(first):
+            raw |= {str(facts.get("name", "")) for facts in first.manifest.inputs.values()}
+            named |= {names["@".join(key)]} if "@".join(key) in names else set()
+    return frozenset(raw), frozenset(named)
+
+
+def _successors(artifacts: list[Artifact], origins: Mapping[Key, Origin]) -> dict[Key, Artifact]:
+    """Find the most recent artifact of each one's stage and origin.
+
+    Sets of recordings of one environment stand side by side when they have names or raw inputs of their own, and
+    so does all that is made of them.
+    """
+    found: dict[Key, Artifact] = {}
+    for k, artifact in enumerate(artifacts):
+        raw, named = origins[artifact.key]
+        found[artifact.key] = next(
+            (b for b in reversed(artifacts[k:]) if b.key[0] == artifact.key[0]
+             and origins[b.key][0] == raw and named <= origins[b.key][1]), artifact)  # fmt: skip
+    return found
 
 
 def _differ_in_seed_only(one: Artifact, two: Artifact) -> bool:

@@ -56,6 +56,22 @@ def test_another_seed_stands_beside(store: Store):
     assert reasons(store) == {}
 
 
+def test_named_recordings_of_one_environment_stand_side_by_side(store: Store):
+    plain = ingest(store)
+    store.set_name("plain", plain)
+    make(store, fake.FUSE)
+    store.set_name("mystery", ingest(store, pieces=5))
+    make(store, fake.FUSE)
+    assert reasons(store) == {}
+
+
+def test_a_name_that_moves_on_replaces(store: Store):
+    store.set_name("plain", ingest(store))
+    fuse = make(store, fake.FUSE)
+    store.set_name("plain", ingest(store, pieces=5))
+    assert fuse.key in reasons(store)
+
+
 def test_changed_raw_files_and_new_version_are_told(store: Store):
     artifact = ingest(store)
     assert "version 2" in reasons(store, ingest=2)[artifact.key]
