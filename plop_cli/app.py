@@ -14,7 +14,7 @@ from stages import PIPELINE, StageRef
 app = typer.Typer(
     name="plop",
     help="Recordings of a robot cutting a soft object in; a learned, scored dynamics model out, "
-         "and the name of the physics that it misses.",
+    "and the name of the physics that it misses.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",

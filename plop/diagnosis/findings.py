@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,11 @@ from scipy.stats import t as student
 
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
-from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit
+from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, known_misfit
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
-from plop.diagnosis.verdict import Finding
+from plop.diagnosis.verdict import CONTRAST_LEAST, Finding
 from plop.errors import PlopError
 
 
@@ -91,8 +92,36 @@ class State:
         rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
         contrast = self._contrast(rows, len(columns), score.fit)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
-                       p_value(score.gain, shams), contrast, self._steady(score.after), score.alone,
+                       p_value(score.gain, shams), contrast, _steady(self.screen.before(), score.after), score.alone,
                        self._apart(score))  # fmt: skip
+
+    def beyond(self, best: Score, others: Sequence[Score], shams: np.ndarray) -> tuple[Finding, float] | None:
+        """Find the law that explains most of what the best one leaves; its gain is a share of that.
+
+        Args:
+            best: What is taken as given.
+            others: Further laws.
+            shams: Best gains under shams.
+
+        Returns:
+            The finding, with its amplitude fitted together with the best one's, and the mean squared residual
+            with both; None without further laws.
+        """
+        given = np.concatenate([self.screen.base, self.screen.columns(best.candidate)])
+        before = held_out_energy(self.screen.grams, given)
+        found: list[tuple[Finding, float]] = []
+        for other in others:
+            columns = other.candidate.columns
+            rows = np.concatenate([given, self.screen.columns(other.candidate)])
+            after, fitted = held_out_energy(self.screen.grams, rows), fit(self.screen.grams, rows)
+            won = gain(before, after)
+            finding = Finding(
+                other.candidate.effect, other.candidate.kind, _parameters(columns, fitted, len(given)), won,
+                self.screen.gain_error(given, rows), p_value(won, shams), self._contrast(rows, len(columns), fitted),
+                _steady(before, after),
+            )  # fmt: skip
+            found.append((finding, float(after.sum() / self.numbers)))
+        return max(found, key=lambda pair: pair[0].gain, default=None)
 
     def base_finding(self, shams: np.ndarray) -> Finding:
         """Judge a change of the base's own parameters, against leaving them as they are."""
@@ -106,12 +135,6 @@ class State:
         return Finding("stiffness", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
                        p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
 
-    def _steady(self, after: np.ndarray) -> float:
-        """Gain over all episodes but the one that gains most [-]: what misleads in one motion does not count."""
-        before = self.screen.before()
-        rest = np.arange(len(before)) != np.argmax(before - after)
-        return gain(before[rest], after[rest])
-
     def _apart(self, score: Score) -> float:
         """Standard error of the difference in held-out error, an effect alone against the base's parameters alone."""
         error = self.screen.gain_error(self.screen.base, self.screen.columns(score.candidate))
@@ -124,14 +147,28 @@ class State:
         values = iter(fit(self.screen.grams, self.screen.base).values)
         return {c.key: np.array([next(values) for _ in c.columns]) for c in self.base_candidates}
 
+    def least_amplitude(self, score: Score) -> float:
+        """Amplitude of a score's first column that is as far from the reference as a named one must be."""
+        if self.reference is None:
+            return 0.0
+        first = len(self.screen.base)
+        other = fit(self.reference, np.concatenate([self.screen.base, self.screen.columns(score.candidate)]))
+        return CONTRAST_LEAST * float(np.sqrt((score.fit.spread + other.spread)[first, first]))
+
     def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> float | None:
         """Distance of the last `own` amplitudes from those in the reference, in standard errors (Welch)."""
         if self.reference is None or own == 0:
             return None
         other = fit(self.reference, rows)
         difference = fitted.values[-own:] - other.values[-own:]
-        spread = fitted.spread[-own:, -own:] + other.spread[-own:, -own:]
+        spread = (fitted.spread + other.spread)[-own:, -own:]
         return float(np.sqrt(difference @ np.linalg.pinv(spread) @ difference / own))
+
+
+def _steady(before: np.ndarray, after: np.ndarray) -> float:
+    """Gain over all episodes but the one that gains most [-]: what misleads in one motion does not count."""
+    rest = np.arange(len(before)) != np.argmax(before - after)
+    return gain(before[rest], after[rest])
 
 
 def _parameters(columns: tuple[Column, ...], fitted: Fit, first: int) -> dict[str, dict[str, Any]]:

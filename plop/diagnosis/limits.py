@@ -15,8 +15,9 @@ _STEPS = 24
 
 
 def detection_limits(
-    screen: Screen, scores: list[Score], shams: np.ndarray, response_rms_m: Callable[[str], float]
-) -> dict[str, dict[str, Any]]:
+    screen: Screen, scores: list[Score], shams: np.ndarray, response_rms_m: Callable[[str], float],
+    least: Callable[[Score], float],
+) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
 
     Args:
@@ -24,22 +25,27 @@ def detection_limits(
         scores: One for each effect.
         shams: Best gains under shams.
         response_rms_m: RMS response of one unit of a column [m].
+        least: Smallest amplitude of a score's first column that differs clearly from the reference's.
 
     Returns:
         Effect -> {"amplitude", "unit", "displacement_m"}; None where even 1000 times the response's own
         amplitude would not be seen.
     """
     threshold = float(np.quantile(shams, 1 - P_LARGEST))
-    return {score.candidate.effect: _limit(screen, score, threshold, response_rms_m) for score in scores}
+    return {score.candidate.effect: _limit(screen, score, threshold, response_rms_m, least(score)) for score in scores}
 
 
-def _limit(screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float]) -> dict[str, Any]:
+def _limit(
+    screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float], least: float
+) -> dict[str, Any]:
     column = score.candidate.columns[0]
     row = screen.index[column.key]
     rows = np.concatenate([screen.base, screen.columns(score.candidate)])
     left = _without(screen, rows, score.fit.values)
 
     def seen(amplitude: float) -> bool:
+        if amplitude < least:
+            return False
         grams = _injected(left, row, amplitude)
         before, after = held_out_energy(grams, screen.base), held_out_energy(grams, rows)
         won = gain(before, after)

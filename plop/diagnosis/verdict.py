@@ -13,8 +13,13 @@ GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
 ERRORS_LEAST = 2.0
 """Least gain in standard errors over episodes."""
+CONTRAST_LEAST = 3.0
+"""Least distance of an amplitude from that in the reference, in standard errors."""
 PARTLY_SHARE = 0.5
 """Share of the explainable gap below which an effect is named only as a part."""
+SECOND_LEAST = 0.1
+"""Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
+is wrong with it resembles other laws."""
 EXCESS_LEAST = 3.0
 """Standard errors by which the error must exceed the reference's for something to be wrong."""
 EXCESS_RATIO = 1.5
@@ -49,7 +54,7 @@ class Finding:
 
     def passes(self) -> bool:
         """Tell whether all conditions for being named hold."""
-        clear = self.contrast is None or abs(self.contrast) > 3
+        clear = self.contrast is None or abs(self.contrast) > CONTRAST_LEAST
         clear = clear and (self.steady is None or self.steady > GAIN_LEAST / 2)
         return (self.p is not None and self.p <= P_LARGEST and self.gain > GAIN_LEAST
                 and self.gain > ERRORS_LEAST * self.gain_error and not self.at_bound and clear)  # fmt: skip
@@ -67,7 +72,7 @@ class Finding:
             found.append("a parameter is at its bound")
         if self.steady is not None and self.steady <= GAIN_LEAST / 2:
             found.append("one episode alone carries it")
-        if self.contrast is not None and abs(self.contrast) <= 3:
+        if self.contrast is not None and abs(self.contrast) <= CONTRAST_LEAST:
             found.append(f"the same amplitude as in the reference recordings ({self.contrast:.1f} standard errors)")
         return found
 
@@ -88,6 +93,7 @@ class Verdict:
 def judge(
     findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
     error: float, floor: float | None, left: float | None, excess: float | None,
+    second: tuple[Finding, float] | None = None,
 ) -> Verdict:  # fmt: skip
     """Decide.
 
@@ -100,6 +106,7 @@ def judge(
         floor: The same in the reference recordings; None without reference.
         left: The same with the best effect.
         excess: By how many standard errors the error exceeds the reference's.
+        second: The law that explains most of what the best one leaves, and the error with both.
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
@@ -111,18 +118,24 @@ def judge(
         return Verdict("SENSOR", sensors, text, facts)
     if base is not None and base.passes():
         laws = [f for f in findings if f.kind == "physics" and not f.at_bound
-                and (f.contrast is None or abs(f.contrast) > 3)]  # fmt: skip
+                and (f.contrast is None or abs(f.contrast) > CONTRAST_LEAST)]  # fmt: skip
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
         if found is not None:
             return found
-    share = _closed(error, floor, left)
-    partly = share is not None and share < PARTLY_SHARE
-    # a law that leaves most of a gap that is itself no more than what episodes differ by has explained nothing
-    if named and findings[0].name == named[0].name and (wrong or not partly):
+    if named and findings[0].name == named[0].name:
         best = named[0]
+        more = second[0] if second is not None and second[0].passes() and second[0].gain > SECOND_LEAST else None
+        if more is not None and second is not None:
+            left = second[1]
+            facts = {**facts, "left": left}
+        share = _closed(error, floor, left)
+        partly = share is not None and share < PARTLY_SHARE
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
-        others = [name for name in confounds if name != best.name and name in possible]
+        others = [name for name in confounds if name not in (best.name, more and more.name) and name in possible]
+        if more is not None and not others:
+            text = _both_text(best, more, partly, share)
+            return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
         kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
         if best.kind == "base" and kind != "CONFOUNDED":
             return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
@@ -132,9 +145,7 @@ def judge(
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
 
 
-def _base_or(
-    base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]
-) -> Verdict | None:
+def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:
     """Decide between a changed base parameter and a law; None where a law explains much beyond the parameter.
 
     A law that explains as much by itself as the parameter does, within two standard errors, cannot be told from it.
@@ -185,6 +196,15 @@ def _effect_text(kind: str, best: Finding, others: list[str], share: float | Non
         "CONFOUNDED": f"{best.name}, or {' or '.join(others)}, which these motions cannot tell apart",
     }[kind]
     return f"{what}; {parameters_text(best)}; {gained}{closed}."
+
+
+def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) -> str:
+    closed = "" if share is None else f"; both close {100 * min(share, 1):.0f} % of the explainable gap"
+    start = "Partly" if partly else "Missing:"
+    shares = (f"the first explains {100 * best.gain:.0f} % of the held-out error, the second {100 * more.gain:.0f} % "
+              "of what it leaves")  # fmt: skip
+    return (f"{start} {best.name} and {more.name}; {parameters_text(best)}; {parameters_text(more)}; {shares}{closed}. "
+            f"Add {best.name}, then diagnose again.")  # fmt: skip
 
 
 def _base_text(base: Finding) -> str:

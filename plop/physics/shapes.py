@@ -175,5 +175,5 @@ def _node_volumes(grid: Lattice, points: np.ndarray) -> np.ndarray:
     for i in (0, 1):
         for j in (0, 1):
             for k in (0, 1):
-                volumes[i:shape[0] - 1 + i, j:shape[1] - 1 + j, k:shape[2] - 1 + k] += np.abs(cells) / 8
+                volumes[i : shape[0] - 1 + i, j : shape[1] - 1 + j, k : shape[2] - 1 + k] += np.abs(cells) / 8
     return volumes.ravel()

@@ -10,9 +10,7 @@ Mesh = tuple[np.ndarray, np.ndarray]
 """Vertices [V, 3] [m] and outward triangles [F, 3]."""
 
 
-def blade_mesh(
-    height_m: float = 0.040, length_m: float = 0.150, edge_m: float = 8e-5, spine_m: float = 0.002
-) -> Mesh:
+def blade_mesh(height_m: float = 0.040, length_m: float = 0.150, edge_m: float = 8e-5, spine_m: float = 0.002) -> Mesh:
     """Build a straight blade: edge at z = 0, spine above, normal x, length along y."""
     grid = lattice((1, 1, 1))
     u, v, w = grid.parameters.T

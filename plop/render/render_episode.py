@@ -19,9 +19,7 @@ Render = Callable[[int, Camera], MeshView]
 """`(frame, camera) -> what the camera records`."""
 
 
-def write_episode(
-    path: Path, sequence: MeshSequence, cameras: Sequence[Camera], render: Render
-) -> Iterator[int]:
+def write_episode(path: Path, sequence: MeshSequence, cameras: Sequence[Camera], render: Render) -> Iterator[int]:
     """Render every frame of every camera into a recording; yield the number of images written so far.
 
     Args:

@@ -137,8 +137,9 @@ STAGE = Stage(
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings."),
         "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
-        "model": InputSpec(("train", "identify", "augment"), "Model that predicts; constant velocity without it.",
-                           optional=True),
+        "model": InputSpec(
+            ("train", "identify", "augment"), "Model that predicts; constant velocity without it.", optional=True
+        ),
     },
     run=run,
 )

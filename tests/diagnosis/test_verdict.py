@@ -39,6 +39,25 @@ def test_an_effect_that_closes_less_than_half_is_named_in_part():
     assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
 
 
+def test_a_law_that_passes_is_named_in_part_even_where_episodes_differ_more():
+    verdict = judge([finding(gain=0.25)], [], None, [], error=3.2, floor=1.2, left=2.4, excess=2.0)
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
+
+
+def test_two_laws_are_both_named():
+    more = finding("viscosity", gain=0.5)
+    verdict = judge([finding(), finding("viscosity")], ["viscosity"], None, [], **FACTS, second=(more, 1.1))
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt", "viscosity"])
+    assert verdict.evidence["left"] == 1.1 and "Add tilt, then diagnose again" in verdict.text
+
+
+@pytest.mark.parametrize("changes", [{"gain": 0.08}, {"contrast": 2.0}, {"p": 0.2}])
+def test_a_second_law_must_pass_too(changes: dict[str, float]):
+    more = finding("viscosity", **{"gain": 0.5, **changes})
+    verdict = judge([finding()], [], None, [], **FACTS, second=(more, 1.1))
+    assert (verdict.kind, verdict.named, verdict.evidence["left"]) == ("EFFECT", ["tilt"], 1.2)
+
+
 def test_without_reference_an_effect_is_still_named():
     verdict = judge([finding(contrast=None)], [], None, [], error=5.0, floor=None, left=None, excess=None)
     assert verdict.kind == "EFFECT"

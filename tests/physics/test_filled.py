@@ -27,7 +27,7 @@ def drift_m(base: EngineBase, effects=()) -> float:
     corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
     points = corners * [0.9, 0.9, 0.9] + [0, 0, 0.002]
     particles = filled_particles(base, convex_surface(corners), points, 0.0, effects)
-    np.testing.assert_allclose(particles.positions[-len(points):], points, atol=1e-3)  # about where it was seen
+    np.testing.assert_allclose(particles.positions[-len(points) :], points, atol=1e-3)  # about where it was seen
     run = simulate(particles, base.material, None, np.array([0, 0.15]), replace(base.config, table_z_m=0.0),
                    effects=effects)  # fmt: skip
     return float(np.linalg.norm(run.positions[-1] - run.positions[0], axis=1).max())

@@ -17,9 +17,7 @@ from plop.physics.wish import parse_hidden
 def test_hidden_effects_are_read_as_typed():
     (one,) = parse_hidden(["viscosity=40"])
     assert one.scaled(1.0).values == {"viscosity_pa_s": 40.0} and one.scaled(0.5)["viscosity_pa_s"] == 20
-    tilt, relaxation, drawn = parse_hidden(
-        ["tilt.gx_m_s2=0.5", "relaxation.tau_s=0.3", "random", "tilt.gy_m_s2=-0.25"]
-    )
+    tilt, relaxation, drawn = parse_hidden(["tilt.gx_m_s2=0.5", "relaxation.tau_s=0.3", "random", "tilt.gy_m_s2=-0.25"])
     assert tilt.scaled(2.0).values == {"gx_m_s2": 1.0, "gy_m_s2": -0.5}
     assert relaxation.scaled(1.0)["tau_s"] == 0.3 and relaxation.scaled(1.0)["ratio"] > 0, "typical when not given"
     assert drawn.effect is None
