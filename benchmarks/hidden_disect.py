@@ -107,7 +107,8 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
     found = diagnose(Measured(measured), base, library(), runs, reference=Measured(reference))
     row = {
         "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
-        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p, "contrast": f.contrast,
+        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p,
+                     "contrast": f.contrast and f.contrast.errors, "contrast_p": f.contrast and f.contrast.p,
                      "alone": f.alone, "parameters": f.parameters, "reasons": f.reasons()}
                     for f in [*found.findings[:6], found.findings[-1]]],
         "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"), "excess": found.excess,

@@ -9,12 +9,13 @@ import numpy as np
 from scipy.stats import t as student
 
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
+from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
 from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, known_misfit
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
-from plop.diagnosis.verdict import CONTRAST_LEAST, Finding
+from plop.diagnosis.verdict import Finding
 from plop.errors import PlopError
 
 
@@ -149,20 +150,15 @@ class State:
 
     def least_amplitude(self, score: Score) -> float:
         """Amplitude of a score's first column that is as far from the reference as a named one must be."""
-        if self.reference is None:
-            return 0.0
-        first = len(self.screen.base)
-        other = fit(self.reference, np.concatenate([self.screen.base, self.screen.columns(score.candidate)]))
-        return CONTRAST_LEAST * float(np.sqrt((score.fit.spread + other.spread)[first, first]))
+        rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
+        contrast = self._contrast(rows, len(score.candidate.columns), score.fit)
+        return 0.0 if contrast is None else contrast.least
 
-    def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> float | None:
-        """Distance of the last `own` amplitudes from those in the reference, in standard errors (Welch)."""
+    def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> Contrast | None:
+        """Compare the last `own` amplitudes with those in the reference; None without reference."""
         if self.reference is None or own == 0:
             return None
-        other = fit(self.reference, rows)
-        difference = fitted.values[-own:] - other.values[-own:]
-        spread = (fitted.spread + other.spread)[-own:, -own:]
-        return float(np.sqrt(difference @ np.linalg.pinv(spread) @ difference / own))
+        return contrast_of(fitted, fit(self.reference, rows), own, len(self.screen.candidates))
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:

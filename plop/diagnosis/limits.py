@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from plop.diagnosis.contrast import P_LARGEST
 from plop.diagnosis.regression import Grams, gain, held_out_energy
 from plop.diagnosis.screen import Score, Screen
-from plop.diagnosis.verdict import ERRORS_LEAST, GAIN_LEAST, P_LARGEST
+from plop.diagnosis.verdict import ERRORS_LEAST, GAIN_LEAST
 
 _STEPS = 24
 

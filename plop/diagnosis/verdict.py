@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-P_LARGEST = 0.02
-"""Family-wise chance of a false alarm up to which an effect is named."""
+from plop.diagnosis.contrast import P_LARGEST, Contrast
+
 GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
 ERRORS_LEAST = 2.0
 """Least gain in standard errors over episodes."""
-CONTRAST_LEAST = 3.0
-"""Least distance of an amplitude from that in the reference, in standard errors."""
 PARTLY_SHARE = 0.5
 """Share of the explainable gap below which an effect is named only as a part."""
 SECOND_LEAST = 0.1
@@ -38,8 +36,8 @@ class Finding:
     gain: float
     gain_error: float
     p: float | None
-    contrast: float | None
-    """How far its amplitude is from that in the reference recordings, in standard errors; None without reference."""
+    contrast: Contrast | None
+    """Its amplitude against that in the reference recordings; None without reference."""
     steady: float | None = None
     """Its gain over the episodes without the one that it helps most [-]; None when that is not known."""
     alone: float = 0.0
@@ -52,10 +50,14 @@ class Finding:
         """Tell whether a parameter ran into its range."""
         return any(p["at_bound"] for p in self.parameters.values())
 
+    @property
+    def differs(self) -> bool:
+        """Tell whether its amplitude is another than in the reference."""
+        return self.contrast is None or self.contrast.p <= P_LARGEST
+
     def passes(self) -> bool:
         """Tell whether all conditions for being named hold."""
-        clear = self.contrast is None or abs(self.contrast) > CONTRAST_LEAST
-        clear = clear and (self.steady is None or self.steady > GAIN_LEAST / 2)
+        clear = self.differs and (self.steady is None or self.steady > GAIN_LEAST / 2)
         return (self.p is not None and self.p <= P_LARGEST and self.gain > GAIN_LEAST
                 and self.gain > ERRORS_LEAST * self.gain_error and not self.at_bound and clear)  # fmt: skip
 
@@ -72,8 +74,9 @@ class Finding:
             found.append("a parameter is at its bound")
         if self.steady is not None and self.steady <= GAIN_LEAST / 2:
             found.append("one episode alone carries it")
-        if self.contrast is not None and abs(self.contrast) <= CONTRAST_LEAST:
-            found.append(f"the same amplitude as in the reference recordings ({self.contrast:.1f} standard errors)")
+        if self.contrast is not None and not self.differs:
+            found.append(f"the same amplitude as in the reference recordings ({self.contrast.errors:.1f} standard errors, "
+                         f"p = {self.contrast.p:.2f})")  # fmt: skip
         return found
 
 
@@ -117,8 +120,7 @@ def judge(
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
         return Verdict("SENSOR", sensors, text, facts)
     if base is not None and base.passes():
-        laws = [f for f in findings if f.kind == "physics" and not f.at_bound
-                and (f.contrast is None or abs(f.contrast) > CONTRAST_LEAST)]  # fmt: skip
+        laws = [f for f in findings if f.kind == "physics" and not f.at_bound and f.differs]
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
         if found is not None:

@@ -7,13 +7,16 @@ from typing import Any
 
 import pytest
 
+from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.verdict import Finding, judge, parameters_text
+
+CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 
 
 def finding(name: str = "tilt", **changes: Any) -> Finding:
     value = {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "m/s^2", "at_bound": False}
     kind = {"drag": "decoy", "stiffness": "base", "damping": "base"}.get(name, "physics")
-    found = Finding(name, kind, {"gx_m_s2": value}, gain=0.6, gain_error=0.05, p=0.005, contrast=8.0)
+    found = Finding(name, kind, {"gx_m_s2": value}, gain=0.6, gain_error=0.05, p=0.005, contrast=CLEAR)
     return replace(found, **changes)
 
 
@@ -21,7 +24,7 @@ def at_bound(name: str = "tilt") -> Finding:
     return finding(name, parameters={"gx_m_s2": {**finding().parameters["gx_m_s2"], "at_bound": True}})
 
 
-WEAK = {"gain": 0.01, "p": 0.6}
+WEAK: dict[str, Any] = {"gain": 0.01, "p": 0.6}
 FACTS: dict[str, Any] = {"error": 5.0, "floor": 1.0, "left": 1.2, "excess": 9.0}
 QUIET: dict[str, Any] = {"error": 1.0, "floor": 1.0, "left": 1.0, "excess": 0.2}
 
@@ -51,8 +54,8 @@ def test_two_laws_are_both_named():
     assert verdict.evidence["left"] == 1.1 and "Add tilt, then diagnose again" in verdict.text
 
 
-@pytest.mark.parametrize("changes", [{"gain": 0.08}, {"contrast": 2.0}, {"p": 0.2}])
-def test_a_second_law_must_pass_too(changes: dict[str, float]):
+@pytest.mark.parametrize("changes", [{"gain": 0.08}, {"contrast": SAME}, {"p": 0.2}])
+def test_a_second_law_must_pass_too(changes: dict[str, Any]):
     more = finding("viscosity", **{"gain": 0.5, **changes})
     verdict = judge([finding()], [], None, [], **FACTS, second=(more, 1.1))
     assert (verdict.kind, verdict.named, verdict.evidence["left"]) == ("EFFECT", ["tilt"], 1.2)
@@ -114,8 +117,8 @@ def test_a_second_does_not_inherit_what_the_first_may_not_have():
 
 @pytest.mark.parametrize("change, reason", [
     ({"p": 0.03}, "p = 0.030"), ({"p": None}, "no shams"), ({"gain": 0.04, "gain_error": 0.001}, "gain 4.0 %"),
-    ({"gain_error": 0.4}, "standard errors (40.0 %)"), ({"contrast": 2.0}, "reference recordings"),
-    ({"contrast": -2.0}, "reference recordings"),
+    ({"gain_error": 0.4}, "standard errors (40.0 %)"), ({"contrast": SAME}, "reference recordings"),
+
 ])  # fmt: skip
 def test_each_condition_is_needed_and_said(change, reason):
     found = finding(**change)

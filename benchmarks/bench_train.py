@@ -1,0 +1,62 @@
+"""Speed of training: one optimisation step of I2N on images."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.measure import median_ms
+
+GAUSSIANS, HORIZON = 3000, 4
+
+
+def cases() -> dict[str, Callable[[], float]]:
+    """Give each figure's name and the function that measures it."""
+    return {"train_step_horizon_4_one_view_3k_s": step_s}
+
+
+def step_s() -> float:
+    """Forward, backward and optimiser of one window: horizon 4, one 128 x 128 view a step, 3,000 Gaussians [s]."""
+    import torch
+
+    from benchmarks.bench_ingest import _raw
+    from plop.dynamics.filtering import UpdateConfig
+    from plop.dynamics.model import PlopModel
+    from plop.gaussians.splat_ply import write_splat
+    from plop.recordings.recording import Recording
+    from stages.contract import Input, Output
+    from stages.fit_init.episode import fit_object, usable_views
+    from stages.fit_init.shell import surface_from_views
+    from stages.fit_init.stage import FitInitConfig
+    from stages.ingest.settings import MeshConfig
+    from stages.ingest.stage import INGEST_MESH
+    from stages.train.objective import TrainingStep
+    from stages.train.stage import TrainConfig, _loss_weights, _model_config, _render_weights
+    from stages.train.tracks import load_track, track_episode
+    from stages.train.windows import Window
+
+    with _raw() as raw, tempfile.TemporaryDirectory() as out:
+        folder = Path(out)
+        INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(cameras=6), Output(folder))
+        recording_path = folder / "episodes" / "block.h5"
+        with Recording(recording_path) as recording:
+            views, table = usable_views(recording, []), recording.table_z_m
+        fitted, _ = fit_object(surface_from_views(views), views, table, FitInitConfig(steps=5, count=GAUSSIANS))
+        write_splat(folder / "object.ply", fitted)
+        track_episode(recording_path, folder / "object.ply", folder / "track.h5", UpdateConfig(iterations=1),
+                      lambda done, frames: None)  # fmt: skip
+        track, config = load_track("block", recording_path, folder / "track.h5"), TrainConfig()
+        model = PlopModel(_model_config(config, [track]))
+        optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate)
+        weights = _loss_weights(config, _render_weights(config))
+        step_loss = TrainingStep(model)
+        window = Window(0, 2, HORIZON, (False, False), 0, (0, 1, 2, 3))
+
+        def work() -> None:
+            optimiser.zero_grad()
+            loss, _ = step_loss([window], [track], weights, config.noise_m)
+            loss.backward()
+            optimiser.step()
+
+        return median_ms(work) / 1000
