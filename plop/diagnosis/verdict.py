@@ -75,8 +75,8 @@ class Finding:
         if self.steady is not None and self.steady <= GAIN_LEAST / 2:
             found.append("one episode alone carries it")
         if self.contrast is not None and not self.differs:
-            found.append(f"the same amplitude as in the reference recordings ({self.contrast.errors:.1f} standard errors, "
-                         f"p = {self.contrast.p:.2f})")  # fmt: skip
+            distance = f"{self.contrast.errors:.1f} standard errors, p = {self.contrast.p:.2f}"
+            found.append(f"the same amplitude as in the reference recordings ({distance})")
         return found
 
 
@@ -125,7 +125,9 @@ def judge(
         found = _base_or(base, rival, named[0] if named else None, facts)
         if found is not None:
             return found
-    if named and findings[0].name == named[0].name:
+    # what has the same amplitude in the reference is not new, whatever it explains here
+    first = next((f for f in findings if f.differs), None)
+    if named and first is not None and first.name == named[0].name:
         best = named[0]
         more = second[0] if second is not None and second[0].passes() and second[0].gain > SECOND_LEAST else None
         if more is not None and second is not None:

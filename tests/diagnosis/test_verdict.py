@@ -61,6 +61,14 @@ def test_a_second_law_must_pass_too(changes: dict[str, Any]):
     assert (verdict.kind, verdict.named, verdict.evidence["left"]) == ("EFFECT", ["tilt"], 1.2)
 
 
+def test_what_the_reference_shows_as_well_does_not_stand_in_the_way():
+    drag = finding("drag", gain=0.7, contrast=SAME)
+    verdict = judge([drag, finding()], [], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
+    verdict = judge([finding("fibres", gain=0.7, gain_error=0.5), finding()], [], None, [], **FACTS)
+    assert verdict.kind == "NONE OF THESE"  # it differs and explains more, but is not sure: nothing is named
+
+
 def test_without_reference_an_effect_is_still_named():
     verdict = judge([finding(contrast=None)], [], None, [], error=5.0, floor=None, left=None, excess=None)
     assert verdict.kind == "EFFECT"
