@@ -71,6 +71,10 @@ class State:
         """Mean squared whitened residual of each episode, base parameters fitted to the others, [E]."""
         return self.screen.before() / [e.count for e in self.screen.episodes]
 
+    def raw_error(self) -> float:
+        """Mean squared whitened residual of the base as it is."""
+        return float(self.screen.grams.energy.sum() / self.numbers)
+
     def excess(self) -> float | None:
         """How much larger the error is than in the reference, in standard errors (Welch, of logarithms)."""
         if len(self.floors) < 2:

@@ -96,7 +96,7 @@ class Verdict:
 def judge(
     findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
     error: float, floor: float | None, left: float | None, excess: float | None,
-    second: tuple[Finding, float] | None = None,
+    raw: float | None = None, second: tuple[Finding, float] | None = None,
 ) -> Verdict:  # fmt: skip
     """Decide.
 
@@ -105,10 +105,11 @@ def judge(
         confounds: Effects that cannot be told from the best; decoys and those at their bound are left out.
         base: Change of the base's own parameters.
         sensors: Significant sensor faults, in words.
-        error: Mean squared whitened error of the base.
+        error: Mean squared whitened error of the base with its own parameters refitted.
         floor: The same in the reference recordings; None without reference.
         left: The same with the best effect.
         excess: By how many standard errors the error exceeds the reference's.
+        raw: The same with its parameters left as they are.
         second: The law that explains most of what the best one leaves, and the error with both.
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
@@ -123,6 +124,10 @@ def judge(
         laws = [f for f in findings if f.kind == "physics" and not f.at_bound and f.differs]
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
+        closed = _closed(raw, floor, error)
+        most_remains = wrong and closed is not None and closed < PARTLY_SHARE
+        if found is not None and found.kind == "BASE PARAMETER" and most_remains:
+            return Verdict("PARTLY", found.named, _partly_base_text(base), facts)
         if found is not None:
             return found
     # what has the same amplitude in the reference is not new, whatever it explains here
@@ -173,9 +178,9 @@ def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts
     return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
 
 
-def _closed(error: float, floor: float | None, left: float | None) -> float | None:
+def _closed(error: float | None, floor: float | None, left: float | None) -> float | None:
     """Share of the explainable gap that closed; None when it is not known."""
-    if floor is None or left is None or error <= floor:
+    if error is None or floor is None or left is None or error <= floor:
         return None
     return (error - left) / (error - floor)
 
@@ -209,6 +214,11 @@ def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) 
               "of what it leaves")  # fmt: skip
     return (f"{start} {best.name} and {more.name}; {parameters_text(best)}; {parameters_text(more)}; {shares}{closed}. "
             f"Add {best.name}, then diagnose again.")  # fmt: skip
+
+
+def _partly_base_text(base: Finding) -> str:
+    return (f"A changed {base.name} explains a part: {parameters_text(base)}; most of the gap remains, and no law of "
+            "the library explains it.")  # fmt: skip
 
 
 def _base_text(base: Finding) -> str:

@@ -61,6 +61,13 @@ def test_a_second_law_must_pass_too(changes: dict[str, Any]):
     assert (verdict.kind, verdict.named, verdict.evidence["left"]) == ("EFFECT", ["tilt"], 1.2)
 
 
+def test_a_base_parameter_that_leaves_most_of_the_gap_is_a_part():
+    verdict = judge([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=7.0)
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["stiffness"])
+    verdict = judge([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=20.0)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
+
+
 def test_what_the_reference_shows_as_well_does_not_stand_in_the_way():
     drag = finding("drag", gain=0.7, contrast=SAME)
     verdict = judge([drag, finding()], [], None, [], **FACTS)
