@@ -125,7 +125,8 @@ def judge(
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
         closed = _closed(raw, floor, error)
-        most_remains = wrong and closed is not None and closed < PARTLY_SHARE
+        beyond_chance = excess is not None and excess > EXCESS_LEAST
+        most_remains = beyond_chance and closed is not None and closed < PARTLY_SHARE
         if found is not None and found.kind == "BASE PARAMETER" and most_remains:
             return Verdict("PARTLY", found.named, _partly_base_text(base), facts)
         if found is not None:
