@@ -92,6 +92,7 @@ def judge(camera: str, fit: CameraFit, viewed: Viewed) -> SensorFinding:
     """
     evidence = _Evidence(fit)
     chosen = _choose(evidence)
+    together = joint_effect_m(chosen, evidence.estimate(chosen)[0], viewed)
     estimates = []
     for name in FAULTS:
         among = chosen if name in chosen else [*chosen, name]
@@ -104,7 +105,7 @@ def judge(camera: str, fit: CameraFit, viewed: Viewed) -> SensorFinding:
         others = tuple(o for o in FAULTS if o not in chosen and evidence.gain(chosen)
                        - evidence.gain([o if c == name else c for c in chosen]) < AS_GOOD)  # fmt: skip
         keys = [p.name for p in FAULTS[name].parameters]
-        found = name in chosen and z > MIN_Z and effect > tolerance
+        found = name in chosen and z > MIN_Z and min(effect, together) > tolerance
         estimates.append(FaultEstimate(
             name, dict(zip(keys, (ABSENT + values)[part].tolist(), strict=True)),
             dict(zip(keys, np.sqrt(np.diag(covariance)[part]).tolist(), strict=True)), z, effect, tolerance, found,
@@ -114,16 +115,32 @@ def judge(camera: str, fit: CameraFit, viewed: Viewed) -> SensorFinding:
 
 def effect_m(fault: str, deviation: np.ndarray, viewed: Viewed) -> float:
     """Root mean square motion of the object's points under a fault [m]; the tool's speed stands for the object's."""
-    middle = viewed.middle_cam
     if fault == "clock":
         return float(abs(deviation[0]) * viewed.tool_speed_m_s)
+    return float(np.sqrt((_motion(fault, deviation, viewed) ** 2).sum(1).mean()))
+
+
+def joint_effect_m(chosen: list[str], values: np.ndarray, viewed: Viewed) -> float:
+    """The same for several faults at once: a scale and a shift along the axis may cancel on the object [m].
+
+    Args:
+        chosen: The faults.
+        values: Their parameters as deviations from none [15].
+        viewed: What turns them into motion.
+    """
+    motions = [_motion(name, values[SLICES[name]], viewed) for name in chosen if name != "clock"]
+    still = float(np.sqrt((np.sum(motions, axis=0) ** 2).sum(-1).mean())) if motions else 0.0
+    return float(np.hypot(still, effect_m("clock", values[SLICES["clock"]], viewed) if "clock" in chosen else 0.0))
+
+
+def _motion(fault: str, deviation: np.ndarray, viewed: Viewed) -> np.ndarray:
+    """Motion of points about the object under a fault that is not the clock's, in the camera's axes [6, 3] [m]."""
+    around = viewed.middle_cam + 0.6 * viewed.reach_m * np.concatenate([np.eye(3), -np.eye(3)])
     if fault == "depth_scale":
-        return float(abs(deviation[0]) * np.linalg.norm(middle))
+        return np.asarray(deviation[0] * around)
     if fault == "depth_bias":
-        return float(abs(deviation[0]))
-    around = middle + 0.6 * viewed.reach_m * np.concatenate([np.eye(3), -np.eye(3)])
-    motion = -deviation[:3] + np.cross(around, deviation[3:])
-    return float(np.sqrt((motion**2).sum(1).mean()))
+        return np.asarray(deviation[0] * around / around[:, 2:])
+    return np.asarray(-deviation[:3] + np.cross(around, deviation[3:]))
 
 
 class _Evidence:
