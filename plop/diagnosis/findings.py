@@ -15,7 +15,7 @@ from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, kn
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
-from plop.diagnosis.verdict import Finding
+from plop.diagnosis.verdict import Finding, stands_out
 from plop.errors import PlopError
 
 
@@ -122,7 +122,8 @@ class State:
             won = gain(before, after)
             finding = Finding(
                 other.candidate.effect, other.candidate.kind, _parameters(columns, fitted, len(given)), won,
-                self.screen.gain_error(given, rows), p_value(won, shams), self._contrast(rows, len(columns), fitted),
+                self.screen.gain_error(given, rows), p_value(won, shams),
+                self._contrast(rows, len(columns), fitted, family=len(self.screen.candidates)),
                 _steady(before, after),
             )  # fmt: skip
             found.append((finding, float(after.sum() / self.numbers)))
@@ -158,11 +159,17 @@ class State:
         contrast = self._contrast(rows, len(score.candidate.columns), score.fit)
         return 0.0 if contrast is None else contrast.least
 
-    def _contrast(self, rows: np.ndarray, own: int, fitted: Fit) -> Contrast | None:
-        """Compare the last `own` amplitudes with those in the reference; None without reference."""
+    def _contrast(self, rows: np.ndarray, own: int, fitted: Fit, family: int | None = None) -> Contrast | None:
+        """Compare the last `own` amplitudes with those in the reference; None without reference.
+
+        Where the error by itself shows that something is missing, the question is only whether it is this: one
+        hypothesis, not a library of them, unless `family` says otherwise.
+        """
         if self.reference is None or own == 0:
             return None
-        return contrast_of(fitted, fit(self.reference, rows), own, len(self.screen.candidates))
+        known = stands_out(float(self.errors().mean()), float(self.floors.mean()), self.excess())
+        return contrast_of(fitted, fit(self.reference, rows), own,
+                           family or (1 if known else len(self.screen.candidates)))  # fmt: skip
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:

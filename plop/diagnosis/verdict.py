@@ -115,7 +115,7 @@ def judge(
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
     facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "excess": excess, "decoys": decoys}
-    wrong = excess is not None and floor is not None and excess > EXCESS_LEAST and error > EXCESS_RATIO * floor
+    wrong = stands_out(error, floor, excess)
     if sensors:
         text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
@@ -153,6 +153,11 @@ def judge(
     if decoys or wrong:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
+
+
+def stands_out(error: float, floor: float | None, excess: float | None) -> bool:
+    """Tell whether the error by itself shows that something is missing, whatever that is."""
+    return excess is not None and floor is not None and excess > EXCESS_LEAST and error > EXCESS_RATIO * floor
 
 
 def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:
