@@ -38,6 +38,8 @@ from plop_cli.execute import versions
 
 NOISE_M = 3e-4
 SETS = ("set_1", "set_2", "set_3", "set_4")
+OTHER = "prism_foam"
+"""Another material of the same shape and tool: recordings of `disect` against the base of the jelly."""
 
 
 def episodes_of(folder: Path, pattern: str) -> list[Episode]:
@@ -101,7 +103,8 @@ def before_and_after(found: Diagnosis, measured: list[Episode], base: EngineBase
 
 def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
     """Diagnose one set."""
-    measured = episodes_of(data / "disect_hidden" / name, "*")
+    folder, pattern = (data / "disect", f"{OTHER}_part_*") if name == OTHER else (data / "disect_hidden" / name, "*")
+    measured = episodes_of(folder, pattern)
     started = time.perf_counter()
     runs = Runs(work / "jobs", jobs=jobs)
     found = diagnose(Measured(measured), base, library(), runs, reference=Measured(reference))
@@ -131,18 +134,19 @@ def main() -> None:
     base = fitted_base(reference, options.work, options.jobs)
     odd = outliers(reference, base, options.jobs)
     reference = [episode for episode in reference if episode.name not in odd]
-    for name in SETS:
+    for name in (*SETS, OTHER):
         path = options.work / f"{name}.json"
         if not path.is_file():
             row = run_set(name, options.data, reference, base, options.work, options.jobs)
             path.write_text(json.dumps(row, indent=1))
             sys.stdout.write(f"{name}: {row['verdict']} {row['named']} {row['held_out_rms_mm']}\n")
             sys.stdout.flush()
-    rows = [json.loads((options.work / f"{name}.json").read_text()) for name in SETS]
+    rows = [json.loads((options.work / f"{name}.json").read_text()) for name in (*SETS, OTHER)]
     answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
     facts = {"command": "python -m benchmarks.hidden_disect --data DATA", "versions": versions(), "seeds": [0],
              "base": json.loads((options.work / "base.json").read_text()), "left_out": odd, "sets": rows,
-             "answers": {name: answer["effect"] for name, answer in answers.items()}}  # fmt: skip
+             "answers": {name: answer["effect"] for name, answer in answers.items()}
+             | {OTHER: "all that makes the foam another material than the jelly"}}  # fmt: skip
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(facts, indent=1))
 
