@@ -1,0 +1,74 @@
+"""The table of the missing-physics benchmark counts what it says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.physics_plan import DEVELOPED, PLAN
+from benchmarks.physics_tables import confusion, summary, wilson, write_results
+
+
+def run(name: str, **changes: Any) -> dict[str, Any]:
+    row = {"name": name, "set": name.split("-")[0], "seed": 1, "hidden": {}, "rms_mm": 1.0, "snr": 2.0,
+           "verdict": "EFFECT",
+           "named": ["tilt"], "ranks": [1], "error": 5.0, "floor": 1.0, "left": 2.0,
+           "parameters": {"tilt": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}},
+           "baselines": {"bic": ["tilt"], "sparse": ["drag"], "residual_error_share": 0.5}}  # fmt: skip
+    return {**row, **changes}
+
+
+TILT = {"tilt": {"gx_m_s2": 1.0}}
+
+
+def rows() -> list[dict[str, Any]]:
+    return [
+        run("single-a", hidden=TILT),
+        run("single-b", hidden=TILT, named=["drag"]),
+        run("single-faint", hidden=TILT, snr=0.5, verdict="NOTHING DETECTABLE", named=[]),
+        run("null-0", verdict="NOTHING DETECTABLE", named=[]),
+        run("null-1"),
+        run("pair-a", hidden={**TILT, "swelling": {"rate_per_s": 0.1}}),
+        run("outside-a", hidden=TILT, verdict="PARTLY", named=["fibres"]),
+    ]
+
+
+def test_rates_count_the_right_runs():
+    found = summary(rows())
+    assert found["single"]["top1"]["n"] == 2 and found["single"]["top1"]["rate"] == 0.5
+    assert found["single"]["all_amplitudes_top1"]["n"] == 3
+    assert found["single"]["wrong_name"]["rate"] == pytest.approx(1 / 3)
+    assert found["null"]["false_alarm"]["rate"] == 0.5
+    assert found["pairs"]["both"]["rate"] == 0 and found["pairs"]["one"]["rate"] == 1
+    assert found["outside"]["none_or_partly"]["rate"] == 1
+    assert found["decoys"]["chosen"]["rate"] == pytest.approx(1 / 7)
+    assert found["parameter_error"]["median"] == pytest.approx(0.1) and found["parameter_error"]["covered"]["rate"] == 1
+    assert found["gap_closed"]["median"] == pytest.approx(0.75)
+    assert confusion(rows())["tilt"] == {"tilt": 1, "drag": 1, "nothing detectable": 1}
+
+
+def test_wilson_knows_how_little_few_runs_say():
+    assert wilson(0, 0)["rate"] is None
+    none, few = wilson(0, 54), wilson(9, 10)
+    assert none["low"] == pytest.approx(0) and none["high"] == pytest.approx(
+        0.0664, abs=1e-3
+    )  # published tables of the interval
+    assert few["low"] == pytest.approx(0.596, abs=2e-3) and few["high"] == pytest.approx(0.982, abs=2e-3)
+
+
+def test_the_page_says_what_was_not_run(tmp_path: Path):
+    page = "<!-- rates:begin -->\n<!-- rates:end -->\n<!-- runs:begin -->\n<!-- runs:end -->"
+    (tmp_path / "results-physics.md").write_text(page)
+    write_results([], tmp_path, command="make bench-physics")
+    assert (
+        "| nothing hidden: false alarm | not run | not run | <= 2 % |" in (tmp_path / "results-physics.md").read_text()
+    )
+    assert json.loads((tmp_path / "results" / "physics.json").read_text())["sets"]["null"]["false_alarm"]["n"] == 0
+
+
+def test_runs_that_shaped_the_rules_are_told_apart():
+    names = [plan.name for plan in PLAN]
+    assert len(set(names)) == len(names) and set(names[:22]) == DEVELOPED
