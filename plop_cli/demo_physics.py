@@ -38,7 +38,7 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     steps = Steps(workspace, console, run)
     steps("simulate", "block.toml", "--seed", str(100 + seed), "--name", "plain")
     steps("identify", "--recordings", "plain", "--name", "base")
-    steps("simulate", "block.toml", "--hide", "random", "--snr", "3", "--seed", str(200 + seed), "--name", "mystery")
+    steps("simulate", "block.toml", "--hide", "random", "--snr", "5", "--seed", str(200 + seed), "--name", "mystery")
     steps("compare", "--model", "base", "--recordings", "mystery")
     steps("diagnose", "--model", "base", "--recordings", "mystery", "--name", "verdict")
     store = Store(workspace)
