@@ -73,5 +73,5 @@ def _plan() -> list[Plan]:
 
 PLAN = _plan()
 
-DEVELOPED = frozenset(plan.name for plan in PLAN[:22])
+DEVELOPED = frozenset(plan.name for plan in PLAN[:33])
 """Runs that were looked at while the rules of the verdict were being fixed; the others came afterwards."""

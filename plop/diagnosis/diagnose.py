@@ -126,7 +126,7 @@ def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Di
     laws = [s for s in scores[1:] if s.candidate.kind == "physics"]
     more = state.beyond(scores[0], laws, sham) if laws else None
     verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left, excess=state.excess(),
-                    raw=state.raw_error(), second=more)  # fmt: skip
+                    excess_p=state.excess_p(), raw=state.raw_error(), second=more)  # fmt: skip
     limits = detection_limits(state.screen, scores, sham, state.response_rms_m, state.least_amplitude)
     where = ("", "reference ")  # both sets may have an episode of the same name
     dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}

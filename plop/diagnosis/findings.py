@@ -83,6 +83,10 @@ class State:
         error = np.sqrt(ours.var(ddof=1) / len(ours) + theirs.var(ddof=1) / len(theirs))
         return float((ours.mean() - theirs.mean()) / max(error, 1e-12))
 
+    def excess_p(self) -> float | None:
+        """Chance that dealing the episodes out anew makes the difference in mean error as large (Fisher 1935)."""
+        return None if len(self.floors) < 2 else exchanged(self.errors(), self.floors)
+
     def left(self, score: Score) -> float:
         """Mean squared whitened held-out residual with an effect."""
         return float(score.after.sum() / self.numbers)
@@ -167,9 +171,20 @@ class State:
         """
         if self.reference is None or own == 0:
             return None
-        known = stands_out(float(self.errors().mean()), float(self.floors.mean()), self.excess())
+        known = stands_out(float(self.errors().mean()), float(self.floors.mean()), self.excess(), self.excess_p())
         return contrast_of(fitted, fit(self.reference, rows), own,
                            family or (1 if known else len(self.screen.candidates)))  # fmt: skip
+
+
+DEALS = 4000
+
+
+def exchanged(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Permutation test of mean(ours) > mean(theirs): (1 + deals with as large a difference) / (1 + deals)."""
+    both, count = np.concatenate([ours, theirs]), len(ours)
+    order = np.argsort(np.random.default_rng(0).random((DEALS, len(both))), axis=1)[:, :count]
+    dealt = both[order].sum(1)
+    return float((1 + (dealt >= ours.sum() * (1 - 1e-12)).sum()) / (1 + DEALS))
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:

@@ -20,8 +20,11 @@ SECOND_LEAST = 0.1
 is wrong with it resembles other laws."""
 EXCESS_LEAST = 3.0
 """Standard errors by which the error must exceed the reference's for something to be wrong."""
+EXCESS_P = 0.005
+"""Or the chance that dealing the episodes out anew makes the difference in mean error as large: a law that only some
+motions show makes a few episodes very wrong and leaves the others, which standard errors take for scatter."""
 EXCESS_RATIO = 1.5
-"""And the least ratio of the two."""
+"""And the least ratio of the two errors."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class Verdict:
 def judge(
     findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
     error: float, floor: float | None, left: float | None, excess: float | None,
-    raw: float | None = None, second: tuple[Finding, float] | None = None,
+    excess_p: float | None = None, raw: float | None = None, second: tuple[Finding, float] | None = None,
 ) -> Verdict:  # fmt: skip
     """Decide.
 
@@ -109,13 +112,15 @@ def judge(
         floor: The same in the reference recordings; None without reference.
         left: The same with the best effect.
         excess: By how many standard errors the error exceeds the reference's.
-        raw: The same with its parameters left as they are.
+        excess_p: The same as a chance, by permutation.
+        raw: The error with its parameters left as they are.
         second: The law that explains most of what the best one leaves, and the error with both.
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
-    facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "excess": excess, "decoys": decoys}
-    wrong = stands_out(error, floor, excess)
+    facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "excess": excess,
+             "excess_p": excess_p, "decoys": decoys}  # fmt: skip
+    wrong = stands_out(error, floor, excess, excess_p)
     if sensors:
         text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
@@ -155,9 +160,10 @@ def judge(
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
 
 
-def stands_out(error: float, floor: float | None, excess: float | None) -> bool:
+def stands_out(error: float, floor: float | None, excess: float | None, excess_p: float | None) -> bool:
     """Tell whether the error by itself shows that something is missing, whatever that is."""
-    return excess is not None and floor is not None and excess > EXCESS_LEAST and error > EXCESS_RATIO * floor
+    beyond = (excess is not None and excess > EXCESS_LEAST) or (excess_p is not None and excess_p <= EXCESS_P)
+    return floor is not None and beyond and error > EXCESS_RATIO * floor
 
 
 def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:

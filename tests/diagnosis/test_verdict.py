@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
+import numpy as np
 import pytest
 
 from plop.diagnosis.contrast import Contrast
+from plop.diagnosis.findings import exchanged
 from plop.diagnosis.verdict import Finding, judge, parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
@@ -66,6 +69,19 @@ def test_a_base_parameter_that_leaves_most_of_the_gap_is_a_part():
     assert (verdict.kind, verdict.named) == ("PARTLY", ["stiffness"])
     verdict = judge([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=20.0)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
+
+
+def test_an_error_in_few_episodes_stands_out_by_permutation():
+    facts = {**FACTS, "excess": 2.3}
+    assert judge([finding(**WEAK)], [], None, [], **facts).kind == "NOTHING DETECTABLE"
+    assert judge([finding(**WEAK)], [], None, [], **facts, excess_p=0.003).kind == "NONE OF THESE"
+
+
+def test_permutations_count_every_deal():
+    ours, theirs = np.array([30.0, 40.0, 1.0, 1.2]), np.array([1.0, 1.1, 0.9, 1.2, 0.8, 1.0, 1.3, 0.7])
+    deals = [sum(deal) >= ours.sum() - 1e-9 for deal in combinations([*ours, *theirs], 4)]
+    assert exchanged(ours, theirs) == pytest.approx(np.mean(deals), abs=0.01)
+    assert exchanged(theirs[:4], theirs[4:]) > 0.2
 
 
 def test_what_the_reference_shows_as_well_does_not_stand_in_the_way():
