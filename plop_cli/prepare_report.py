@@ -41,6 +41,12 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
     return found
 
 
+def labels_of_models(models: str) -> tuple[str, ...]:
+    """Give what to call the models: the names that the user typed; nothing where one is an address."""
+    names = tuple(name.strip() for name in models.split(",") if name.strip())
+    return names if len(set(names)) == len(names) and not any("@" in name for name in names) else ()
+
+
 def _is_of(diagnosis: Artifact, recordings: Artifact, models: list[Artifact]) -> bool:
     made_from = parents(diagnosis)
     return made_from.get("recordings") == recordings.key and made_from.get("model") in {m.key for m in models}

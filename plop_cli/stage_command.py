@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +18,7 @@ from plop_cli.console import Console, format_seconds
 from plop_cli.convert import describe
 from plop_cli.execute import Outcome, Plan, execute, is_first_process, plan
 from plop_cli.prepare import MODELS, Preparation, takes_model_instead, wants_preparation
-from plop_cli.prepare_report import report_inputs
+from plop_cli.prepare_report import labels_of_models, report_inputs
 from plop_cli.settings import Setting, resolve, settings_of
 from plop_cli.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
 from stages import PIPELINE, StageRef
@@ -101,6 +102,8 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     if wants_preparation(stage, inputs) and not values["dry_run"]:
         exclude = tuple(getattr(config, "exclude", ()))
         preparation = Preparation(store, console, exclude)
+        if stage.name == "report" and "models" in inputs and not config.labels:
+            config = replace(config, labels=labels_of_models(str(inputs["models"])))
         inputs = (report_inputs(preparation, inputs) if stage.name == "report"
                   else preparation.inputs(stage, inputs, values["env"]))  # fmt: skip
     if values["dry_run"]:
