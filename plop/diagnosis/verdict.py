@@ -148,6 +148,9 @@ def judge(
         partly = share is not None and share < PARTLY_SHARE
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
         others = [name for name in confounds if name not in (best.name, more and more.name) and name in possible]
+        # most of a gap that may be no more than what motions differ by is nothing that a law could have explained
+        if partly and not wrong and excess_p is not None and excess_p > P_LARGEST:
+            return _nothing(facts)
         if more is not None and not others:
             text = _both_text(best, more, partly, share)
             return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
@@ -157,6 +160,10 @@ def judge(
         return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
     if decoys or wrong:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
+    return _nothing(facts)
+
+
+def _nothing(facts: dict[str, Any]) -> Verdict:
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
 
 

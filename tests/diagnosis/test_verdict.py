@@ -45,9 +45,11 @@ def test_an_effect_that_closes_less_than_half_is_named_in_part():
     assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
 
 
-def test_a_law_that_passes_is_named_in_part_even_where_episodes_differ_more():
-    verdict = judge([finding(gain=0.25)], [], None, [], error=3.2, floor=1.2, left=2.4, excess=2.0)
+def test_a_law_that_leaves_most_of_the_gap_needs_a_gap_beyond_chance():
+    facts: dict[str, Any] = {"error": 3.2, "floor": 1.2, "left": 2.4, "excess": 2.0}
+    verdict = judge([finding(gain=0.25)], [], None, [], **facts, excess_p=0.01)
     assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
+    assert judge([finding(gain=0.25)], [], None, [], **facts, excess_p=0.1).kind == "NOTHING DETECTABLE"
 
 
 def test_two_laws_are_both_named():
