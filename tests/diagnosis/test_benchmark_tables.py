@@ -40,6 +40,7 @@ def test_rates_count_the_right_runs():
     found = summary(rows())
     assert found["single"]["top1"]["n"] == 2 and found["single"]["top1"]["rate"] == 0.5
     assert found["single"]["all_amplitudes_top1"]["n"] == 3
+    assert [found["recovery"][key]["n"] for key in ("snr_2_and_more", "snr_1_to_2", "snr_below_1")] == [2, 0, 1]
     assert found["single"]["wrong_name"]["rate"] == pytest.approx(1 / 3)
     assert found["null"]["false_alarm"]["rate"] == 0.5
     assert found["pairs"]["both"]["rate"] == 0 and found["pairs"]["one"]["rate"] == 1
