@@ -113,7 +113,8 @@ def write_results(rows: list[dict[str, Any]], out: Path, *, command: str) -> Non
     fresh = [r for r in rows if r["name"] not in DEVELOPED]
     facts = {**kept, "command": command, "versions": versions(), "seeds": sorted({r["seed"] for r in rows}),
              "sets": {**summary(rows), "sensor": {"called_physics": sensor_faults_missed(out)}},
-             "sets_after_rules_were_fixed": summary(fresh), "confusion": confusion(rows), "runs": rows}  # fmt: skip
+             "sets_after_rules_were_fixed": summary(fresh), "confusion": confusion(rows),
+             "runs": [_kept(r) for r in rows]}  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(facts, indent=1))
     page = out / "results-physics.md"
@@ -131,6 +132,11 @@ def _shown(rate: dict[str, Any] | None) -> str:
     if not rate or rate.get("rate") is None:
         return "not run"
     return f"{100 * rate['rate']:.0f} % ({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %, n = {rate['n']})"
+
+
+def _kept(row: dict[str, Any]) -> dict[str, Any]:
+    """Leave out of a run what its folder keeps in full: the page's file stays small enough to be read."""
+    return {key: value for key, value in row.items() if key not in ("judged", "limits_mm", "parameters", "ranking")}
 
 
 def _rates(sets: dict[str, Any], fresh: dict[str, Any]) -> str:
