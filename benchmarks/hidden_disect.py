@@ -114,7 +114,8 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
                      "contrast": f.contrast and f.contrast.errors, "contrast_p": f.contrast and f.contrast.p,
                      "alone": f.alone, "parameters": f.parameters, "reasons": f.reasons()}
                     for f in [*found.findings[:6], found.findings[-1]]],
-        "error": found.error, "floor": found.floor, "left": found.verdict.evidence.get("left"), "excess": found.excess,
+        "error": found.size.error, "floor": found.size.floor, "left": found.verdict.evidence.get("left"),
+        "excess": found.size.excess,
         "held_out_rms_mm": before_and_after(found, measured, base, runs), "seconds": time.perf_counter() - started,
         "dropped": found.dropped,
     }  # fmt: skip

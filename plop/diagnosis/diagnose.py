@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.candidates import Candidate, candidates_of
+from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.findings import State
 from plop.diagnosis.limits import detection_limits
@@ -40,12 +41,8 @@ class Diagnosis:
     """Best gain over the library under each sham."""
     limits: dict[str, dict[str, Any]]
     """Effect -> smallest detectable amplitude and displacement."""
-    error: float
-    """Mean squared residual of the base, in units of its expectation [-]."""
-    floor: float | None
-    """The same in the reference recordings."""
-    excess: float | None
-    """How much larger the error is than in the reference, in standard errors."""
+    size: ErrorSize
+    """How large the base's error is, here and in the reference."""
     dropped: dict[str, str]
     """Episodes and columns left out, with the reason."""
     evidence: list[Evidence]
@@ -120,15 +117,13 @@ def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Di
     sham = sham_gains(state.screen, seed=seed, count=shams)
     findings = [state.finding(score, sham) for score in scores]
     base = state.base_finding(sham)
-    error, floor = float(state.errors().mean()), float(state.floors.mean()) if len(state.floors) else None
     left = state.left(scores[0]) if scores else None
     alike = [s.candidate.effect for s in confounded(state.screen, scores[0], scores)] if scores else []
-    laws = [s for s in scores[1:] if s.candidate.kind == "physics"]
-    more = state.beyond(scores[0], laws, sham) if laws else None
-    verdict = judge(findings, alike, base, list(sensors), error=error, floor=floor, left=left, excess=state.excess(),
-                    excess_p=state.excess_p(), raw=state.raw_error(), second=more)  # fmt: skip
-    limits = detection_limits(state.screen, scores, sham, state.response_rms_m, state.least_amplitude)
+    second = state.beyond(scores[0], sham) if scores else None
+    verdict = judge(findings, alike, base, list(sensors), state.size, left=left, second=second)
+    clear = {f.name: f.contrast.least for f in findings if f.contrast is not None}
+    limits = detection_limits(state.screen, scores, sham, state.response_rms_m, clear)
     where = ("", "reference ")  # both sets may have an episode of the same name
     dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
-    return Diagnosis(verdict, scores, [*findings, base], sham, limits, error, floor, state.excess(), dropped,
+    return Diagnosis(verdict, scores, [*findings, base], sham, limits, state.size, dropped,
                      state.evidence, state.control, state.misfit)  # fmt: skip

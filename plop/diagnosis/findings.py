@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,13 @@ from scipy.stats import t as student
 
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
+from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
-from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, known_misfit
+from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
-from plop.diagnosis.verdict import Finding, stands_out
+from plop.diagnosis.verdict import Finding
 from plop.errors import PlopError
 
 
@@ -71,67 +72,49 @@ class State:
         """Mean squared whitened residual of each episode, base parameters fitted to the others, [E]."""
         return self.screen.before() / [e.count for e in self.screen.episodes]
 
-    def raw_error(self) -> float:
-        """Mean squared whitened residual of the base as it is."""
-        return float(self.screen.grams.energy.sum() / self.numbers)
-
-    def excess(self) -> float | None:
-        """How much larger the error is than in the reference, in standard errors (Welch, of logarithms)."""
-        if len(self.floors) < 2:
-            return None
-        ours, theirs = np.log(self.errors()), np.log(self.floors)
-        error = np.sqrt(ours.var(ddof=1) / len(ours) + theirs.var(ddof=1) / len(theirs))
-        return float((ours.mean() - theirs.mean()) / max(error, 1e-12))
-
-    def excess_p(self) -> float | None:
-        """Chance that dealing the episodes out anew makes the difference in mean error as large (Fisher 1935)."""
-        return None if len(self.floors) < 2 else exchanged(self.errors(), self.floors)
+    @cached_property
+    def size(self) -> ErrorSize:
+        """How large the base's error is, against the reference's."""
+        return ErrorSize.of(self.errors(), float(self.screen.grams.energy.sum() / self.numbers), self.floors)
 
     def left(self, score: Score) -> float:
         """Mean squared whitened held-out residual with an effect."""
         return float(score.after.sum() / self.numbers)
 
-    def finding(self, score: Score, shams: np.ndarray) -> Finding:
-        """Add parameters, intervals, p and contrast to a score."""
+    def finding(self, score: Score, shams: np.ndarray, family: int | None = None) -> Finding:
+        """Add parameters, intervals, p and contrast to a score.
+
+        Args:
+            score: Of one effect.
+            shams: Best gains under shams.
+            family: See `_contrast`.
+        """
         columns = score.candidate.columns
-        parameters = _parameters(columns, score.fit, len(self.screen.base))
+        parameters = _parameters(columns, score.fit)
         for name, value in columns[0].shapes:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
                                 "at_bound": False, "chosen": True}  # fmt: skip
-        rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
-        contrast = self._contrast(rows, len(columns), score.fit)
+        contrast = self._contrast(score.rows, len(columns), score.fit, family)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
-                       p_value(score.gain, shams), contrast, _steady(self.screen.before(), score.after), score.alone,
+                       p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
                        self._apart(score))  # fmt: skip
 
-    def beyond(self, best: Score, others: Sequence[Score], shams: np.ndarray) -> tuple[Finding, float] | None:
+    def beyond(self, best: Score, shams: np.ndarray) -> tuple[Finding, float] | None:
         """Find the law that explains most of what the best one leaves; its gain is a share of that.
 
         Args:
-            best: What is taken as given.
-            others: Further laws.
+            best: What is taken for granted.
             shams: Best gains under shams.
 
         Returns:
             The finding, with its amplitude fitted together with the best one's, and the mean squared residual
-            with both; None without further laws.
+            with both; None without another law.
         """
-        given = np.concatenate([self.screen.base, self.screen.columns(best.candidate)])
-        before = held_out_energy(self.screen.grams, given)
-        found: list[tuple[Finding, float]] = []
-        for other in others:
-            columns = other.candidate.columns
-            rows = np.concatenate([given, self.screen.columns(other.candidate)])
-            after, fitted = held_out_energy(self.screen.grams, rows), fit(self.screen.grams, rows)
-            won = gain(before, after)
-            finding = Finding(
-                other.candidate.effect, other.candidate.kind, _parameters(columns, fitted, len(given)), won,
-                self.screen.gain_error(given, rows), p_value(won, shams),
-                self._contrast(rows, len(columns), fitted, family=len(self.screen.candidates)),
-                _steady(before, after),
-            )  # fmt: skip
-            found.append((finding, float(after.sum() / self.numbers)))
-        return max(found, key=lambda pair: pair[0].gain, default=None)
+        others = self.screen.scores(self.response_rms_m, given=best.candidate)
+        law = next((score for score in others if score.candidate.kind == "physics"), None)
+        if law is None:
+            return None
+        return self.finding(law, shams, family=len(self.screen.candidates)), self.left(law)
 
     def base_finding(self, shams: np.ndarray) -> Finding:
         """Judge a change of the base's own parameters, against leaving them as they are."""
@@ -142,7 +125,7 @@ class State:
         improvement, error = gain(raw, refitted), self.screen.gain_error(np.array([], int), rows)
         contrast = self._contrast(rows, len(rows), fitted)
         # The same kind of p as for effects: sham gains are shares of the error, too.
-        return Finding("stiffness", "base", _parameters(tuple(columns), fitted, 0), improvement, error,
+        return Finding("stiffness", "base", _parameters(tuple(columns), fitted), improvement, error,
                        p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
 
     def _apart(self, score: Score) -> float:
@@ -157,12 +140,6 @@ class State:
         values = iter(fit(self.screen.grams, self.screen.base).values)
         return {c.key: np.array([next(values) for _ in c.columns]) for c in self.base_candidates}
 
-    def least_amplitude(self, score: Score) -> float:
-        """Amplitude of a score's first column that is as far from the reference as a named one must be."""
-        rows = np.concatenate([self.screen.base, self.screen.columns(score.candidate)])
-        contrast = self._contrast(rows, len(score.candidate.columns), score.fit)
-        return 0.0 if contrast is None else contrast.least
-
     def _contrast(self, rows: np.ndarray, own: int, fitted: Fit, family: int | None = None) -> Contrast | None:
         """Compare the last `own` amplitudes with those in the reference; None without reference.
 
@@ -171,20 +148,8 @@ class State:
         """
         if self.reference is None or own == 0:
             return None
-        known = stands_out(float(self.errors().mean()), float(self.floors.mean()), self.excess(), self.excess_p())
-        return contrast_of(fitted, fit(self.reference, rows), own,
-                           family or (1 if known else len(self.screen.candidates)))  # fmt: skip
-
-
-DEALS = 4000
-
-
-def exchanged(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Permutation test of mean(ours) > mean(theirs): (1 + deals with as large a difference) / (1 + deals)."""
-    both, count = np.concatenate([ours, theirs]), len(ours)
-    order = np.argsort(np.random.default_rng(0).random((DEALS, len(both))), axis=1)[:, :count]
-    dealt = both[order].sum(1)
-    return float((1 + (dealt >= ours.sum() * (1 - 1e-12)).sum()) / (1 + DEALS))
+        family = family or (1 if self.size.stands_out else len(self.screen.candidates))
+        return contrast_of(fitted, fit(self.reference, rows), own, family)
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:
@@ -193,9 +158,10 @@ def _steady(before: np.ndarray, after: np.ndarray) -> float:
     return gain(before[rest], after[rest])
 
 
-def _parameters(columns: tuple[Column, ...], fitted: Fit, first: int) -> dict[str, dict[str, Any]]:
-    """Give values with 95 % intervals over episodes, and whether they are at the end of their range."""
+def _parameters(columns: tuple[Column, ...], fitted: Fit) -> dict[str, dict[str, Any]]:
+    """Give the last values with 95 % intervals over episodes, and whether they are at the end of their range."""
     found = {}
+    first = len(fitted.values) - len(columns)
     width = student.ppf(0.975, max(fitted.episodes - 1, 1))
     for k, column in enumerate(columns):
         value, error = fitted.values[first + k], float(np.sqrt(fitted.spread[first + k, first + k]))

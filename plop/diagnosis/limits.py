@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ _STEPS = 24
 
 def detection_limits(
     screen: Screen, scores: list[Score], shams: np.ndarray, response_rms_m: Callable[[str], float],
-    least: Callable[[Score], float],
+    clear: Mapping[str, float],
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
 
@@ -26,14 +26,18 @@ def detection_limits(
         scores: One for each effect.
         shams: Best gains under shams.
         response_rms_m: RMS response of one unit of a column [m].
-        least: Smallest amplitude of a score's first column that differs clearly from the reference's.
+        clear: Effect -> smallest first amplitude that differs clearly from the reference's; without it any does.
 
     Returns:
         Effect -> {"amplitude", "unit", "displacement_m"}; None where even 1000 times the response's own
         amplitude would not be seen.
     """
     threshold = float(np.quantile(shams, 1 - P_LARGEST))
-    return {score.candidate.effect: _limit(screen, score, threshold, response_rms_m, least(score)) for score in scores}
+    limits = {}
+    for score in scores:
+        name = score.candidate.effect
+        limits[name] = _limit(screen, score, threshold, response_rms_m, clear.get(name, 0.0))
+    return limits
 
 
 def _limit(
@@ -41,7 +45,7 @@ def _limit(
 ) -> dict[str, Any]:
     column = score.candidate.columns[0]
     row = screen.index[column.key]
-    rows = np.concatenate([screen.base, screen.columns(score.candidate)])
+    rows = score.rows
     left = _without(screen, rows, score.fit.values)
 
     def seen(amplitude: float) -> bool:

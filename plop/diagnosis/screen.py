@@ -24,10 +24,14 @@ class Score:
     """Share of the held-out error that it takes away, beyond the base's own parameters [-]."""
     gain_error: float
     """Standard error of the gain [-]."""
+    before: np.ndarray
+    """Held-out sum of squares without it, per episode [E]."""
     after: np.ndarray
     """Held-out sum of squares with it, per episode [E]."""
+    rows: np.ndarray
+    """All columns that were fitted: the base's parameters, what was given, and its own, which come last."""
     fit: Fit
-    """Its amplitudes, fitted to all episodes together with the base's parameters (those come first)."""
+    """Their amplitudes, fitted to all episodes."""
     size_m: float
     """RMS displacement that it makes at the fitted amplitude [m]."""
     alone: float
@@ -73,21 +77,25 @@ class Screen:
         """Held-out sum of squares with the base's own parameters refitted, [E]."""
         return held_out_energy(grams or self.grams, self.base)
 
-    def scores(self, response_rms_m: Callable[[str], float]) -> list[Score]:
+    def scores(self, response_rms_m: Callable[[str], float], given: Candidate | None = None) -> list[Score]:
         """Score every candidate, best first.
 
         Args:
             response_rms_m: RMS response of one unit of a column [m].
+            given: A law that is taken for granted: the others are scored on what it leaves.
         """
-        before, found = self.before(), []
+        null = self.base if given is None else np.concatenate([self.base, self.columns(given)])
+        before, found = held_out_energy(self.grams, null), []
         for candidate in self.candidates:
-            rows = np.concatenate([self.base, self.columns(candidate)])
+            if given is not None and candidate.effect == given.effect:
+                continue
+            rows = np.concatenate([null, self.columns(candidate)])
             after = held_out_energy(self.grams, rows)
             fitted = fit(self.grams, rows)
             alone = gain(self.grams.energy, held_out_energy(self.grams, self.columns(candidate)))
             sizes = [abs(v) * response_rms_m(c.key)
-                     for v, c in zip(fitted.values[len(self.base) :], candidate.columns, strict=True)]  # fmt: skip
-            found.append(Score(candidate, gain(before, after), self.gain_error(self.base, rows), after, fitted,
+                     for v, c in zip(fitted.values[len(null) :], candidate.columns, strict=True)]  # fmt: skip
+            found.append(Score(candidate, gain(before, after), self.gain_error(null, rows), before, after, rows, fitted,
                                float(np.hypot.reduce(sizes)), alone))  # fmt: skip
         return sorted(found, key=lambda s: -s.gain)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.contrast import P_LARGEST, Contrast
+from plop.diagnosis.error_size import ErrorSize
 
 GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
@@ -18,13 +19,6 @@ PARTLY_SHARE = 0.5
 SECOND_LEAST = 0.1
 """Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
 is wrong with it resembles other laws."""
-EXCESS_LEAST = 3.0
-"""Standard errors by which the error must exceed the reference's for something to be wrong."""
-EXCESS_P = 0.005
-"""Or the chance that dealing the episodes out anew makes the difference in mean error as large: a law that only some
-motions show makes a few episodes very wrong and leaves the others, which standard errors take for scatter."""
-EXCESS_RATIO = 1.5
-"""And the least ratio of the two errors."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +91,8 @@ class Verdict:
 
 
 def judge(
-    findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
-    error: float, floor: float | None, left: float | None, excess: float | None,
-    excess_p: float | None = None, raw: float | None = None, second: tuple[Finding, float] | None = None,
+    findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], size: ErrorSize, *,
+    left: float | None, second: tuple[Finding, float] | None = None,
 ) -> Verdict:  # fmt: skip
     """Decide.
 
@@ -108,19 +101,14 @@ def judge(
         confounds: Effects that cannot be told from the best; decoys and those at their bound are left out.
         base: Change of the base's own parameters.
         sensors: Significant sensor faults, in words.
-        error: Mean squared whitened error of the base with its own parameters refitted.
-        floor: The same in the reference recordings; None without reference.
-        left: The same with the best effect.
-        excess: By how many standard errors the error exceeds the reference's.
-        excess_p: The same as a chance, by permutation.
-        raw: The error with its parameters left as they are.
+        size: How large the error is.
+        left: Mean squared whitened error with the best effect.
         second: The law that explains most of what the best one leaves, and the error with both.
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
-    facts = {"sensors": sensors, "error": error, "floor": floor, "left": left, "excess": excess,
-             "excess_p": excess_p, "decoys": decoys}  # fmt: skip
-    wrong = stands_out(error, floor, excess, excess_p)
+    facts = {"sensors": sensors, "error": size.error, "floor": size.floor, "left": left, "excess": size.excess,
+             "excess_p": size.excess_p, "decoys": decoys}  # fmt: skip
     if sensors:
         text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
@@ -129,9 +117,8 @@ def judge(
         laws = [f for f in findings if f.kind == "physics" and not f.at_bound and f.differs]
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
-        closed = _closed(raw, floor, error)
-        beyond_chance = excess is not None and excess > EXCESS_LEAST
-        most_remains = beyond_chance and closed is not None and closed < PARTLY_SHARE
+        closed = size.closed_by_base
+        most_remains = size.beyond_chance and closed is not None and closed < PARTLY_SHARE
         if found is not None and found.kind == "BASE PARAMETER" and most_remains:
             return Verdict("PARTLY", found.named, _partly_base_text(base), facts)
         if found is not None:
@@ -144,12 +131,12 @@ def judge(
         if more is not None and second is not None:
             left = second[1]
             facts = {**facts, "left": left}
-        share = _closed(error, floor, left)
+        share = size.closed(left)
         partly = share is not None and share < PARTLY_SHARE
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
         others = [name for name in confounds if name not in (best.name, more and more.name) and name in possible]
         # most of a gap that may be no more than what motions differ by is nothing that a law could have explained
-        if partly and not wrong and excess_p is not None and excess_p > P_LARGEST:
+        if partly and not size.stands_out and size.excess_p is not None and size.excess_p > P_LARGEST:
             return _nothing(facts)
         if more is not None and not others:
             text = _both_text(best, more, partly, share)
@@ -158,19 +145,13 @@ def judge(
         if best.kind == "base" and kind != "CONFOUNDED":
             return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
         return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
-    if decoys or wrong:
+    if decoys or size.stands_out:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return _nothing(facts)
 
 
 def _nothing(facts: dict[str, Any]) -> Verdict:
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
-
-
-def stands_out(error: float, floor: float | None, excess: float | None, excess_p: float | None) -> bool:
-    """Tell whether the error by itself shows that something is missing, whatever that is."""
-    beyond = (excess is not None and excess > EXCESS_LEAST) or (excess_p is not None and excess_p <= EXCESS_P)
-    return floor is not None and beyond and error > EXCESS_RATIO * floor
 
 
 def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:
@@ -195,13 +176,6 @@ def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts
                 f"{parameters_text(base)}; or {parameters_text(rival)}.")  # fmt: skip
         return Verdict("CONFOUNDED", [base.name, rival.name], text, facts)
     return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
-
-
-def _closed(error: float | None, floor: float | None, left: float | None) -> float | None:
-    """Share of the explainable gap that closed; None when it is not known."""
-    if error is None or floor is None or left is None or error <= floor:
-        return None
-    return (error - left) / (error - floor)
 
 
 def parameters_text(finding: Finding) -> str:

@@ -23,9 +23,6 @@ def facts_of(
     ranking = [_row(finding, types, sizes.get(finding.name)) for finding in found.findings]
     confounded = found.verdict.named if found.verdict.kind == "CONFOUNDED" else []
     left = found.verdict.evidence.get("left")
-    closed = None
-    if found.floor is not None and left is not None and found.error > found.floor:
-        closed = (found.error - left) / (found.error - found.floor)
     return {
         "schema": SCHEMA,
         "verdict": {"kind": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
@@ -36,7 +33,8 @@ def facts_of(
         "limits": _clean(found.limits),
         "sensors": sensors,
         "shams": {"count": len(found.shams), "quantile_98": float(np.quantile(found.shams, 0.98))},
-        "error": found.error, "floor": found.floor, "excess": found.excess, "closed_share": closed,
+        "error": found.size.error, "floor": found.size.floor, "excess": found.size.excess,
+        "closed_share": found.size.closed(left),
         "next_motion": next_motion(found) if len(confounded) > 1 else None,
         "episodes": [e.name for e in found.evidence],
         "reference_episodes": [e.name for e in found.control],

@@ -30,8 +30,8 @@ def test_a_planted_law_is_named_with_an_interval_that_holds_it():
     assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["tilt"])
     value = finding(found, "tilt").parameters["a"]
     assert value["low"] < 0.3 < value["high"] and value["high"] - value["low"] < 0.1
-    assert found.error > 1.5 * found.floor and found.excess > 3
-    assert found.floor == pytest.approx(1, abs=0.3)
+    assert found.size.error > 1.5 * found.size.floor and found.size.excess > 3
+    assert found.size.floor == pytest.approx(1, abs=0.3)
 
 
 def test_nothing_planted_nothing_named():

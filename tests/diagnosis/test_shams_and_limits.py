@@ -48,8 +48,7 @@ def test_p_counts_the_shams_that_do_as_well():
 
 
 def limits_of(now, shams):
-    return detection_limits(now.screen, one_per_effect(now.scores()), shams, now.response_rms_m,
-                            now.least_amplitude)  # fmt: skip
+    return detection_limits(now.screen, one_per_effect(now.scores()), shams, now.response_rms_m, {})
 
 
 @pytest.mark.parametrize("law", ["tilt", "viscosity"])

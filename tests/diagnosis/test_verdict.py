@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.contrast import Contrast
-from plop.diagnosis.findings import exchanged
-from plop.diagnosis.verdict import Finding, judge, parameters_text
+from plop.diagnosis.error_size import ErrorSize, exchanged
+from plop.diagnosis.verdict import Finding, Verdict, judge, parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 
@@ -28,12 +28,21 @@ def at_bound(name: str = "tilt") -> Finding:
 
 
 WEAK: dict[str, Any] = {"gain": 0.01, "p": 0.6}
+
+
+def told(
+    findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
+    left: float | None, second: tuple[Finding, float] | None = None, raw: float = 20.0, **size: Any,
+) -> Verdict:  # fmt: skip
+    return judge(findings, confounds, base, sensors, ErrorSize(raw=raw, **size), left=left, second=second)
+
+
 FACTS: dict[str, Any] = {"error": 5.0, "floor": 1.0, "left": 1.2, "excess": 9.0}
 QUIET: dict[str, Any] = {"error": 1.0, "floor": 1.0, "left": 1.0, "excess": 0.2}
 
 
 def test_an_effect_that_closes_the_gap_is_named():
-    verdict = judge([finding(), finding("fibres", **WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
+    verdict = told([finding(), finding("fibres", **WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
     assert "60 % of the held-out error" in verdict.text and "95 % of the explainable gap" in verdict.text
     assert "gx_m_s2 = 1 (0.9 to 1.1) m/s^2" in verdict.text
@@ -41,20 +50,20 @@ def test_an_effect_that_closes_the_gap_is_named():
 
 
 def test_an_effect_that_closes_less_than_half_is_named_in_part():
-    verdict = judge([finding()], [], None, [], **{**FACTS, "left": 3.5})
+    verdict = told([finding()], [], None, [], **{**FACTS, "left": 3.5})
     assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
 
 
 def test_a_law_that_leaves_most_of_the_gap_needs_a_gap_beyond_chance():
     facts: dict[str, Any] = {"error": 3.2, "floor": 1.2, "left": 2.4, "excess": 2.0}
-    verdict = judge([finding(gain=0.25)], [], None, [], **facts, excess_p=0.01)
+    verdict = told([finding(gain=0.25)], [], None, [], **facts, excess_p=0.01)
     assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
-    assert judge([finding(gain=0.25)], [], None, [], **facts, excess_p=0.1).kind == "NOTHING DETECTABLE"
+    assert told([finding(gain=0.25)], [], None, [], **facts, excess_p=0.1).kind == "NOTHING DETECTABLE"
 
 
 def test_two_laws_are_both_named():
     more = finding("viscosity", gain=0.5)
-    verdict = judge([finding(), finding("viscosity")], ["viscosity"], None, [], **FACTS, second=(more, 1.1))
+    verdict = told([finding(), finding("viscosity")], ["viscosity"], None, [], **FACTS, second=(more, 1.1))
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt", "viscosity"])
     assert verdict.evidence["left"] == 1.1 and "Add tilt, then diagnose again" in verdict.text
 
@@ -62,21 +71,21 @@ def test_two_laws_are_both_named():
 @pytest.mark.parametrize("changes", [{"gain": 0.08}, {"contrast": SAME}, {"p": 0.2}])
 def test_a_second_law_must_pass_too(changes: dict[str, Any]):
     more = finding("viscosity", **{"gain": 0.5, **changes})
-    verdict = judge([finding()], [], None, [], **FACTS, second=(more, 1.1))
+    verdict = told([finding()], [], None, [], **FACTS, second=(more, 1.1))
     assert (verdict.kind, verdict.named, verdict.evidence["left"]) == ("EFFECT", ["tilt"], 1.2)
 
 
 def test_a_base_parameter_that_leaves_most_of_the_gap_is_a_part():
-    verdict = judge([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=7.0)
+    verdict = told([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=7.0)
     assert (verdict.kind, verdict.named) == ("PARTLY", ["stiffness"])
-    verdict = judge([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=20.0)
+    verdict = told([finding(**WEAK)], [], finding("stiffness"), [], **FACTS, raw=20.0)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
 
 
 def test_an_error_in_few_episodes_stands_out_by_permutation():
     facts = {**FACTS, "excess": 2.3}
-    assert judge([finding(**WEAK)], [], None, [], **facts).kind == "NOTHING DETECTABLE"
-    assert judge([finding(**WEAK)], [], None, [], **facts, excess_p=0.003).kind == "NONE OF THESE"
+    assert told([finding(**WEAK)], [], None, [], **facts).kind == "NOTHING DETECTABLE"
+    assert told([finding(**WEAK)], [], None, [], **facts, excess_p=0.003).kind == "NONE OF THESE"
 
 
 def test_permutations_count_every_deal():
@@ -88,64 +97,64 @@ def test_permutations_count_every_deal():
 
 def test_what_the_reference_shows_as_well_does_not_stand_in_the_way():
     drag = finding("drag", gain=0.7, contrast=SAME)
-    verdict = judge([drag, finding()], [], None, [], **FACTS)
+    verdict = told([drag, finding()], [], None, [], **FACTS)
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
-    verdict = judge([finding("fibres", gain=0.7, gain_error=0.5), finding()], [], None, [], **FACTS)
+    verdict = told([finding("fibres", gain=0.7, gain_error=0.5), finding()], [], None, [], **FACTS)
     assert verdict.kind == "NONE OF THESE"  # it differs and explains more, but is not sure: nothing is named
 
 
 def test_without_reference_an_effect_is_still_named():
-    verdict = judge([finding(contrast=None)], [], None, [], error=5.0, floor=None, left=None, excess=None)
+    verdict = told([finding(contrast=None)], [], None, [], error=5.0, floor=None, left=None, excess=None)
     assert verdict.kind == "EFFECT"
 
 
 def test_look_alikes_are_all_named():
-    verdict = judge([finding(), finding("fibres")], ["fibres"], None, [], **FACTS)
+    verdict = told([finding(), finding("fibres")], ["fibres"], None, [], **FACTS)
     assert (verdict.kind, verdict.named) == ("CONFOUNDED", ["tilt", "fibres"])
     assert "tilt, or fibres" in verdict.text
 
 
 def test_a_base_parameter_is_no_law():
     base = finding("stiffness")
-    verdict = judge([finding(**WEAK)], [], base, [], **FACTS)
+    verdict = told([finding(**WEAK)], [], base, [], **FACTS)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
-    verdict = judge([finding("damping")], [], finding("stiffness", **WEAK), [], **FACTS)
+    verdict = told([finding("damping")], [], finding("stiffness", **WEAK), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["damping"])
 
 
 def test_a_faulty_sensor_comes_before_physics():
-    verdict = judge([finding()], [], finding("stiffness"), ["clock of cam_01"], **FACTS)
+    verdict = told([finding()], [], finding("stiffness"), ["clock of cam_01"], **FACTS)
     assert (verdict.kind, verdict.named) == ("SENSOR", ["clock of cam_01"])
     assert "--exclude" in verdict.text
 
 
 def test_significant_misfit_that_nobody_explains():
-    verdict = judge([finding(**WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
+    verdict = told([finding(**WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
 
 
 @pytest.mark.parametrize("facts", [QUIET, {**FACTS, "excess": 2.0}, {**FACTS, "error": 1.4}])
 def test_without_significant_misfit_nothing_is_detectable(facts):
-    verdict = judge([finding(**WEAK)], [], finding("stiffness", **WEAK), [], **facts)
+    verdict = told([finding(**WEAK)], [], finding("stiffness", **WEAK), [], **facts)
     assert (verdict.kind, verdict.named) == ("NOTHING DETECTABLE", [])
 
 
 @pytest.mark.parametrize("facts", [FACTS, QUIET])
 def test_a_decoy_is_never_named(facts):
-    verdict = judge([finding("drag"), finding(**WEAK)], ["tilt"], None, [], **facts)
+    verdict = told([finding("drag"), finding(**WEAK)], ["tilt"], None, [], **facts)
     assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
-    verdict = judge([finding(), finding("drag")], ["drag"], None, [], **FACTS)
+    verdict = told([finding(), finding("drag")], ["drag"], None, [], **FACTS)
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
 
 
 def test_a_parameter_at_its_bound_is_never_named():
-    assert judge([at_bound()], [], None, [], **FACTS).named == []
-    assert judge([finding(), at_bound("fibres")], ["fibres"], None, [], **FACTS).named == ["tilt"]
-    assert judge([finding(**WEAK)], [], at_bound("stiffness"), [], **FACTS).named == []
+    assert told([at_bound()], [], None, [], **FACTS).named == []
+    assert told([finding(), at_bound("fibres")], ["fibres"], None, [], **FACTS).named == ["tilt"]
+    assert told([finding(**WEAK)], [], at_bound("stiffness"), [], **FACTS).named == []
 
 
 def test_a_second_does_not_inherit_what_the_first_may_not_have():
-    assert judge([finding("drag", gain=0.9), finding()], [], None, [], **FACTS).named == []
+    assert told([finding("drag", gain=0.9), finding()], [], None, [], **FACTS).named == []
 
 
 @pytest.mark.parametrize("change, reason", [
@@ -157,7 +166,7 @@ def test_each_condition_is_needed_and_said(change, reason):
     found = finding(**change)
     assert not found.passes()
     assert any(reason in text for text in found.reasons())
-    assert judge([found], [], None, [], **QUIET).kind == "NOTHING DETECTABLE"
+    assert told([found], [], None, [], **QUIET).kind == "NOTHING DETECTABLE"
 
 
 def test_what_passes_has_no_reason_against_it():
@@ -172,21 +181,21 @@ def test_an_infinite_interval_is_left_out_of_the_sentence():
 
 def test_a_law_that_does_more_than_the_base_parameter_by_itself_is_named():
     """Stiffness mimics the law so well that beside it the law has nothing left to explain."""
-    verdict = judge([finding(alone=0.8, alone_error=0.05, **WEAK)], [], finding("stiffness", gain=0.5), [], **FACTS)
+    verdict = told([finding(alone=0.8, alone_error=0.05, **WEAK)], [], finding("stiffness", gain=0.5), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
     assert "80 % of the held-out error" in verdict.text
 
 
 def test_a_law_that_does_as_much_as_the_base_parameter_cannot_be_told_from_it():
-    verdict = judge([finding(alone=0.55, alone_error=0.05, **WEAK)], [], finding("stiffness"), [], **FACTS)
+    verdict = told([finding(alone=0.55, alone_error=0.05, **WEAK)], [], finding("stiffness"), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("CONFOUNDED", ["stiffness", "tilt"])
     same = {"alone": 0.55, "alone_error": 0.05, **WEAK}
     for rival in (replace(at_bound(), **same), finding("drag", **same)):
-        assert judge([rival], [], finding("stiffness"), [], **FACTS).named == ["stiffness"]
+        assert told([rival], [], finding("stiffness"), [], **FACTS).named == ["stiffness"]
 
 
 def test_a_law_that_explains_much_beyond_the_base_parameter_is_named():
-    verdict = judge([finding(gain=0.7, alone=0.3)], [], finding("stiffness", gain=0.4), [], **FACTS)
+    verdict = told([finding(gain=0.7, alone=0.3)], [], finding("stiffness", gain=0.4), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
-    verdict = judge([finding(gain=0.2, alone=0.3)], [], finding("stiffness", gain=0.6), [], **FACTS)
+    verdict = told([finding(gain=0.2, alone=0.3)], [], finding("stiffness", gain=0.6), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])

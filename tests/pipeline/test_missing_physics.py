@@ -65,7 +65,7 @@ def test_a_hidden_effect_is_named_and_adding_it_lowers_the_error(told):
     assert "swelling" in found.verdict.named and "drag" not in found.verdict.named
     value = best.parameters["rate_per_s"]
     assert value["value"] == pytest.approx(HIDDEN["rate_per_s"], rel=0.3)
-    assert found.verdict.evidence["left"] < found.error
+    assert found.verdict.evidence["left"] < found.size.error
     fitted = effect_type("swelling")(rate_per_s=value["value"])
     held_out = measured(10, (HIDDEN,))[:2]
     assert error_m(held_out, (fitted,)) < 0.6 * error_m(held_out, ())
