@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,20 +24,15 @@ def cases() -> dict[str, Callable[[], float]]:
 
 def fit_s() -> float:
     """One episode: 6 views of 128 x 128 px, 3,000 Gaussians, from 200 steps timed and scaled to 2,000."""
-    from benchmarks.bench_ingest import _raw
+    from benchmarks.recorded_block import recorded_block
     from plop.recordings.recording import Recording
     from plop.render.rasterize import render
-    from stages.contract import Input, Output
     from stages.fit_init.episode import fit_object, usable_views
     from stages.fit_init.shell import surface_from_views
     from stages.fit_init.stage import FitInitConfig
-    from stages.ingest.settings import MeshConfig
-    from stages.ingest.stage import INGEST_MESH
 
-    with _raw() as raw, tempfile.TemporaryDirectory() as out:
-        INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(cameras=6), Output(Path(out)))
-        with Recording(Path(out) / "episodes" / "block.h5") as recording:
-            views, table = usable_views(recording, []), recording.table_z_m
+    with recorded_block() as path, Recording(path) as recording:
+        views, table = usable_views(recording, []), recording.table_z_m
     config = FitInitConfig(steps=200)
     surface = surface_from_views(views)
     shell, _ = fit_object(surface, views, table, replace(config, steps=10))  # compiles

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 from benchmarks.measure import median_ms
 
@@ -20,26 +18,21 @@ def step_s() -> float:
     """Forward, backward and optimiser of one window: horizon 4, one 128 x 128 view a step, 3,000 Gaussians [s]."""
     import torch
 
-    from benchmarks.bench_ingest import _raw
+    from benchmarks.recorded_block import recorded_block
     from plop.dynamics.filtering import UpdateConfig
     from plop.dynamics.model import PlopModel
     from plop.gaussians.splat_ply import write_splat
     from plop.recordings.recording import Recording
-    from stages.contract import Input, Output
     from stages.fit_init.episode import fit_object, usable_views
     from stages.fit_init.shell import surface_from_views
     from stages.fit_init.stage import FitInitConfig
-    from stages.ingest.settings import MeshConfig
-    from stages.ingest.stage import INGEST_MESH
     from stages.train.objective import TrainingStep
     from stages.train.stage import TrainConfig, _loss_weights, _model_config, _render_weights
     from stages.train.tracks import load_track, track_episode
     from stages.train.windows import Window
 
-    with _raw() as raw, tempfile.TemporaryDirectory() as out:
-        folder = Path(out)
-        INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(cameras=6), Output(folder))
-        recording_path = folder / "episodes" / "block.h5"
+    with recorded_block() as recording_path:
+        folder = recording_path.parent
         with Recording(recording_path) as recording:
             views, table = usable_views(recording, []), recording.table_z_m
         fitted, _ = fit_object(surface_from_views(views), views, table, FitInitConfig(steps=5, count=GAUSSIANS))

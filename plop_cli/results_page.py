@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.whole_file import write_text
 from plop.metrics.table import replace_between_markers, to_markdown
 
 PARTS = ("episode", "end", "start")
@@ -27,7 +27,7 @@ def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str,
         The files that were written.
     """
     folder = docs / "results"
-    _write(folder / "disect.json", json.dumps(results, indent=1) + "\n")
+    write_text(folder / "disect.json", json.dumps(results, indent=1) + "\n")
     written = [folder / "disect.json"]
     links = []
     for name, source in pictures.items():
@@ -41,13 +41,6 @@ def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str,
         for part in PARTS:
             text = replace_between_markers(text, f"disect-{part}", to_markdown(results, part=part))
         text = replace_between_markers(text, "disect-pictures", "\n\n".join(links) or "None.")
-        _write(page, text)
+        write_text(page, text)
         written.append(page)
     return written
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(path.name + ".tmp")
-    draft.write_text(text, encoding="utf-8")
-    os.replace(draft, path)

@@ -21,6 +21,7 @@ from plop.artifacts.digest import DigestCache, content_digest, file_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
+from plop.artifacts.whole_file import write_json
 from plop.errors import PlopError
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
@@ -152,9 +153,7 @@ class Store:
         check_name(name)
         with locked(self.root / ".locks" / "names"):
             names = self.names() | {name: "@".join(artifact.key)}
-            draft = self.root / "names.json.tmp"
-            draft.write_text(json.dumps(names, indent=1, sort_keys=True), encoding="utf-8")
-            os.replace(draft, self.root / "names.json")
+            write_json(self.root / "names.json", names)
 
     def scratch(self, stage: str, fingerprint: str, *, fresh: bool = False) -> Path:
         """Give the scratch folder of a fingerprint, with what a killed run left unless `fresh`. Hold its lock."""

@@ -1,23 +1,47 @@
-"""Small files that are there whole or not at all."""
+"""Files that are there whole or not at all."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 
-def write_json(path: Path, content: Mapping[str, Any], *, sort_keys: bool = True) -> None:
-    """Write JSON under a temporary name first, so that a killed run leaves nothing that looks finished.
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Give a scratch name beside `path` to write to, which takes the final name when the block ends well.
+
+    A killed run leaves nothing under the final name that looks finished, and what was there before stays; a block
+    that fails leaves no scratch file either.
 
     Args:
         path: The file; its folder is made when it does not exist.
-        content: JSON types.
-        sort_keys: Order the keys by name rather than as given.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(json.dumps(content, indent=1, sort_keys=sort_keys))
-    os.replace(scratch, path)
+    try:
+        yield scratch
+        os.replace(scratch, path)
+    except BaseException:
+        scratch.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text whole."""
+    with whole(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any], *, sort_keys: bool = True) -> None:
+    """Write JSON whole.
+
+    Args:
+        path: The file.
+        content: JSON types.
+        sort_keys: Order the keys by name rather than as given.
+    """
+    write_text(path, json.dumps(content, indent=1, sort_keys=sort_keys))

@@ -10,13 +10,13 @@ seen [T, M] bool: what the tool hides is guessed by the tracker and counts in no
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
+from plop.artifacts.whole_file import whole
 from plop.diagnosis.carrier import fine_surface
 from plop.diagnosis.error_fields import ErrorField
 from plop.errors import PlopError
@@ -71,10 +71,8 @@ def write_field(path: Path, field: StoredField) -> None:
         array = np.asarray(value)
         small = array.dtype == np.float64 and name != "times_s"
         arrays[name] = array.astype(np.float32) if small else array
-    scratch = path.with_name(path.name + ".tmp")
-    with scratch.open("wb") as file:
+    with whole(path) as scratch, scratch.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
-    os.replace(scratch, path)
 
 
 def read_field(path: Path) -> StoredField:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
+from plop.artifacts.whole_file import whole
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.errors import PlopError
 from plop.physics.effects.library import library
@@ -93,14 +93,11 @@ class Runs:
         path = self._path(job)
         if path is None:
             return
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = path.with_suffix(".tmp")
         arrays = {"trouble": np.array(answer.trouble)}
         if answer.points is not None:
             arrays["points"] = answer.points.astype(np.float32)
-        with scratch.open("wb") as file:
+        with whole(path) as scratch, scratch.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
-        os.replace(scratch, path)
 
     def _path(self, job: Job) -> Path | None:
         return None if self.folder is None else self.folder / f"{digest(job)}.npz"

@@ -7,7 +7,6 @@ model.json           {"schema", "kind": "plop", "config": {...}, "training": {..
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +16,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
+from plop.artifacts.whole_file import whole, write_json
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.resampling import ResamplingConfig
@@ -34,18 +34,15 @@ def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | 
         training: Facts to keep beside it (JSON types).
     """
     weights = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
-    temporary = folder / "model.safetensors.tmp"
-    save_file(weights, temporary)
-    os.replace(temporary, folder / "model.safetensors")
+    with whole(folder / "model.safetensors") as scratch:
+        save_file(weights, scratch)
     facts = {
         "schema": MODEL_SCHEMA,
         "kind": "plop",
         "config": asdict(model.config),
         "training": dict(training or {}),
     }
-    temporary = folder / "model.json.tmp"
-    temporary.write_text(json.dumps(facts, indent=1, sort_keys=True))
-    os.replace(temporary, folder / "model.json")
+    write_json(folder / "model.json", facts)
 
 
 def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:

@@ -6,13 +6,13 @@ f_dc_0..2, f_rest_* (colour by colour), opacity as a logit, scale_0..2 as logari
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from plop.artifacts.whole_file import whole
 from plop.errors import PlopError
 from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians
@@ -44,12 +44,8 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
     header = "\n".join([*lines, *(f"property float {name}" for name in names), "end_header", ""])
-    path = Path(path)
-    temporary = path.with_name(path.name + ".tmp")
-    with temporary.open("wb") as file:
-        file.write(header.encode("ascii"))
-        file.write(table.tobytes())
-    os.replace(temporary, path)
+    with whole(Path(path)) as scratch:
+        scratch.write_bytes(header.encode("ascii") + table.tobytes())
 
 
 def write_splat_sequence(folder: str | Path, frames: Iterable[Gaussians], *, prefix: str = "frame_") -> list[Path]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 
+from plop.artifacts.whole_file import whole
 from plop.errors import PlopError
 from plop.geometry.pointcloud import PointCloud
 
@@ -27,9 +27,8 @@ def write_cloud(path: str | Path, cloud: PointCloud) -> None:
         rows[_COLORS[i]] = cloud.colors[:, i]
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}"]
     head += [f"property float {key}" for key in _FLOATS] + [f"property uchar {key}" for key in _COLORS]
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_bytes(("\n".join([*head, "end_header"]) + "\n").encode() + rows.tobytes())
-    os.replace(scratch, path)
+    with whole(path) as scratch:
+        scratch.write_bytes(("\n".join([*head, "end_header"]) + "\n").encode() + rows.tobytes())
 
 
 def read_cloud(path: str | Path) -> PointCloud:

@@ -12,7 +12,6 @@ World frame: metres, right-handed, z up. Faces are counter-clockwise seen from o
 from __future__ import annotations
 
 import json
-import os
 import re
 import zipfile
 from dataclasses import dataclass, field, replace
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
 
 MESH_SEQUENCE_SCHEMA = 1
@@ -100,15 +100,11 @@ def write_mesh_sequence(folder: str | Path, sequence: MeshSequence) -> Path:
         **{_TRUTH + key: np.asarray(value) for key, value in sorted(sequence.truth.items())},
     }
     path = folder / f"{sequence.name}.npz"
-    scratch = path.with_name(path.name + ".tmp")
-    with scratch.open("wb") as file:
+    with whole(path) as scratch, scratch.open("wb") as file:
         np.savez_compressed(file, **arrays)
-    os.replace(scratch, path)
     side = {"schema": MESH_SEQUENCE_SCHEMA, "environment": sequence.environment, "source": sequence.source,
             "table_z_m": sequence.table_z_m, "facts": sequence.facts}  # fmt: skip
-    scratch = path.with_suffix(".json.tmp")
-    scratch.write_text(json.dumps(side, indent=1, sort_keys=True))
-    os.replace(scratch, path.with_suffix(".json"))
+    write_json(path.with_suffix(".json"), side)
     return path
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from plop.artifacts.whole_file import write_json, write_text
 from plop.errors import PlopError
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
@@ -77,7 +77,7 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
     for done, name in enumerate(recordings.names):
         part = folder / f"{name}.json.part"
         if not out.is_done(name):
-            _write_text(part, json.dumps(_one(recordings, name, solved, config, folder)))
+            write_text(part, json.dumps(_one(recordings, name, solved, config, folder)))
             out.mark_done(name)
         saved = json.loads(part.read_text())
         if "skipped" in saved:
@@ -89,7 +89,7 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
         raise PlopError("No episode could be calibrated.", where=recordings.folder, expected="at least one episode",
                         found=next(iter(skipped.values()), "the set is empty"))  # fmt: skip
     facts = {"episodes": rows, "cameras": _worst(rows), "skipped": skipped, **solved.facts()}
-    _write_text(out.path / "calibration.json", json.dumps(facts, indent=1, sort_keys=True))
+    write_json(out.path / "calibration.json", facts)
     replace(recordings, folder=out.path, train=[n for n in recordings.train if n in rows],
             test=[n for n in recordings.test if n in rows], skipped=skipped).save()  # fmt: skip
     for name in recordings.names:
@@ -150,12 +150,6 @@ def _worst(rows: dict[str, dict]) -> dict[str, dict]:
 
 def _badness(entry: dict) -> tuple[int, float]:
     return ORDER.index(entry["verdict"]), entry["disagreement_mm"] or 0.0
-
-
-def _write_text(path: Path, text: str) -> None:
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(text)
-    os.replace(scratch, path)
 
 
 def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:

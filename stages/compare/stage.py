@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_json
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.camera_errors import camera_rows, camera_table
 from plop.diagnosis.episode import Episode
@@ -70,7 +69,7 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
         out.progress(done + 1, len(episodes), episode.name, rms_mm=1000 * float(np.sqrt((field.error_m**2).mean())))
     found: dict[str, list[dict[str, Any]]] = tables(fields) | {"camera": camera_table(cameras)}
     facts = _facts(recordings, episodes, fields, found, cameras, left_out)
-    _write_text(out.path / "compare.json", json.dumps(facts, indent=1))
+    write_json(out.path / "compare.json", facts, sort_keys=False)
     if config.pictures:
         _draw(out.path / "pictures", fields, found)
     return _summary(fields, found, left_out)
@@ -145,12 +144,6 @@ def _draw(folder: Path, fields: list[ErrorField], found: dict[str, list[dict[str
         draw_over_time(folder / f"{field.name}_time.png", stored)
         draw_on_object(folder / f"{field.name}_object.png", stored)
     draw_tables(folder / "tables.png", found)
-
-
-def _write_text(path: Path, text: str) -> None:
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(text)
-    os.replace(scratch, path)
 
 
 def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], left_out: dict[str, str]) -> Summary:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plop.artifacts.whole_file import whole
 from plop.metrics.bootstrap import bootstrap_interval
 from plop.metrics.frame import CONVENTIONS, HIGHER_IS_BETTER, mean_defined
 
@@ -79,14 +79,12 @@ def summary_table(report: dict[str, Any]) -> list[dict[str, Any]]:
 
 def write_csv(path: Path, rows: Rows) -> None:
     """Write every frame's scores; an empty field is undefined."""
-    scratch = path.with_name(path.name + ".tmp")
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    with scratch.open("w", newline="") as file:
+    with whole(path) as scratch, scratch.open("w", newline="") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         for row in rows:
             writer.writerow({key: f"{value:.7g}" if isinstance(value, float) else value for key, value in row.items()})
-    os.replace(scratch, path)
 
 
 def _parts(rows: Rows) -> dict[str, dict[str, float | None]]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from plop.artifacts.whole_file import write_json
 from plop.errors import PlopError
 from plop.metrics.lpips import Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
@@ -62,14 +62,14 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
         if not out.is_done(name):
             paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
             scored = score_episode(recordings, name, paths, config, lpips, out.progress)
-            _write_text(path, json.dumps(scored, indent=1))
+            write_json(path, scored, sort_keys=False)
             out.mark_done(name)
         rows += json.loads(path.read_text())
         out.progress(done + 1, len(names), name)
     report = environment_report(rows, recordings.environment, config)
     if isinstance(lpips, Unavailable):
         report["unavailable"]["lpips"] = lpips.reason
-    _write_text(out.path / "scores.json", json.dumps(report, indent=1))
+    write_json(out.path / "scores.json", report, sort_keys=False)
     write_csv(out.path / "scores.csv", rows)
     plot_over_time(out.path / "over_time.png", rows, recordings.environment)
     return _summary(report)
@@ -86,12 +86,6 @@ def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
         raise PlopError("There is nothing to score.", where=rollouts, expected="<episode>/images.h5 of `plop rollout`",
                         found="no episode", fix="Run `plop rollout`.")  # fmt: skip
     return found
-
-
-def _write_text(path: Path, text: str) -> None:
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(text)
-    os.replace(scratch, path)
 
 
 def _summary(report: dict) -> Summary:

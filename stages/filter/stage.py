@@ -7,13 +7,13 @@ difference (where the model is wrong) and the innovation per camera (how wrong, 
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from plop.artifacts.whole_file import write_text
 from plop.determinism import deterministic
 from plop.dynamics.episodes import measured_views
 from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter, settled
@@ -109,9 +109,8 @@ def _filter_episode(
             frames.append({"frame": step.frame, "time_s": float(recording.time_s[step.frame]),
                            "cameras": step.innovation})  # fmt: skip
             out.progress(number + (step.frame + 1) / len(recording), total, name, gaussians=len(step.updated.side))
-    temporary = out.path / f"{name}.json.tmp"
-    temporary.write_text(json.dumps({"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}))
-    os.replace(temporary, out.path / f"{name}.json")
+    innovation = {"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}
+    write_text(out.path / f"{name}.json", json.dumps(innovation))
 
 
 def _store(writer: TrajectoryWriter, step: FilterStep) -> None:

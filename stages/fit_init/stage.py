@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
 from plop.recordings.set import RecordingSet
@@ -126,7 +126,7 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
         raise next(iter(skipped.values()))
     reasons = {name: error.problem for name, error in skipped.items()}
     facts = {"environment": recordings.environment, "episodes": scores, "skipped": reasons}
-    _write_json(out.path / "fit.json", facts)
+    write_json(out.path / "fit.json", facts)
     return _summary(scores, skipped)
 
 
@@ -157,24 +157,12 @@ def _check(config: FitInitConfig) -> None:
 
 
 def _write_episode(folder: Path, result: EpisodeFit) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
     write_splat(folder / "object.ply", result.gaussians)
     write_splat(folder / "tool.ply", result.tool)
     for name, picture in result.pictures.items():
-        _write_png(folder / f"{name}.png", picture)
-    _write_json(folder / "fit.json", result.score)
-
-
-def _write_json(path: Path, facts: dict[str, Any]) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(json.dumps(facts, indent=1, sort_keys=True))
-    os.replace(temporary, path)
-
-
-def _write_png(path: Path, picture: np.ndarray) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    Image.fromarray(picture).save(temporary, format="PNG")
-    os.replace(temporary, path)
+        with whole(folder / f"{name}.png") as scratch:
+            Image.fromarray(picture).save(scratch, format="PNG")
+    write_json(folder / "fit.json", result.score)
 
 
 def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -> Summary:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_json, write_text
 from plop.errors import PlopError
 from plop.geometry.cloud_ply import write_cloud
 from plop.recordings.recording import Recording
@@ -63,7 +63,7 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
             saved = json.loads(facts.read_text())
         else:
             saved = _one(recordings, name, config, out.path / "clouds")
-            _write_text(facts, json.dumps(saved))
+            write_text(facts, json.dumps(saved))
             out.mark_done(name)
         (skipped if "skipped" in saved else rows)[name] = saved.get("skipped", saved)
         out.progress(done + 1, len(names), name)
@@ -71,7 +71,7 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
         reason = next(iter(skipped.values()), "the set holds no episode")
         raise PlopError("No episode could be fused.", where=recordings.folder, expected="at least one object cloud",
                         found=reason, fix="See the first episode's reason above.")  # fmt: skip
-    _write_text(out.path / "fuse.json", json.dumps({"episodes": rows, "skipped": skipped}, indent=1, sort_keys=True))
+    write_json(out.path / "fuse.json", {"episodes": rows, "skipped": skipped})
     for name in names:
         (out.path / "clouds" / f"{name}.json.part").unlink(missing_ok=True)
     return _summary(rows, skipped)
@@ -106,12 +106,6 @@ def _check(config: FuseConfig) -> None:
     if config.frame < 0:
         raise PlopError("A frame cannot be negative.", where="fuse.frame", expected="0 or more",
                         found=str(config.frame))  # fmt: skip
-
-
-def _write_text(path: Path, text: str) -> None:
-    scratch = path.with_name(path.name + ".tmp")
-    scratch.write_text(text)
-    os.replace(scratch, path)
 
 
 def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:

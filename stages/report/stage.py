@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_text
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.compared import ReportFacts
@@ -67,9 +67,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
         episodes.append(_episode(inputs, recordings, name, config))
         out.progress(done + 1, len(shown), name)
     page = report_page(facts, episodes, limit_mm=config.difference_mm)
-    scratch = out.path / "report.html.tmp"
-    scratch.write_text(page, encoding="utf-8")
-    os.replace(scratch, out.path / "report.html")
+    write_text(out.path / "report.html", page)
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 

@@ -7,7 +7,6 @@ score so far. No pickles. The file is whole or absent.
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
+
+from plop.artifacts.whole_file import whole
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,8 @@ def save_checkpoint(
         for key, value in entry.items():
             tensors[f"adam.{index}.{key}"] = torch.as_tensor(value).detach().clone()
     facts = {"step": str(at.step), "best_error_m": repr(at.best_error_m), "best_step": str(at.best_step)}
-    temporary = folder / "checkpoint.safetensors.tmp"
-    save_file({k: v.contiguous() for k, v in tensors.items()}, temporary, metadata={"progress": json.dumps(facts)})
-    os.replace(temporary, folder / "checkpoint.safetensors")
+    with whole(folder / "checkpoint.safetensors") as scratch:
+        save_file({k: v.contiguous() for k, v in tensors.items()}, scratch, metadata={"progress": json.dumps(facts)})
 
 
 def load_checkpoint(

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.whole_file import write_text
+
 
 class Journal:
     """Write one line a step."""
@@ -36,7 +38,7 @@ class Journal:
 
         path = folder / "log.jsonl"
         kept = [line for line in _lines(path) if line["step"] < from_step]
-        path.write_text("".join(json.dumps(line) + "\n" for line in kept))
+        write_text(path, "".join(json.dumps(line) + "\n" for line in kept))
         board = SummaryWriter(str(folder / "tensorboard"), purge_step=from_step)
         with path.open("a", buffering=1) as file:
             try:
