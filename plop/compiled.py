@@ -11,6 +11,8 @@ from typing import Any
 import numba
 import torch
 
+from plop.kernel_cache import watch_sources
+
 FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
 """Allowed floating-point freedoms; NaN and infinity keep their meaning."""
 PARTS_PER_THREAD = 4
@@ -28,10 +30,9 @@ os.register_at_fork(after_in_child=_pools.clear)
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function to machine code on its first call; cached on disk, runs without the interpreter lock.
 
-    The cache notices changes of the file a kernel is in, not of files it calls into, so a kernel calls
-    only functions of its own file.
+    It calls only functions and uses only constants of its own folder: that is what the cache watches.
     """
-    return numba.njit(fastmath=FAST, error_model="numpy", cache=True, nogil=True)(function)
+    return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=True, nogil=True)(function))
 
 
 def _threads() -> int:
