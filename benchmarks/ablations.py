@@ -21,6 +21,7 @@ import numpy as np
 import torch
 
 from plop.artifacts.store import Artifact, Store
+from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopModel
 from plop.dynamics.model_io import load_model
@@ -35,7 +36,7 @@ from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
 from plop.render.scene import render_scene
 from stages.contract import Input, Output
-from stages.rollout.predict import predict, tool_steps
+from stages.rollout.predict import predict
 from stages.train.stage import STAGE as TRAIN
 from stages.train.stage import TrainConfig
 
@@ -89,7 +90,7 @@ def score(model: PlopModel, inputs: Mapping[str, Input]) -> Row:
     for name in recordings.test:
         start, tool = (read_splat(inputs["init"].path / name / f"{part}.ply") for part in ("object", "tool"))
         with recordings.open(name) as recording, Truth(recordings.path(name)) as truth:
-            states = predict(model, at_rest(start), tool_steps(recording), name, 0)
+            states = predict(model, at_rest(start), Actions.of(recording).steps(), name, 0)
             before = time.process_time()
             for frame, (state, _) in enumerate(states):
                 spent += [time.process_time() - before] if frame > WARM_UP else []

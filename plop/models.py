@@ -54,6 +54,15 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsMode
                     found=str(kind), fix="Update plop.")  # fmt: skip
 
 
+def device_of(model: DynamicsModel) -> torch.device:
+    """Tell where a model expects its states: where its weights are; the engine runs on the CPU."""
+    if isinstance(model, AugmentedModel):
+        return device_of(model.base)
+    if isinstance(model, torch.nn.Module):
+        return next((weight.device for weight in model.parameters()), torch.device("cpu"))
+    return torch.device("cpu")
+
+
 def effects_of(folder: Path) -> tuple[Effect, ...]:
     """Give the effects that were added to a model, innermost first; none for a model without."""
     facts = read_facts(folder)

@@ -27,11 +27,12 @@ class Actions:
     table_z_m: float | None
 
     @classmethod
-    def of(cls, recording: Recording) -> Actions:
-        """Read the actions of a recording."""
+    def of(cls, recording: Recording, device: torch.device | str = "cpu") -> Actions:
+        """Read the actions of a recording; no image is read."""
         mesh = recording.tool_mesh
-        poses = torch.as_tensor(recording.world_from_tool, dtype=torch.float32)
-        return cls(ToolGeometry.from_mesh(mesh.vertices, mesh.faces), poses, recording.time_s, recording.table_z_m)
+        poses = torch.as_tensor(recording.world_from_tool, dtype=torch.float32, device=device)
+        tool = ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device)
+        return cls(tool, poses, recording.time_s, recording.table_z_m)
 
     def __len__(self) -> int:
         """Number of frames; there is one step less."""
@@ -42,6 +43,10 @@ class Actions:
         dt = float(self.time_s[frame + 1] - self.time_s[frame])
         return ToolStep(self.tool, self.world_from_tool[frame], self.world_from_tool[frame + 1], dt, self.table_z_m)
 
+    def steps(self) -> list[ToolStep]:
+        """Give all steps, one between each two frames."""
+        return [self.step(frame) for frame in range(len(self) - 1)]
+
 
 @dataclass(frozen=True)
 class MeasuredView:
@@ -51,13 +56,16 @@ class MeasuredView:
     target: Target
 
 
-def measured_views(recording: Recording, frame: int, cameras: list[str] | None = None) -> list[MeasuredView]:
+def measured_views(
+    recording: Recording, frame: int, cameras: list[str] | None = None, device: torch.device | str = "cpu"
+) -> list[MeasuredView]:
     """Read the views of one frame that show the object.
 
     Args:
         recording: The episode.
         frame: Its frame.
         cameras: Names of the cameras; all when absent.
+        device: Where the targets live.
 
     Returns:
         The views, without those in which no pixel shows the object.
@@ -66,5 +74,5 @@ def measured_views(recording: Recording, frame: int, cameras: list[str] | None =
     for name in cameras or recording.camera_names:
         view = recording.view(name, frame)
         if view.object_mask.any():
-            found.append(MeasuredView(view.camera, target_from_view(view)))
+            found.append(MeasuredView(view.camera, target_from_view(view, device=device)))
     return found

@@ -7,6 +7,7 @@ motion at this place, the side of the cut, and the height above the table.
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import torch
@@ -50,9 +51,7 @@ def object_features(
         Features of order 1, shape [N, OBJECT_FEATURES[kind]].
     """
     gaussians = state.gaussians
-    log_volume = gaussians.scales.clamp_min(1e-9).log().sum(-1, keepdim=True) - 3 * torch.log(
-        torch.tensor(length_m / 30)
-    )
+    log_volume = gaussians.scales.clamp_min(1e-9).log().sum(-1, keepdim=True) - 3 * math.log(length_m / 30)
     flag = torch.full_like(log_volume, float(state.has_history))
     columns = [
         gaussians.opacities[:, None],

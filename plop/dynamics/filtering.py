@@ -77,7 +77,7 @@ def run_filter(
     Yields:
         Frames 1 to T - 1.
     """
-    actions = Actions.of(recording)
+    actions = Actions.of(recording, initial.means.device)
     state = at_rest(initial)
     pairs = Neighbourhood.of(initial.means)
     length = float((initial.means.amax(0) - initial.means.amin(0)).max())
@@ -87,7 +87,7 @@ def run_filter(
         lineage = _first_ancestors(state.gaussians, predicted.gaussians)
         if lineage is not None:
             pairs, state = pairs.following(lineage), state.select(lineage)
-        views = measured_views(recording, frame, cameras)
+        views = measured_views(recording, frame, cameras, initial.means.device)
         updated = update(predicted, state.gaussians, views, pairs, length, config)
         innovation = _innovation(predicted, updated, views) if score else {}
         yield FilterStep(frame, predicted, updated, innovation)

@@ -70,4 +70,4 @@ def world_frame(action: ToolStep) -> StepFrame:
     """The world itself, origin moved to the table's height."""
     pose = action.world_from_tool
     height = 0.0 if action.table_z_m is None else action.table_z_m
-    return StepFrame(torch.eye(3).to(pose), pose.new_tensor([0.0, 0.0, height]))
+    return StepFrame(torch.eye(3, dtype=pose.dtype, device=pose.device), pose.new_tensor([0.0, 0.0, height]))

@@ -111,9 +111,9 @@ def local_rotations(pairs: Neighbourhood, before: Tensor, after: Tensor, count: 
     degree = before.new_zeros(count).index_add_(0, pairs.first, torch.ones_like(pairs.weight))
     # A small multiple of the identity keeps flat neighbourhoods well posed.
     scale = total.diagonal(dim1=-2, dim2=-1).abs().sum(-1).clamp_min(1e-20)
-    identity = torch.eye(3).to(before)
+    identity = torch.eye(3, dtype=before.dtype, device=before.device)
     u, _, vt = torch.linalg.svd(total + 0.02 * scale[:, None, None] * identity)
-    flip = torch.ones(count, 3).to(before)
+    flip = before.new_ones(count, 3)
     flip[:, 2] = torch.linalg.det(u @ vt)
     rotation = (u * flip[:, None, :]) @ vt
     return torch.where((degree >= 3)[:, None, None], rotation, identity)

@@ -70,7 +70,7 @@ def write_splat_sequence(folder: str | Path, frames: Iterable[Gaussians], *, pre
 
 def _columns(gaussians: Gaussians) -> dict[str, np.ndarray]:
     """Lay the fields out as the file's columns, each [N, k]."""
-    count = len(gaussians)
+    gaussians, count = gaussians.detach().to("cpu"), len(gaussians)
     opacity = gaussians.opacities.double().clamp(_OPACITY_MARGIN, 1 - _OPACITY_MARGIN)
     rest = gaussians.sh[:, 1:].transpose(1, 2).flatten(1)
     columns = {

@@ -76,10 +76,10 @@ class ToolGeometry:
         """
         corners = self.vertices[self.faces]
         area = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=-1)
-        place = (torch.arange(count) + 0.5) / count
+        place = (torch.arange(count, device=self.vertices.device) + 0.5) / count
         face = torch.searchsorted((area.cumsum(0) / area.sum()).contiguous(), place.to(area)).clamp_max(len(area) - 1)
         # Two irrational steps give an even, repeatable spread inside the triangles (R2 sequence).
-        step = torch.arange(count, dtype=torch.float64)
+        step = torch.arange(count, dtype=torch.float64, device=self.vertices.device)
         u, v = (0.5 + 0.7548776662466927 * step) % 1, (0.5 + 0.5698402909980532 * step) % 1
         root = u.sqrt()
         weights = torch.stack([1 - root, root * (1 - v), root * v], dim=-1).to(corners)

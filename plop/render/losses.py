@@ -75,7 +75,7 @@ def target_from_view(
         The target.
     """
     mask = torch.from_numpy(view.object_mask)
-    behind = torch.zeros(3) if background is None else background.detach().cpu().float()
+    behind = torch.zeros(3, device="cpu") if background is None else background.detach().cpu().float()
     rgb = torch.from_numpy(view.rgb.astype(np.float32) / 255)
     depth = torch.from_numpy(np.nan_to_num(view.depth_m, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32))
     ignored = view.mask == MaskLabel.UNKNOWN
@@ -197,10 +197,10 @@ def ssim(image: Tensor, reference: Tensor) -> Tensor:
 @lru_cache(maxsize=16)
 def _blur_matrix(length: int) -> Tensor:
     """Build the matrix that blurs a line of pixels, shape [length - 10, length]."""
-    offset = torch.arange(SSIM_WINDOW, dtype=torch.float64) - SSIM_WINDOW // 2
+    offset = torch.arange(SSIM_WINDOW, dtype=torch.float64, device="cpu") - SSIM_WINDOW // 2
     window = torch.exp(-0.5 * (offset / SSIM_SIGMA).square())
     window = (window / window.sum()).float()
-    matrix = torch.zeros(length - SSIM_WINDOW + 1, length)
+    matrix = window.new_zeros(length - SSIM_WINDOW + 1, length)
     for row in range(len(matrix)):
         matrix[row, row : row + SSIM_WINDOW] = window
     return matrix

@@ -15,6 +15,7 @@ import torch
 
 from plop.artifacts.whole_file import write_text
 from plop.determinism import deterministic
+from plop.device import chosen_device
 from plop.dynamics.episodes import measured_views
 from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter, settled
 from plop.dynamics.interface import DynamicsModel, at_rest
@@ -22,7 +23,7 @@ from plop.dynamics.trivial import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
-from plop.models import load_model
+from plop.models import device_of, load_model
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
@@ -51,6 +52,8 @@ class FilterConfig:
     """Updates of the first frame on its own views, before anything moves."""
     exclude: tuple[str, ...] = ()
     """Cameras that are not used, e.g. one that is out of order."""
+    device: str = "auto"
+    """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
 
 
 @deterministic()
@@ -74,7 +77,11 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     if chosen is None:
         raise PlopError("There is no such split.", where="filter.split", expected="train, test or all",
                         found=config.split)  # fmt: skip
-    model: DynamicsModel = load_model(inputs["model"].path) if "model" in inputs else ConstantVelocity()
+    device = chosen_device(config.device)
+    model: DynamicsModel = ConstantVelocity()
+    if "model" in inputs:
+        model = load_model(inputs["model"].path, device)
+        device = device_of(model)
     update = UpdateConfig(
         iterations=config.iterations, views=config.views, cells_across=config.cells_across,
         isometry=config.isometry, weights=RenderWeights(depth=config.depth_weight),
@@ -83,7 +90,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     for number, name in enumerate(chosen):
         if not out.is_done(name):
             splat = inputs["init"].path / name / "object.ply"
-            _filter_episode(recordings.path(name), splat, model, update, config, out, number, len(chosen))
+            _filter_episode(recordings.path(name), splat, model, update, config, out, number, len(chosen), device)
             out.mark_done(name)
         rows.append({"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))})
     figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
@@ -92,17 +99,18 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
 
 def _filter_episode(
     recording_path: Path, splat: Path, model: DynamicsModel, update: UpdateConfig, config: FilterConfig,
-    out: Output, number: int, total: int,
+    out: Output, number: int, total: int, device: torch.device,
 ) -> None:  # fmt: skip
     if not splat.is_file():
         raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
                         found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
     name = recording_path.stem
-    generator = torch.Generator().manual_seed(config.seed)
+    generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
     with Recording(recording_path) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
-        first = settled(read_splat(splat), measured_views(recording, 0, cameras), update, config.settle)
+        first = settled(read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update,
+                        config.settle)  # fmt: skip
         writer.append("updated", 0, first, side=at_rest(first).side)
         for step in run_filter(model, recording, first, update, cameras=cameras, generator=generator):
             _store(writer, step)

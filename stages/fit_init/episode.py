@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from plop.device import chosen_device
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians, concatenate
 from plop.recordings.recording import Recording, View
@@ -116,15 +117,17 @@ def fit_object(
     higher = torch.zeros(len(seeds), (config.sh_degree + 1) ** 2 - 1, 3)
     seeds = seeds.with_(sh=torch.cat([seeds.sh, higher], dim=1))
     prepare = target_over_measured if config.background == "measured" else target_from_view
-    targets = [(view.camera, prepare(view)) for view in views]
+    device = chosen_device(config.device)
+    targets = [(view.camera, prepare(view, device=device)) for view in views]
     filler: Fill | None = None
     if config.filling == "solid":
         filler = solid_filler(views, inner_count, cells=config.fill_cells, floor_z_m=table_z_m,
                               opacity=config.inner_opacity, overlap=config.overlap, seed=config.seed)  # fmt: skip
     elif config.filling == "paper":
         filler = paper_filler(_PAPER_CELLS, table_z_m)
-    return fit(seeds, targets, config, spacing_m=typical_spacing(seeds.means), max_count=shell_count, fill=filler,
-               report=report)  # fmt: skip
+    shell, inner = fit(seeds.to(device), targets, config, spacing_m=typical_spacing(seeds.means),
+                       max_count=shell_count, fill=filler, report=report)  # fmt: skip
+    return shell.to("cpu"), inner.to("cpu")
 
 
 def usable_views(recording: Recording, warnings: list[str]) -> list[View]:

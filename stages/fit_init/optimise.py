@@ -52,21 +52,21 @@ def fit(
 
     Source: PLOP, Eq. 8-10 and Sec. III-C.
     """
-    generator = torch.Generator().manual_seed(config.seed)
+    generator = torch.Generator("cpu").manual_seed(config.seed)
     parameters = Parameters(seeds, config, spacing_m)
     weights = RenderWeights(config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight,
                             config.depth_unit_m)  # fmt: skip
-    inner = seeds.select(torch.zeros(0, dtype=torch.int64))
+    inner = seeds.select(seeds.ids.new_zeros(0))
     growth, fill_step = _growth_steps(config), int(config.fill_at * config.steps)
-    pull, order = torch.zeros(len(parameters)), torch.zeros(0, dtype=torch.int64)
+    pull, order = seeds.means.new_zeros(len(parameters)), torch.zeros(0, dtype=torch.int64, device="cpu")
     for step in range(config.steps):
         if step == fill_step and fill is not None:
-            inner = fill(parameters.gaussians().detach())
+            inner = fill(parameters.gaussians().detach().to("cpu")).to(seeds.means.device)
         if step in growth:
             _grow_and_prune(parameters, pull, max_count, len(growth) - growth.index(step), config)
-            pull = torch.zeros(len(parameters))
+            pull = seeds.means.new_zeros(len(parameters))
         if len(order) == 0:
-            order = torch.randperm(len(views), generator=generator)
+            order = torch.randperm(len(views), generator=generator, device="cpu")
         camera, target = views[int(order[0])]
         order = order[1:]
         shell = parameters.gaussians()
@@ -101,5 +101,5 @@ def _grow_and_prune(
     # A large Gaussian that is pulled hard covers more than one Gaussian can show.
     size = shell.scales.prod(1).pow(1 / 3)
     split_rows = (pull * size)[parents].argsort(descending=True, stable=True)[:room]
-    grown, origin = split_at(shell.select(parents), split_rows, torch.full((len(split_rows),), _DISPLACEMENT))
+    grown, origin = split_at(shell.select(parents), split_rows, pull.new_full((len(split_rows),), _DISPLACEMENT))
     parameters.replace(grown, parents[origin])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import torch
@@ -54,7 +55,7 @@ class Parameters:
     def pull(self) -> Tensor:
         """Give the length of each mean's gradient after a backward pass, shape [N]."""
         grad = self._free["means"].grad
-        return torch.zeros(len(self)) if grad is None else grad.norm(dim=1)
+        return self._free["means"].new_zeros(len(self)) if grad is None else grad.norm(dim=1)
 
     def step(self, progress: float) -> None:
         """Take one Adam step; as progress goes from 0 to 1, rates fall to a tenth, those of the means to 2 %."""
@@ -63,7 +64,7 @@ class Parameters:
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
         with torch.no_grad():
-            low, high = (torch.tensor(limit).log().item() for limit in self._limits)
+            low, high = (math.log(limit) for limit in self._limits)
             self._free["scales"].clamp_(low, high)
 
     def replace(self, gaussians: Gaussians, parents: Tensor) -> None:

@@ -90,6 +90,8 @@ class FitInitConfig:
     """Gaussians of the tool."""
     seed: int = 0
     """Seed of the order of views and of the filling."""
+    device: str = "auto"
+    """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
 
 
 def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
+from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.errors import PlopError
 from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import TrajectoryWriter
+from plop.models import device_of
 from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
@@ -26,7 +27,7 @@ from plop.render.scene import render_scene
 from plop.render.video import VideoWriter
 from plop.render.view_file import ViewWriter
 from stages.contract import Output
-from stages.rollout.predict import predict, tool_steps
+from stages.rollout.predict import predict
 
 if TYPE_CHECKING:
     from stages.rollout.stage import RolloutConfig
@@ -48,7 +49,7 @@ def roll_out(
     Returns:
         A row for the summary's table and the model's time per step [ms].
     """
-    device = _device_of(model)
+    device = device_of(model)
     start, tool = (read_splat(init / part).to(device) for part in ("object.ply", "tool.ply"))
     folder = out.path / name
     folder.mkdir(parents=True, exist_ok=True)
@@ -63,7 +64,7 @@ def roll_out(
             ViewWriter(folder / "images.h5", name=name, environment=recording.environment, frames=frames) as images,
             VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
         ):
-            moves = tool_steps(recording, device)
+            moves = Actions.of(recording, device).steps()
             for frame, (state, ms) in enumerate(predict(model, at_rest(start), moves, name, config.seed)):
                 states.append("states", frame, state.gaussians, side=state.side)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
@@ -84,12 +85,6 @@ def roll_out(
 def _picture(measured: View, views: list[View], time_s: float) -> np.ndarray:
     predicted = next(view for view in views if view.camera.name == measured.camera.name)
     return side_by_side(over_black(measured), over_black(predicted), label=f"{time_s:.2f} s")
-
-
-def _device_of(model: DynamicsModel) -> torch.device:
-    if isinstance(model, torch.nn.Module):
-        return next((weight.device for weight in model.parameters()), torch.device("cpu"))
-    return torch.device("cpu")
 
 
 def _check_same_object(start: Gaussians, recording: Recording, least: float) -> None:

@@ -10,20 +10,6 @@ import torch
 from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
-from plop.recordings.recording import Recording
-
-
-def tool_steps(recording: Recording, device: torch.device | str = "cpu") -> list[ToolStep]:
-    """Read an episode's actions, one per step between frames; no image is read."""
-    mesh = recording.tool_mesh
-    tool = ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device)
-    poses = torch.from_numpy(recording.world_from_tool).float().to(device)
-    times = recording.time_s
-    return [
-        ToolStep(tool, poses[t], poses[t + 1], float(times[t + 1] - times[t]), recording.table_z_m)
-        for t in range(len(times) - 1)
-    ]
 
 
 def predict(

@@ -7,8 +7,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
-import torch
 
+from plop.device import chosen_device
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
@@ -30,7 +30,7 @@ class RolloutConfig:
     seed: int = 0
     """Seed of whatever the model draws (the displacement of a split)."""
     device: str = "auto"
-    """Where the model runs: "cpu", "cuda", or "auto": cuda where there is one."""
+    """Where a learned model runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     backend: str = "auto"
     """Renderer: "numba" (CPU), "gsplat" (CUDA), "torch" (slow reference) or "auto"."""
     video_camera: str = ""
@@ -59,7 +59,7 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
         _check_init(init / name, name)
     if not config.other_environment:
         _check_environment(model_folder, recordings.environment)
-    model = load_model(model_folder, _device(config.device))
+    model = load_model(model_folder, chosen_device(config.device))
     table: list[dict] = []
     steps_ms: list[float] = []
     for done, name in enumerate(names):
@@ -108,12 +108,6 @@ def _check_environment(model_folder: Path, environment: str) -> None:
         raise PlopError("The model was trained on another object.", where=model_folder / "model.json",
                         expected=environment, found=str(trained_on),
                         fix="Choose a model of this environment, or set rollout.other_environment.")  # fmt: skip
-
-
-def _device(wanted: str) -> torch.device:
-    if wanted != "auto":
-        return torch.device(wanted)
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 STAGE = Stage(

@@ -59,7 +59,7 @@ def load_checkpoint(
     except (SafetensorError, OSError, KeyError, ValueError):
         return None
     model.load_state_dict(_below(tensors, "model."))
-    averaged.update(_below(tensors, "averaged."))
+    averaged.update({name: value.to(averaged[name].device) for name, value in _below(tensors, "averaged.").items()})
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in _below(tensors, "adam.").items():
         index, _, name = key.partition(".")

@@ -84,16 +84,16 @@ class TrainingStep(nn.Module):
         rollouts = []
         for window, track in zip(windows, tracks, strict=True):
             start, offset = disturbed_start(track, window, noise_m)
-            rows = torch.arange(len(start.gaussians))
+            rows = torch.arange(len(start.gaussians), device=offset.device)
             rollouts.append(_Rollout(window, track, start, track.pairs, rows, offset))
-        total = torch.zeros(())
+        total = rollouts[0].offset.new_zeros(())
         log: dict[str, float] = {}
         steps = sum(window.horizon for window in windows)
         for k in range(max(window.horizon for window in windows)):
             active = [r for r in rollouts if k < r.window.horizon]
             for rollout, predicted in zip(active, self._predict(active, k), strict=True):
                 terms = _advance(rollout, predicted, k, self.model, weights)
-                total = total + sum(terms.values(), torch.zeros(()))
+                total = total + sum(terms.values(), total.new_zeros(()))
                 for name, value in terms.items():
                     log[name] = log.get(name, 0.0) + float(value.detach()) / steps
         states = [r.state.gaussians for r in rollouts]
@@ -124,14 +124,15 @@ def _advance(
     before = rollout.state.gaussians
     terms = _physical_terms(rollout.pairs, before, predicted, weights)
     terms["track"] = weights.track * _track_error(rollout, predicted, frame) / weights.render.depth_unit_m
-    generator = torch.Generator().manual_seed(rollout.window.noise_seed + k)
+    generator = torch.Generator("cpu").manual_seed(rollout.window.noise_seed + k)
     state = predicted
     if weights.image > 0:
-        tagged = replace(predicted, gaussians=predicted.gaussians.with_(ids=torch.arange(len(before))))
+        everyone = torch.arange(len(before), device=before.ids.device)
+        tagged = replace(predicted, gaussians=predicted.gaussians.with_(ids=everyone))
         resampled = resample(tagged, model.config.resampling, generator=generator)
         parents = resampled.gaussians.ids
         state = replace(resampled, gaussians=resampled.gaussians.with_(ids=before.ids[parents]))
-        if len(parents) != len(before) or not torch.equal(parents, torch.arange(len(before))):
+        if len(parents) != len(before) or not torch.equal(parents, everyone):
             rollout.pairs, rollout.rows = rollout.pairs.following(parents), rollout.rows[parents]
         terms["image"] = weights.image * _image_loss(rollout, state.gaussians, frame, k, weights.render)
     rollout.state = state
@@ -160,13 +161,14 @@ def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Ten
     track, rows = rollout.track, rollout.rows
     shift = predicted.gaussians.means - (track.means[frame] + rollout.offset)[rows]
     turn = ROTATION_ARM_M * (predicted.last_rotation - track.rotations[frame][rows])
-    return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in (shift, turn)), torch.zeros(()))
+    return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in (shift, turn)), shift.new_zeros(()))
 
 
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
     with Recording(rollout.track.recording_path) as recording:
         names = recording.camera_names
-        views = measured_views(recording, frame, [names[rollout.window.cameras[k] % len(names)]])
+        views = measured_views(recording, frame, [names[rollout.window.cameras[k] % len(names)]],
+                               gaussians.means.device)  # fmt: skip
     if not views:
-        return torch.zeros(())
+        return gaussians.means.new_zeros(())
     return render_loss(render(gaussians, views[0].camera), views[0].target, weights)[0]

@@ -74,6 +74,7 @@ def optimise(
     out: Output,
     *,
     environment: str = "",
+    device: torch.device | str = "cpu",
 ) -> dict[str, float]:
     """Train a model and write the weights that roll out the training episodes best.
 
@@ -85,13 +86,14 @@ def optimise(
         weights: Weights of the loss.
         out: Where to write; a checkpoint found there is taken up.
         environment: What the model is a model of; kept beside the weights.
+        device: Where the model is trained; `track` gives tracks that live there.
 
     Returns:
         {"best_step", "rollout_error_mm"} of the chosen weights and {"loss"} of the last step.
     """
     torch.manual_seed(plan.seed)
-    with Processes.join() as processes:
-        model = PlopModel(config)
+    with Processes.join(device) as processes:
+        model = PlopModel(config).to(device)
         optimiser = torch.optim.AdamW(model.parameters(), lr=plan.learning_rate, weight_decay=1e-4)
         averaged = {name: value.detach().clone() for name, value in model.state_dict().items()}
         at = load_checkpoint(out.path, model, averaged, optimiser) or Progressed(0, math.inf, 0)

@@ -23,6 +23,8 @@ class Processes:
 
     rank: int
     count: int
+    device: torch.device
+    """Where this process computes."""
 
     @property
     def first(self) -> bool:
@@ -31,15 +33,22 @@ class Processes:
 
     @classmethod
     @contextmanager
-    def join(cls) -> Iterator[Processes]:
-        """Join the group that `torchrun` started; alone without it."""
+    def join(cls, device: torch.device | str = "cpu") -> Iterator[Processes]:
+        """Join the group that `torchrun` started; alone without it.
+
+        Args:
+            device: Where this process computes: on CUDA the processes talk over NCCL, else over gloo.
+        """
+        device = torch.device(device)
         count = int(os.environ.get("WORLD_SIZE", "1"))
         if count == 1 or dist.is_initialized():
-            yield cls(dist.get_rank(), dist.get_world_size()) if dist.is_initialized() else cls(0, 1)
+            yield cls(dist.get_rank(), dist.get_world_size(), device) if dist.is_initialized() else cls(0, 1, device)
             return
-        dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+        if device.type == "cuda":
+            torch.cuda.set_device(device)
+        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
         try:
-            yield cls(dist.get_rank(), dist.get_world_size())
+            yield cls(dist.get_rank(), dist.get_world_size(), device)
         finally:
             dist.destroy_process_group()
 
@@ -58,7 +67,7 @@ class Processes:
         """Average a number over the processes."""
         if self.count == 1:
             return value
-        tensor = torch.tensor(value)
+        tensor = torch.tensor(value, device=self.device)
         dist.all_reduce(tensor)
         return float(tensor) / self.count
 

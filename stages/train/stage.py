@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from plop.determinism import deterministic
+from plop.device import chosen_device
 from plop.dynamics.filtering import UpdateConfig
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig
@@ -97,6 +98,8 @@ class TrainConfig:
     """Length that counts as 1 in the loss [m]; 1 in the paper, whose scenes have other units."""
     filter_iterations: int = 40
     """Gradient steps a frame of the filter that makes the tracks."""
+    device: str = "auto"
+    """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
 
 
 @deterministic()
@@ -119,7 +122,7 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
         raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
                         found=f"{len(recordings.test)} test episodes",
                         fix="Choose the test episodes with `plop ingest --test`.")  # fmt: skip
-    with Processes.join() as processes:
+    with Processes.join(chosen_device(config.device)) as processes:
         if processes.first:
             _make_tracks(recordings, inputs["init"].path, config, out)
         processes.wait()
@@ -127,12 +130,12 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
 
 
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
-    weights = _render_weights(config)
+    weights, device = _render_weights(config), chosen_device(config.device)
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
 
     def track(index: int) -> Track:
         name = recordings.train[index]
-        return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5")
+        return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5", device)
 
     model = _model_config(config, [track(i) for i in range(len(recordings.train))])
     plan = Schedule(
@@ -141,7 +144,7 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
         validate_every=config.validate_every, checkpoint_every=config.checkpoint_every, seed=config.seed,
     )  # fmt: skip
     chosen = optimise(model, track, len(recordings.train), plan, _loss_weights(config, weights), out,
-                      environment=recordings.environment)  # fmt: skip
+                      environment=recordings.environment, device=device)  # fmt: skip
     return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
                             model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
 
@@ -168,7 +171,8 @@ def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out:
         def on_frame(done: int, frames: int, number: int = number, name: str = name) -> None:
             out.progress(number + done / frames, total, f"track {name}")
 
-        error = track_episode(recordings.path(name), splat, folder / f"{name}.h5", update, on_frame)
+        error = track_episode(recordings.path(name), splat, folder / f"{name}.h5", update, on_frame,
+                              chosen_device(config.device))  # fmt: skip
         (folder / f"{name}.json").write_text(json.dumps(error))
         out.mark_done(f"track-{name}")
     errors = [json.loads((folder / f"{name}.json").read_text()) for name in recordings.train]

@@ -26,7 +26,12 @@ from plop.recordings.recording import Recording
 
 
 def track_episode(
-    recording_path: Path, splat_path: Path, track_path: Path, config: UpdateConfig, on_frame: Callable[[int, int], None]
+    recording_path: Path,
+    splat_path: Path,
+    track_path: Path,
+    config: UpdateConfig,
+    on_frame: Callable[[int, int], None],
+    device: torch.device | str = "cpu",
 ) -> dict[str, float]:
     """Follow the object through one episode and write its track.
 
@@ -36,11 +41,12 @@ def track_episode(
         track_path: File to write.
         config: The filter's update.
         on_frame: Called with (frames done, frames in all).
+        device: Where the filter runs.
 
     Returns:
         Mean over frames and cameras: {"depth_mm", "l1"} of the updated states.
     """
-    initial = read_splat(splat_path)
+    initial = read_splat(splat_path).to(device)
     rows: list[dict[str, float]] = []
     with Recording(recording_path) as recording, TrajectoryWriter(track_path) as writer:
         _append(writer, 0, at_rest(initial))
@@ -98,14 +104,14 @@ class Track:
 
 
 @lru_cache(maxsize=8)
-def load_track(name: str, recording_path: Path, track_path: Path) -> Track:
-    """Read a track; a few episodes stay in memory, however many there are."""
+def load_track(name: str, recording_path: Path, track_path: Path, device: torch.device | str = "cpu") -> Track:
+    """Read a track to a device; a few episodes stay in memory, however many there are."""
     with Trajectory(track_path) as track, Recording(recording_path) as recording:
         frames = track.frames("updated")
-        states = [track.read("updated", frame) for frame in frames]
+        states = [track.read("updated", frame).to(device) for frame in frames]
 
         def extra(key: str) -> Tensor:
-            return torch.stack([track.extra("updated", frame, key) for frame in frames])
+            return torch.stack([track.extra("updated", frame, key) for frame in frames]).to(device)
 
         return Track(
             name=name,
@@ -117,6 +123,6 @@ def load_track(name: str, recording_path: Path, track_path: Path) -> Track:
             translations=extra("last_translation"),
             rotations=extra("last_rotation"),
             sides=extra("side"),
-            actions=Actions.of(recording),
+            actions=Actions.of(recording, device),
             pairs=Neighbourhood.of(states[0].means),
         )

@@ -80,11 +80,16 @@ def disturbed_start(track: Track, window: Window, noise_m: float) -> tuple[Parti
     """
     state = track.state(window.start)
     means = state.gaussians.means
-    generator = torch.Generator().manual_seed(window.noise_seed)
-    if noise_m <= 0 or torch.rand((), generator=generator) < 0.25:
+    generator = torch.Generator("cpu").manual_seed(window.noise_seed)
+    if noise_m <= 0 or torch.rand((), generator=generator, device="cpu") < 0.25:
         return state, torch.zeros_like(means)
-    shift = torch.randn(1, 3, generator=generator) + state.side[:, None] * torch.randn(1, 3, generator=generator)
-    noise = noise_m * (shift + 0.3 * torch.randn(means.shape, generator=generator))
+
+    def drawn(*shape: int) -> torch.Tensor:
+        """Draw on the CPU: the same numbers wherever the training runs."""
+        return torch.randn(shape, generator=generator, device="cpu").to(means)
+
+    shift = drawn(1, 3) + state.side[:, None] * drawn(1, 3)
+    noise = noise_m * (shift + 0.3 * drawn(*means.shape))
     moved = replace(
         state,
         gaussians=state.gaussians.with_(means=means + noise),

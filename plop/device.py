@@ -1,0 +1,34 @@
+"""Where tensors live: on the CPU or on a CUDA device."""
+
+from __future__ import annotations
+
+import os
+
+import torch
+
+from plop.errors import PlopError
+
+
+def chosen_device(wanted: str) -> torch.device:
+    """Give the device of a setting; under `torchrun` each process of a machine takes a CUDA device of its own.
+
+    Args:
+        wanted: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one.
+
+    Raises:
+        PlopError: The name is unknown, or there is no such device.
+    """
+    if wanted == "auto":
+        wanted = "cuda" if torch.cuda.is_available() else "cpu"
+    kind, _, number = wanted.partition(":")
+    if kind not in ("cpu", "cuda") or (number and not number.isdigit()):
+        raise PlopError("There is no such device.", expected="auto, cpu, cuda or cuda:<number>", found=wanted)
+    if kind == "cpu":
+        return torch.device("cpu")
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    index = int(number or os.environ.get("LOCAL_RANK", "0"))
+    if index >= count:
+        raise PlopError("There is no such CUDA device.", expected=f"{wanted}, number {index}",
+                        found=f"{count} CUDA devices",
+                        fix="Set the stage's device to cpu; `plop doctor` tells what torch sees.")  # fmt: skip
+    return torch.device("cuda", index)
