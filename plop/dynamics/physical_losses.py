@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from plop.dynamics.pair_sums import alike_sum, rigid_sum, stretched_sum
 from plop.gaussians.state import Gaussians
 from plop.geometry.neighbours import nearest
 from plop.geometry.rigid import quat_conjugate, quat_multiply, quat_to_matrix
-
-_TINY = 1e-20
 
 
 @dataclass(frozen=True)
@@ -71,25 +70,21 @@ class Neighbourhood:
 
 def rigidity(pairs: Neighbourhood, before: Gaussians, after: Gaussians) -> Tensor:
     """Neighbours keep their place in the turning frame of a Gaussian [m], scalar."""
-    turn = quat_to_matrix(quat_multiply(after.quats, quat_conjugate(before.quats)))[pairs.first]
-    now = after.means[pairs.second] - after.means[pairs.first]
-    then = before.means[pairs.second] - before.means[pairs.first]
-    error = torch.einsum("eji,ej->ei", turn, now) - then
-    return (pairs.weight * error.square().sum(-1) + _TINY).sqrt().mean()
+    turn = quat_to_matrix(quat_multiply(after.quats, quat_conjugate(before.quats)))
+    total = rigid_sum(pairs.first, pairs.second, pairs.weight, turn, after.means, before.means)
+    return total / max(len(pairs.first), 1)
 
 
 def rotation_similarity(pairs: Neighbourhood, before: Gaussians, after: Gaussians) -> Tensor:
     """Neighbours turn alike: difference of their turns as quaternions, scalar."""
     turn = quat_multiply(after.quats, quat_conjugate(before.quats))
-    error = turn[pairs.second] - turn[pairs.first]
-    return (pairs.weight * error.square().sum(-1) + _TINY).sqrt().mean()
+    return alike_sum(pairs.first, pairs.second, pairs.weight, turn) / max(len(pairs.first), 1)
 
 
 def isometry(pairs: Neighbourhood, now: Gaussians) -> Tensor:
     """Neighbours keep their distance of frame 0 [m], scalar."""
-    gap = now.means[pairs.second] - now.means[pairs.first]
-    length = (gap.square().sum(-1) + _TINY).sqrt()
-    return (pairs.weight * (length - pairs.rest_m).square() + _TINY).sqrt().mean()
+    total = stretched_sum(pairs.first, pairs.second, pairs.weight, pairs.rest_m, now.means)
+    return total / max(len(pairs.first), 1)
 
 
 def local_rotations(pairs: Neighbourhood, before: Tensor, after: Tensor, count: int) -> Tensor:
