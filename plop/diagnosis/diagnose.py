@@ -85,6 +85,8 @@ def diagnose(
         for table in tables:
             table.respond([column for c in candidates if c.key in chosen for column in c.columns])
         state = State(tables, candidates)
+    best = {s.candidate.key for s in one_per_effect(state.scores())[:REFITTED]} | set(state.base_values())
+    state.growth = tables[0].growth([column for c in candidates if c.key in best for column in c.columns])
     return _conclude(state, sensors, shams, seed)
 
 

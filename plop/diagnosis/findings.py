@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
+from plop.diagnosis.amplitude import amplitude_of
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.error_size import ErrorSize
@@ -23,6 +24,9 @@ from plop.errors import PlopError
 class State:
     """Everything computed so far: evidence, screen, and the same columns in the reference recordings."""
 
+    growth: Mapping[str, float]
+    """Column -> exponent of its response; 1 where it is not known."""
+
     def __init__(self, tables: list[Table], candidates: list[Candidate]) -> None:
         """Whiten and multiply out.
 
@@ -30,7 +34,7 @@ class State:
             tables: Measured episodes and, where there is one, the reference.
             candidates: The hypotheses.
         """
-        self.tables = tables
+        self.tables, self.growth = tables, {}
         self.evidence = tables[0].evidence()
         self.control: list[Evidence] = tables[1].evidence() if len(tables) > 1 else []
         gone = {key for table in tables for key in table.dropped}
@@ -90,7 +94,7 @@ class State:
             family: See `_contrast`.
         """
         columns = score.candidate.columns
-        parameters = _parameters(columns, score.fit)
+        parameters = _parameters(columns, score.fit, self.growth)
         for name, value in columns[0].shapes:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
                                 "at_bound": False, "chosen": True}  # fmt: skip
@@ -125,7 +129,7 @@ class State:
         improvement, error = gain(raw, refitted), self.screen.gain_error(np.array([], int), rows)
         contrast = self._contrast(rows, len(rows), fitted)
         # The same kind of p as for effects: sham gains are shares of the error, too.
-        return Finding("stiffness", "base", _parameters(tuple(columns), fitted), improvement, error,
+        return Finding("stiffness", "base", _parameters(tuple(columns), fitted, self.growth), improvement, error,
                        p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
 
     def _apart(self, score: Score) -> float:
@@ -158,16 +162,10 @@ def _steady(before: np.ndarray, after: np.ndarray) -> float:
     return gain(before[rest], after[rest])
 
 
-def _parameters(columns: tuple[Column, ...], fitted: Fit) -> dict[str, dict[str, Any]]:
-    """Give the last values with 95 % intervals over episodes, and whether they are at the end of their range."""
-    found = {}
-    first = len(fitted.values) - len(columns)
-    width = student.ppf(0.975, max(fitted.episodes - 1, 1))
-    for k, column in enumerate(columns):
-        value, error = fitted.values[first + k], float(np.sqrt(fitted.spread[first + k, first + k]))
-        at_bound = value >= column.high or value <= column.low and column.low != 0
-        found[column.amplitude] = {
-            "value": float(np.clip(value, column.low, column.high)), "low": float(value - width * error),
-            "high": float(value + width * error), "unit": column.unit, "at_bound": bool(at_bound or value < column.low),
-        }  # fmt: skip
-    return found
+def _parameters(columns: tuple[Column, ...], fitted: Fit, growth: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """Give the last values with their intervals."""
+    values, errors = fitted.values[-len(columns) :], np.sqrt(np.diag(fitted.spread)[-len(columns) :])
+    return {
+        column.amplitude: amplitude_of(column, float(value), float(error), fitted.episodes, growth.get(column.key, 1.0))
+        for column, value, error in zip(columns, values, errors, strict=True)
+    }

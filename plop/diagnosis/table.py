@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.diagnosis.amplitude import growth_of
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
@@ -71,6 +72,20 @@ class Table:
                     self.responses[k].pop(column.key, None)
                 elif answer.points is not None:
                     self.responses[k][column.key] = (answer.points - self.plain[k]) / column.value
+
+    def growth(self, columns: Sequence[Column]) -> dict[str, float]:
+        """Compute each column anew at half its amplitude: the exponent with which its response grows."""
+        known = [c for c in columns if all(c.key in own for own in self.responses)]
+        jobs = [Job(episode, self.base, ((column, column.value / 2),)) for column in known for episode in self.episodes]
+        answers = iter(self.run_jobs(jobs))
+        found = {}
+        for column in known:
+            half = [next(answers).points for _ in self.episodes]
+            pairs = [(own[column.key] * column.value, points - plain)
+                     for own, points, plain in zip(self.responses, half, self.plain, strict=True)
+                     if points is not None]  # fmt: skip
+            found[column.key] = growth_of([full for full, _ in pairs], [part for _, part in pairs])
+        return found
 
     def evidence(self) -> list[Evidence]:
         """Reduce everything to patches and compared frames."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plop.diagnosis.amplitude import RESPONSE_ERROR
 from plop.diagnosis.diagnose import _conclude
 from plop.diagnosis.next_motion import next_motion
 from plop.errors import PlopError
@@ -29,7 +30,8 @@ def test_a_planted_law_is_named_with_an_interval_that_holds_it():
     found = conclude(episodes(1, {"tilt": 0.3}), episodes(2))
     assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["tilt"])
     value = finding(found, "tilt").parameters["a"]
-    assert value["low"] < 0.3 < value["high"] and value["high"] - value["low"] < 0.1
+    assert value["value"] == pytest.approx(0.3, abs=0.03)
+    assert value["low"] < 0.3 < value["high"] and value["high"] - value["low"] < 4.2 * RESPONSE_ERROR * 0.3
     assert found.size.error > 1.5 * found.size.floor and found.size.excess > 3
     assert found.size.floor == pytest.approx(1, abs=0.3)
 
