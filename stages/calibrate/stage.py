@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, replace
+from math import inf
 from pathlib import Path
 
 from plop.artifacts.whole_file import write_json, write_text
@@ -14,6 +15,7 @@ from stages.calibrate.episode import calibrate_episode
 from stages.calibrate.pass_on import pass_on
 from stages.calibrate.solved import Solved, edits_for, solve
 from stages.calibrate.verdict import ORDER
+from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 
@@ -127,13 +129,12 @@ def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateC
 
 
 def _check(config: CalibrateConfig) -> None:
-    for key, known in (("refine_scan", ("auto", "always", "never")), ("scan_scale", ("poses", "depth"))):
-        if getattr(config, key) not in known:
-            raise PlopError("This setting is unknown.", where=f"calibrate.{key}", expected=" or ".join(known),
-                            found=str(getattr(config, key)))  # fmt: skip
-    if config.max_disagreement_mm <= 0 or config.gate_m <= 0 or config.check_frames < 1:
-        raise PlopError("A limit is not positive.", where="calibrate",
-                        expected="max_disagreement_mm, gate_m and check_frames above 0")  # fmt: skip
+    check_choices(config, "calibrate", {"refine_scan": ("auto", "always", "never"), "scan_scale": ("poses", "depth")})
+    check_ranges(config, "calibrate", {
+        "check_frames": (1, inf), "max_disagreement_mm": (1e-6, inf), "gate_m": (1e-6, inf),
+        "max_reprojection_px": (1e-6, inf), "max_offset_ms": (0, inf), "max_offset_search_ms": (0, inf),
+        "board_columns": (2, inf), "board_rows": (2, inf), "max_scan_views": (2, inf),
+    })  # fmt: skip
 
 
 def _worst(rows: dict[str, dict]) -> dict[str, dict]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from plop.diagnosis.sets import tracked_episodes
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
+from stages.checks import check_ranges
 from stages.compare.checks import CONVENTIONS, check_conventions, check_same_object, size_m
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
@@ -52,6 +54,7 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_conventions(inputs, recordings)
+    check_ranges(config, "compare", {"frames": (0, inf)})
     names = _names(recordings, config)
     init = inputs["init"].path
     episodes, left_out = tracked_episodes(recordings, init, inputs["tracks"].path, names, seed=config.seed)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from plop.artifacts.whole_file import write_json
 from plop.errors import PlopError
 from plop.metrics.lpips import Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
+from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
@@ -46,10 +48,8 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     Raises:
         PlopError: The rollouts do not belong to these recordings or fits, or hold nothing.
     """
-    if config.emd_every < 0 or config.lpips_net not in ("alex", "vgg"):
-        raise PlopError("A setting of eval makes no sense.", where="eval.emd_every, eval.lpips_net",
-                        expected="emd_every >= 0; lpips_net alex or vgg",
-                        found=f"{config.emd_every}; {config.lpips_net}")  # fmt: skip
+    check_choices(config, "eval", {"lpips_net": ("alex", "vgg")})
+    check_ranges(config, "eval", {"emd_every": (0, inf), "threads": (0, 4096)})
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from plop.models import device_of, load_model
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 
@@ -72,11 +74,13 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     Raises:
         PlopError: The split is unknown, or an episode has no fitted Gaussians.
     """
+    check_choices(config, "filter", {"split": ("train", "test", "all")})
+    check_ranges(config, "filter", {
+        "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf),
+        "depth_weight": (0, inf), "settle": (0, inf),
+    })  # fmt: skip
     recordings = RecordingSet.load(inputs["recordings"].path)
-    chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}.get(config.split)
-    if chosen is None:
-        raise PlopError("There is no such split.", where="filter.split", expected="train, test or all",
-                        found=config.split)  # fmt: skip
+    chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}[config.split]
     device = chosen_device(config.device)
     model: DynamicsModel = ConstantVelocity()
     if "model" in inputs:

@@ -14,6 +14,7 @@ from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
 from plop.recordings.set import RecordingSet
+from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Progress, Stage, Summary
 from stages.fit_init.episode import EpisodeFit, fit_episode
 from stages.fit_init.optimise import Report
@@ -142,20 +143,12 @@ def _reporter(progress: Progress, index: int, total: int, name: str, steps: int)
 
 
 def _check(config: FitInitConfig) -> None:
-    if config.filling not in FILLINGS:
-        raise PlopError("Unknown filling.", where="fit-init.filling", expected=", ".join(FILLINGS),
-                        found=config.filling)  # fmt: skip
-    if config.background not in BACKGROUNDS:
-        raise PlopError("Unknown background.", where="fit-init.background", expected=", ".join(BACKGROUNDS),
-                        found=config.background)  # fmt: skip
-    bounds = {"count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
-              "held_out": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100), "depth_unit_m": (1e-6, 1e6),
-              "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6)}  # fmt: skip
-    for name, (low, high) in bounds.items():
-        value = getattr(config, name)
-        if not low <= value <= high:
-            raise PlopError("A setting is out of range.", where=f"fit-init.{name}",
-                            expected=f"{low} to {high}", found=str(value))  # fmt: skip
+    check_choices(config, "fit-init", {"filling": FILLINGS, "background": BACKGROUNDS})
+    check_ranges(config, "fit-init", {
+        "count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
+        "held_out": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100), "depth_unit_m": (1e-6, 1e6),
+        "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6),
+    })  # fmt: skip
 
 
 def _write_episode(folder: Path, result: EpisodeFit) -> None:

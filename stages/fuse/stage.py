@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from plop.errors import PlopError
 from plop.geometry.cloud_ply import write_cloud
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
+from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.fuse.episode import EpisodeCloud, fuse_episode
 
@@ -96,16 +98,12 @@ def _usable(recording: Recording, config: FuseConfig) -> Recording:
 
 
 def _check(config: FuseConfig) -> None:
-    for key, known in (("source", ("auto", "first-frame", "scan")), ("method", ("auto", "points", "tsdf"))):
-        if getattr(config, key) not in known:
-            raise PlopError("This setting is unknown.", where=f"fuse.{key}", expected=" or ".join(known),
-                            found=str(getattr(config, key)))  # fmt: skip
+    check_choices(config, "fuse", {"source": ("auto", "first-frame", "scan"), "method": ("auto", "points", "tsdf")})
     if not 0 < config.voxel_m < 0.1:
         raise PlopError("The voxel has an impossible size.", where="fuse.voxel_m", expected="metres, below 0.1",
                         found=str(config.voxel_m), fix="Give metres, not millimetres.")  # fmt: skip
-    if config.frame < 0:
-        raise PlopError("A frame cannot be negative.", where="fuse.frame", expected="0 or more",
-                        found=str(config.frame))  # fmt: skip
+    check_ranges(config, "fuse", {"frame": (0, inf), "scan_views": (1, inf), "icp_gate_m": (0, 1),
+                                  "outlier_deviations": (0, inf), "min_points": (1, inf)})  # fmt: skip
 
 
 def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:

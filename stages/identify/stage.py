@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from plop.physics.calibrate import PARAMETERS, Calibration
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.recordings.set import RecordingSet
+from stages.checks import check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 STARTS = ("auto", "settled", "unloaded")
@@ -94,6 +96,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
 
 
 def _check(config: IdentifyConfig) -> None:
+    check_ranges(config, "identify", {"iterations": (0, inf), "spacing_m": (0, 0.1)})
     unknown = [name for name in config.fit if name not in PARAMETERS]
     if unknown or not config.fit or config.start not in STARTS or config.split not in ("train", "test", "all"):
         raise PlopError("A setting of identify makes no sense.", where="identify.fit, identify.start, identify.split",

@@ -13,6 +13,7 @@ from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
 from plop.recordings.set import RecordingSet
+from stages.checks import check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.rollout.episode import roll_out
 
@@ -52,6 +53,7 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
         PlopError: Nothing chosen, an episode without a fit, a model or a fit of another object, states that are
             not finite.
     """
+    check_ranges(config, "rollout", {"video_rate_hz": (0, 1000), "min_inside": (0, 1)})
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path

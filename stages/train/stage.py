@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +22,7 @@ from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from stages.checks import check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.train.objective import LossWeights
 from stages.train.optimise import Schedule, optimise
@@ -117,6 +119,7 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     Raises:
         PlopError: There is no training episode, or one has no fitted Gaussians.
     """
+    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     if not recordings.train:
         raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
@@ -127,6 +130,20 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
             _make_tracks(recordings, inputs["init"].path, config, out)
         processes.wait()
         return _train_on_tracks(recordings, inputs, config, out)
+
+
+def _check(config: TrainConfig) -> None:
+    weights = ("track", "image", "rigid", "rotation", "isometry", "ssim", "l1", "depth", "mask")
+    check_ranges(config, "train", {
+        "track_steps": (0, inf), "image_steps": (0, inf), "batch": (1, inf), "horizon": (1, inf),
+        "learning_rate": (0, 1), "averaging": (0, 1), "noise_m": (0, 1), "validate_every": (1, inf),
+        "checkpoint_every": (1, inf), "width": (2, 4096), "cells_across": (1, 256), "merge_below": (0, 1),
+        "split_above": (1, inf), "length_unit_m": (1e-6, inf), "filter_iterations": (0, inf),
+        **{f"{name}_weight": (0, inf) for name in weights},
+    })  # fmt: skip
+    if config.track_steps + config.image_steps < 1:
+        raise PlopError("There is nothing to train.", where="train.track_steps, train.image_steps",
+                        expected="at least one step", found="0 and 0")  # fmt: skip
 
 
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:

@@ -36,5 +36,5 @@ def test_prediction_update_and_innovation_are_kept(inputs, tmp_path):
 
 
 def test_an_unknown_split_is_named(inputs, tmp_path):
-    with pytest.raises(PlopError, match="no such split"):
+    with pytest.raises(PlopError, match="setting is unknown"):
         run(inputs, FilterConfig(split="tset"), Output(tmp_path))

@@ -1,0 +1,38 @@
+"""Refuse settings that make no sense, by name, before any work is done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from plop.errors import PlopError
+
+
+def check_ranges(config: object, stage: str, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse numbers outside their range.
+
+    Args:
+        config: The settings.
+        stage: Whose they are, for the message.
+        ranges: Setting -> least and largest value.
+
+    Raises:
+        PlopError: Names the setting, its range and its value.
+    """
+    for name, (low, high) in ranges.items():
+        value = getattr(config, name)
+        if not low <= value <= high:
+            expected = f"{low:g} or more" if high == float("inf") else f"{low:g} to {high:g}"
+            raise PlopError("A setting is out of range.", where=f"{stage}.{name}", expected=expected,
+                            found=str(value), fix=f"`plop {stage} --help` tells unit and default.")  # fmt: skip
+
+
+def check_choices(config: object, stage: str, choices: Mapping[str, Sequence[str]]) -> None:
+    """Refuse words that are none of the known ones.
+
+    Raises:
+        PlopError: Names the setting, the known words and the one found.
+    """
+    for name, known in choices.items():
+        if getattr(config, name) not in known:
+            raise PlopError("This setting is unknown.", where=f"{stage}.{name}", expected=" or ".join(known),
+                            found=str(getattr(config, name)))  # fmt: skip
