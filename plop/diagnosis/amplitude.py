@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from plop.diagnosis.candidates import Column
 
-RESPONSE_ERROR = 0.3
+RESPONSE_ERROR = 0.2
 """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
 episodes, so that no scatter between them tells. Measured where the truth is known: docs/results-physics.md."""
 GROWTH_LIMITS = 0.1, 2.0
