@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plop.sensors.parameters import COUNT, PRIOR_WIDTH, SLICES
-from plop.sensors.residuals import Rows, residuals
+from plop.sensors.residuals import PATTERNS, Rows, residuals
 from plop.sensors.scene import CameraScene
 
 BLURS_PX = (3.0, 2.0, *([1.2] * 8))
@@ -79,12 +79,12 @@ def _normal(frames: list[dict[str, Rows]], sigmas: dict[str, float],
     """Sum up the normal equations.
 
     Returns:
-        Information [15, 15], the score of every frame [F, 15], and the score of each systematic pattern [6, 15].
+        Information [15, 15], the score of every frame [F, 15], and the score of each systematic pattern [P, 15].
     """
     # Neighbouring blurred pixels share their errors: 4 pi blur^2 of them count as one (noise equivalent area).
     shared = {"table": 1.0, "tool": 1.0, "outline": max(1.0, 4 * np.pi * blur_px**2)}
     information, scores = np.zeros((COUNT, COUNT)), np.zeros((len(frames), COUNT))
-    systematic = np.zeros((6, COUNT))
+    systematic = np.zeros((PATTERNS, COUNT))
     for index, frame in enumerate(frames):
         for kind, rows in frame.items():
             size = np.abs(rows.residual) / sigmas[kind]

@@ -37,6 +37,10 @@ ABOVE_TABLE_M = 0.004
 SYSTEMATIC_PX = np.array([0.05, 0.05, 0.1])
 """Outlines are not trusted beyond this: shifted right, shifted down, grown. Masks that sample a thin blade once a pixel
 repeat their errors from frame to frame [px]."""
+SYSTEMATIC_M = 5e-5
+"""Depth is not trusted beyond this in what all pixels have in common: an offset, a slope right, a slope down. Without
+it thousands of pixels free of noise tell one mixture of pose and depth scale to a micrometre, another one in each
+episode, and where these cross, far away, several episodes together would see a fault that none of them sees [m]."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,12 @@ class Rows:
     jacobian: np.ndarray
     """[N, 15]"""
     patterns: np.ndarray
-    """[N, 6]: what an outline adds that is systematically off by SYSTEMATIC_PX to the right, down, or outwards, in all
-    frames alike or growing from the first to the last."""
+    """[N, PATTERNS]: what is systematically off, by SYSTEMATIC_PX or SYSTEMATIC_M: outlines to the right, down, or
+    outwards, depth by an offset or a slope; each in all frames alike, or growing from the first to the last."""
 
 
-NONE = Rows(np.zeros(0), np.zeros((0, COUNT)), np.zeros((0, 6)))
+PATTERNS = 12
+NONE = Rows(np.zeros(0), np.zeros((0, COUNT)), np.zeros((0, PATTERNS)))
 
 
 @dataclass(frozen=True)
@@ -85,16 +90,21 @@ class _Setting:
                    on_tool: bool) -> Rows:  # fmt: skip
         """Compare depth at pixels [N] with expected true depth [N] of a surface with normals [N, 3] in the camera."""
         recorded = self.sighting.view.depth_m[rows, columns].astype(np.float64)
+        right, down = 2 * (columns + 0.5) / self.camera.width - 1, 2 * (rows + 0.5) / self.camera.height - 1
         rays = pixel_rays(self.camera, rows, columns)
         facing = (normals * rays).sum(1)
         keep = (np.abs(facing) > GRAZING * np.linalg.norm(rays, axis=1)) & (depth > 0) & (recorded > 0)
         keep &= np.abs(recorded - depth) < GATE * depth
-        recorded, depth, rays, normals, facing = (a[keep] for a in (recorded, depth, rays, normals, facing))
+        recorded, depth, rays, normals, facing, right, down = (
+            a[keep] for a in (recorded, depth, rays, normals, facing, right, down)
+        )
         moved = self.move(rays * depth[:, None], on_tool)
         jacobian = self.factor * np.einsum("nk,nkp->np", normals / facing[:, None], moved)
         jacobian[:, SLICES["depth_scale"].start] = depth
         jacobian[:, SLICES["depth_bias"].start] = 1.0
-        return Rows(recorded - self.factor * depth - self.offset_m, jacobian, np.zeros((len(depth), 6)))
+        once = SYSTEMATIC_M * np.column_stack([np.ones(len(depth)), right, down])
+        patterns = np.hstack([np.zeros((len(depth), 6)), once, self.sighting.share * once])
+        return Rows(recorded - self.factor * depth - self.offset_m, jacobian, patterns)
 
 
 def residuals(scene: CameraScene, sighting: Sighting, deviation: np.ndarray, blur_px: float) -> dict[str, Rows]:
@@ -210,7 +220,7 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
     )
     slope = np.stack([right[rows, columns], down[rows, columns]], -1)
     patterns = SYSTEMATIC_PX * np.column_stack([-slope, np.linalg.norm(slope, axis=1)])
-    patterns = np.hstack([patterns, setting.sighting.share * patterns])
+    patterns = np.hstack([patterns, setting.sighting.share * patterns, np.zeros((len(slope), 6))])
     return Rows(
         (recorded - expected)[rows, columns].astype(np.float64), -np.einsum("nk,nkp->np", slope, flow), patterns
     )
