@@ -13,6 +13,10 @@ from plop.recordings.resample import resampled
 from plop.sensors.correct import correct_view, found_faults
 from plop.sensors.estimate import estimate_sensors, pool
 from plop.sensors.faults import FAULTS
+from plop.sensors.fit import LEAST_SIGMA, fit_camera
+from plop.sensors.parameters import COUNT
+from plop.sensors.residuals import SYSTEMATIC_M, residuals
+from plop.sensors.scene import camera_scene, tool_track
 from tests.sensors.conftest import CAMERAS, film
 
 TRUE = {"cam_00": {"clock": {"offset_s": 0.02}}, "cam_01": {"depth_scale": {"factor": 1.01}},
@@ -51,6 +55,19 @@ def test_standard_errors_are_honest(good):
     scores = [(each.values[key] - FAULTS[each.fault]()[key]) / each.standard_errors[key]
               for finding in good for each in finding.faults for key in each.values]  # fmt: skip
     assert np.mean(np.abs(scores) < 3) > 0.95
+
+
+def test_depth_without_noise_is_not_believed_to_the_micrometre(cut, tmp_path):
+    with Recording(film(tmp_path / "clean.h5", cut, noise_m=0.0)) as recording:
+        tool = tool_track(recording)
+        for camera in CAMERAS[:2]:
+            scene = camera_scene(recording, camera, tool)
+            fit = fit_camera(scene)
+            rows = [residuals(scene, sighting, np.zeros(COUNT), 1.2)["table"] for sighting in scene.sightings]
+            offset = np.concatenate([each.jacobian for each in rows]).mean(0)  # by all parameters, of the mean depth
+            assert SYSTEMATIC_M < 1.2 * np.sqrt(offset @ fit.covariance @ offset) < 4 * SYSTEMATIC_M
+            by_chance = LEAST_SIGMA["table"] / np.sqrt(fit.counts["table"])
+            assert by_chance < 0.1 * SYSTEMATIC_M  # what scatter alone would tell
 
 
 def test_episodes_together_are_surer_than_one(good, found):
