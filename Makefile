@@ -43,6 +43,7 @@ bench: setup
 	$(BIN)/python -m benchmarks
 
 bench-physics: setup
+	@$(PIP) -c constraints.txt -e ".[bench]"
 	$(BIN)/python -m benchmarks.physics
 
 reproduce: setup

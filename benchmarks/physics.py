@@ -21,10 +21,12 @@ from joblib import Parallel, delayed
 from benchmarks.measure import plain_json
 from benchmarks.physics_baselines import baselines
 from benchmarks.physics_plan import PLAN, Plan
+from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import write_results
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.identify import NAMES, identify, spacing_for
+from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
 from plop.physics.base_io import base_from_dict, base_to_dict
@@ -65,6 +67,9 @@ def main() -> None:
                 path.write_text(json.dumps(row, indent=1))
                 sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
                 sys.stdout.flush()
+        for plan in PLAN:
+            if plan.set in ("single", "null") and time.monotonic() < deadline:
+                _add_sindy(plan, base, options.work, options.jobs)
     rows = [json.loads((options.work / f"{p.name}.json").read_text()) for p in PLAN
             if (options.work / f"{p.name}.json").is_file()]  # fmt: skip
     write_results(rows, options.out, command="make bench-physics")
@@ -90,6 +95,21 @@ def _reference(work: Path, jobs: int) -> tuple[list[Episode], EngineBase]:
         base, found = identify(episodes[:FITTED], start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
         path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m}))
     return episodes, base_from_dict(json.loads(path.read_text())["engine"])
+
+
+def _add_sindy(plan: Plan, base: EngineBase, work: Path, jobs: int) -> None:
+    """Let PySINDy rank the effects of a run that is there, once."""
+    path = work / f"{plan.name}.json"
+    row = json.loads(path.read_text()) if path.is_file() else {"baselines": {"sindy": []}}
+    if "sindy" in row["baselines"]:
+        return
+    episodes = _simulated(plan.seed, EPISODES, plan.effects(library()), jobs)
+    answers = Runs(work / "jobs", jobs=jobs)([Job(episode, base) for episode in episodes])
+    pairs = [(e, a.points) for e, a in zip(episodes, answers, strict=True) if a.points is not None]
+    row["baselines"]["sindy"] = sindy_ranking([e for e, _ in pairs], [points for _, points in pairs])
+    path.write_text(json.dumps(row, indent=1))
+    sys.stdout.write(f"{plan.name}: PySINDy {row['baselines']['sindy'][:3]}\n")
+    sys.stdout.flush()
 
 
 def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:

@@ -77,6 +77,12 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
             "bic_null_false_alarm": rate(sets["null"], lambda r: r["baselines"]["bic"]),
             "sparse_first": rate(visible, lambda r: r["baselines"]["sparse"][:1]
                                  and r["baselines"]["sparse"][0] in r["hidden"]),
+            "sindy_first": rate([r for r in visible if "sindy" in r["baselines"]],
+                                lambda r: set(sum(r["baselines"]["sindy"][:1], [])) & set(r["hidden"])),
+            "sindy_among": rate([r for r in visible if "sindy" in r["baselines"]],
+                                lambda r: set(sum(r["baselines"]["sindy"], [])) & set(r["hidden"])),
+            "sindy_null_false_alarm": rate([r for r in sets["null"] if "sindy" in r["baselines"]],
+                                           lambda r: r["baselines"]["sindy"]),
             "residual_error_share": float(np.median([r["baselines"]["residual_error_share"] for r in single]))
             if single else None,
         },
@@ -162,6 +168,9 @@ def _rates(sets: dict[str, Any], fresh: dict[str, Any]) -> str:
         ("forward selection by BIC: right effect first", ("baselines", "bic_first"), "baseline"),
         ("forward selection by BIC: false alarm", ("baselines", "bic_null_false_alarm"), "baseline"),
         ("sparse regression: right effect first", ("baselines", "sparse_first"), "baseline"),
+        ("PySINDy ensemble on accelerations: largest term stands for it", ("baselines", "sindy_first"), "baseline"),
+        ("PySINDy ensemble on accelerations: some term stands for it", ("baselines", "sindy_among"), "baseline"),
+        ("PySINDy ensemble on accelerations: false alarm", ("baselines", "sindy_null_false_alarm"), "baseline"),
     ]
     lines = ["| what | all runs | runs after the rules were fixed | goal |", "|---|---|---|---|"]
     for name, (group, key), goal in rows:
