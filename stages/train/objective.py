@@ -157,11 +157,18 @@ def _physical_terms(
 
 
 def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Tensor:
-    """Mean distance to the track and of turns at an arm's length, smooth below `SMOOTH_M` [m]."""
-    track, rows = rollout.track, rollout.rows
-    shift = predicted.gaussians.means - (track.means[frame] + rollout.offset)[rows]
+    """Mean distance to the track, of turns at an arm's length, and of shapes, smooth below `SMOOTH_M` [m].
+
+    The track's Gaussians keep their scales. Without the shapes the rendering loss teaches scales and opacities a
+    little drift in each frame, which no window of a few frames shows and which thins the object out over an episode.
+    """
+    track, rows, now = rollout.track, rollout.rows, predicted.gaussians
+    shift = now.means - (track.means[frame] + rollout.offset)[rows]
     turn = ROTATION_ARM_M * (predicted.last_rotation - track.rotations[frame][rows])
-    return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in (shift, turn)), shift.new_zeros(()))
+    size = track.initial.scales[rows]
+    fade = (now.opacities - track.opacities[frame][rows])[:, None] * size
+    errors = (shift, turn, now.scales - size, fade)
+    return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in errors), shift.new_zeros(()))
 
 
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:

@@ -225,7 +225,7 @@ def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
 
 STAGE = Stage(
     name="train",
-    version=3,
+    version=4,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
