@@ -138,7 +138,7 @@ def _check(inputs: Inputs, config: DiagnoseConfig, recordings: RecordingSet) -> 
 
 STAGE = Stage(
     name="diagnose",
-    version=2,
+    version=3,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={
