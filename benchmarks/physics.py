@@ -21,6 +21,8 @@ from joblib import Parallel, delayed
 from benchmarks.measure import plain_json
 from benchmarks.physics_baselines import baselines
 from benchmarks.physics_plan import PLAN, Plan
+from benchmarks.physics_rounds import next_round
+from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import write_results
 from plop.diagnosis.diagnose import diagnose
@@ -41,9 +43,10 @@ NOISE_M = 2e-4
 """Standard deviation of one coordinate of a followed point [m]."""
 FLOOR_M = NOISE_M * 3**0.5
 """Noise floor: RMS length of the noise of a followed point [m]."""
-FITTED, REFERENCE, EPISODES, PARTICLES = 6, 12, 8, 400
+FITTED, REFERENCE, EPISODES, SEARCHED, PARTICLES = 6, 12, 8, 4, 400
 """Episodes without anything hidden that the engine is fitted to, and all of them (the others tell how far it is off
-in motions that it has not seen); episodes to explain; particles of the diagnosing engine."""
+in motions that it has not seen); episodes to explain, and those of them in which a signal is measured; particles of
+the diagnosing engine."""
 _SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
 
 
@@ -112,21 +115,47 @@ def _add_sindy(plan: Plan, base: EngineBase, work: Path, jobs: int) -> None:
     sys.stdout.flush()
 
 
-def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
-    """Hide, diagnose and score; the hidden effects are compared with the verdict only afterwards."""
+def _rms(episodes: list[Episode], plain: list[Episode]) -> float:
+    """Give the RMS displacement between two simulations of the same episodes [m]."""
+    moved = [((a.points - a.points[:1]) - (b.points - b.points[:1])) for a, b in zip(episodes, plain, strict=True)]
+    return float(np.sqrt(np.mean([(d**2).sum(-1).mean() for d in moved])))
+
+
+def _hidden(plan: Plan, jobs: int) -> tuple[list[Effect], float | None]:
+    """Build what a run hides; scaled to the plan's signal where it has one, with the weakest of the signals found."""
     types = library()
-    hidden = plan.effects(types)
+    if plan.snr is None:
+        return plan.effects(types), None
+    plain = _simulated(plan.seed, SEARCHED, [], jobs)
+
+    def signal(effect: Effect) -> float:
+        return _rms(_simulated(plan.seed, SEARCHED, [effect], jobs), plain) / FLOOR_M
+
+    found = [at_signal(types[name], dict(values), plan.snr, signal) for name, values in plan.hidden]
+    return [effect for effect, _ in found], min(reached for _, reached in found)
+
+
+def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
+    """Hide, diagnose and score; the hidden effects are compared with the verdict only afterwards.
+
+    A run whose effect cannot give half the signal that the plan wants, at any amplitude of its range, is not
+    diagnosed: it is kept as "unreachable".
+    """
+    types = library()
+    hidden, reached = _hidden(plan, jobs)
+    facts = {"name": plan.name, "seed": plan.seed, "hidden": {e.name: e.values for e in hidden}, "wanted": plan.snr}
+    if plan.snr is not None and reached is not None and reached < plan.snr / 2:
+        return {**facts, "set": "unreachable", "snr": reached, "verdict": "-", "named": []}
     episodes = _simulated(plan.seed, EPISODES, hidden, jobs)
     plain = _simulated(plan.seed, EPISODES, [], jobs) if hidden else episodes
     started = time.perf_counter()
     runs = Runs(work / "jobs", jobs=jobs)
     known = {name: kind for name, kind in types.items() if name not in plan.without}
     found = diagnose(Measured(episodes), base, known, runs, reference=Measured(reference))
-    moved = [((a.points - a.points[:1]) - (b.points - b.points[:1])) for a, b in zip(episodes, plain, strict=True)]
-    rms = float(np.sqrt(np.mean([(d**2).sum(-1).mean() for d in moved])))
+    rms = _rms(episodes, plain)
     order = [f.name for f in found.findings[:-1]]
     row = {
-        "name": plan.name, "set": plan.set, "seed": plan.seed, "hidden": {e.name: e.values for e in hidden},
+        **facts, "set": plan.set,
         "rms_mm": 1000 * rms, "snr": rms / FLOOR_M, "verdict": found.verdict.kind, "named": found.verdict.named,
         "text": found.verdict.text, "ranking": order,
         "ranks": [order.index(e.name) + 1 for e in hidden if e.name in order],
@@ -135,9 +164,12 @@ def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path,
         "gains": [f.gain for f in found.findings[:3]],
         "judged": [asdict(f) for f in (*found.findings[:4], found.findings[-1])], "excess": found.size.excess,
         "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
-        "baselines": baselines(found), "seconds": time.perf_counter() - started, "engine_runs": runs.done,
+        "baselines": baselines(found), "seconds": time.perf_counter() - started,
     }  # fmt: skip
-    return dict(plain_json(row))
+    if plan.set == "pair":
+        later = next_round(found, episodes, reference, base, known, runs)
+        row |= {"next_verdict": later and later.verdict.kind, "next_named": later.verdict.named if later else []}
+    return dict(plain_json(row | {"engine_runs": runs.done}))
 
 
 if __name__ == "__main__":

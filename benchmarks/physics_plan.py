@@ -28,6 +28,27 @@ DECOYS = {"drag": {"per_m": 200.0}, "inertia": {"ratio": 0.7}}
 PAIRS = (("swelling", "table_friction"), ("viscosity", "plasticity"), ("tilt", "swelling"),
          ("fibres", "table_friction"))  # fmt: skip
 OUTSIDE = ("swelling", "plasticity", "table_friction", "tilt")
+SNRS = (2.0, 4.0)
+"""Signals that the second part of the plan is made for."""
+TURNED = {
+    "swelling": ({"rate_per_s": 0.08}, {"rate_per_s": -0.1}),
+    "viscosity": ({"viscosity_pa_s": 60.0}, {"viscosity_pa_s": 120.0}),
+    "table_friction": ({"d_mu": -0.3}, {"d_mu": 0.6}),
+    "plasticity": ({"softness_per_kpa": 1.5}, {"softness_per_kpa": 3.0}),
+    "tilt": ({"gx_m_s2": 0.8, "gy_m_s2": -0.8}, {"gx_m_s2": -0.5, "gy_m_s2": -2.0}),
+    "relaxation": ({"ratio": 0.6, "tau_s": 0.1}, {"ratio": 0.8, "tau_s": 0.03}),
+    "fibres": ({"ratio": 4.0, "angle_deg": 30.0}, {"ratio": 10.0, "angle_deg": 100.0}),
+    "softening": ({"loss": 0.8, "strain": 0.02}, {"loss": 0.9, "strain": 0.01}),
+    "stiffening": ({"growth": 200.0}, {"growth": 800.0}),
+    "adhesion": ({"traction_pa": 250.0, "release_s": 0.1}, {"traction_pa": 600.0, "release_s": 0.05}),
+    "toughness": ({"d_j_m2": 80.0}, {"d_j_m2": 150.0}),
+    "blade_friction": ({"d_mu": 2.0}, {"d_mu": 2.0}),
+}
+"""Effect -> direction and shape for each of SNRS; the amplitude there is where the search for the signal starts."""
+MORE_PAIRS = (("stiffening", "swelling"), ("adhesion", "tilt"), ("relaxation", "tilt"), ("plasticity", "swelling"),
+              ("softening", "table_friction"), ("fibres", "swelling"))  # fmt: skip
+MORE_OUTSIDE = ("relaxation", "adhesion", "stiffening", "fibres", "tilt", "swelling")
+MORE_BASE = {"stiffness": {"d_ln_e": -0.5}, "damping": {"d_per_s": 60.0}}
 
 
 @dataclass(frozen=True)
@@ -41,6 +62,8 @@ class Plan:
     hidden: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     without: tuple[str, ...] = ()
     """Effects taken out of the library of the diagnosis."""
+    snr: float | None = None
+    """Signal that each hidden effect is scaled to, in noise floors; None: amplitudes as they are written here."""
 
     def effects(self, types: Mapping[str, EffectType]) -> list[Effect]:
         """Build what is hidden."""
@@ -49,6 +72,15 @@ class Plan:
 
 def _values(table: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
     return tuple(sorted(table.items()))
+
+
+def _mixed(queues: list[list[Plan]], shares: list[int]) -> list[Plan]:
+    """Take from all queues in turn, so that a stop leaves all of them represented."""
+    mixed: list[Plan] = []
+    while any(queues):
+        for queue, share in zip(queues, shares, strict=True):
+            mixed += [queue.pop(0) for _ in range(min(share, len(queue)))]
+    return mixed
 
 
 def _plan() -> list[Plan]:
@@ -62,16 +94,25 @@ def _plan() -> list[Plan]:
              for k, (a, b) in enumerate(PAIRS)]  # fmt: skip
     outside = [Plan(f"outside-{name}", "outside", 700 + k, ((name, _values(SINGLE[name][1])),), (name,))
                for k, name in enumerate(OUTSIDE)]  # fmt: skip
-    mixed: list[Plan] = []
-    queues = [singles, nulls, [*base, *decoys], pairs, outside]
-    shares = [4, 1, 1, 1, 1]
-    while any(queues):
-        for queue, share in zip(queues, shares, strict=True):
-            mixed += [queue.pop(0) for _ in range(min(share, len(queue)))]
-    return mixed
+    return _mixed([singles, nulls, [*base, *decoys], pairs, outside], [4, 1, 1, 1, 1])
 
 
-PLAN = _plan()
+def _designed() -> list[Plan]:
+    """Runs at a given signal, with other seeds, directions and shapes than the first part's."""
+    singles = [Plan(f"snr{SNRS[level]:g}-{name}", "single", 1000 + 100 * level + k, ((name, _values(values[level])),),
+                    (), SNRS[level])
+               for level in (1, 0) for k, (name, values) in enumerate(TURNED.items())]  # fmt: skip
+    nulls = [Plan(f"null-more-{k}", "null", 1400 + k) for k in range(12)]
+    base = [Plan(f"base-more-{name}", "base", 1500 + k, ((name, _values(v)),), (), 2.0)
+            for k, (name, v) in enumerate(MORE_BASE.items())]  # fmt: skip
+    pairs = [Plan(f"pair-more-{a}-{b}", "pair", 1600 + k, tuple((n, _values(TURNED[n][0])) for n in (a, b)), (), 2.5)
+             for k, (a, b) in enumerate(MORE_PAIRS)]  # fmt: skip
+    outside = [Plan(f"outside-more-{name}", "outside", 1700 + k, ((name, _values(TURNED[name][1])),), (name,), 3.0)
+               for k, name in enumerate(MORE_OUTSIDE)]  # fmt: skip
+    return _mixed([singles, nulls, base, pairs, outside], [4, 2, 1, 1, 1])
+
+
+PLAN = [*_plan(), *_designed()]
 
 DEVELOPED = frozenset(plan.name for plan in PLAN[:33])
 """Runs that were looked at while the rules of the verdict were being fixed; the others came afterwards."""

@@ -40,9 +40,7 @@ STANDS_FOR: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def sindy_ranking(
-    episodes: Sequence[Episode], predictions: Sequence[np.ndarray], *, seed: int = 0
-) -> list[list[str]]:
+def sindy_ranking(episodes: Sequence[Episode], predictions: Sequence[np.ndarray], *, seed: int = 0) -> list[list[str]]:
     """Rank terms by their size, those left out that less than INCLUDED of the models hold.
 
     Args:

@@ -28,8 +28,16 @@ def stamp(dispatcher) -> tuple:
 
 def test_every_kernel_is_stamped_with_the_sources_it_may_use():
     engine, effects, render = (sources_digest(ROOT / "plop" / f) for f in ("physics", "physics/effects", "render"))
-    for kernel in (transfer.stress_p2g, transfer.add_chunks, transfer.g2p, grid.grid_velocities,
-                   tool_contact.mark_sides, tool_contact.table_gaps, tool_contact.push_tool, toughness.resist_cut):
+    for kernel in (
+        transfer.stress_p2g,
+        transfer.add_chunks,
+        transfer.g2p,
+        grid.grid_velocities,
+        tool_contact.mark_sides,
+        tool_contact.table_gaps,
+        tool_contact.push_tool,
+        toughness.resist_cut,
+    ):
         assert stamp(kernel)[1:] == (engine,)
     assert stamp(adhesion.stick)[1:] == (effects, engine)
     assert stamp(rasterize_numba_project.project_forward)[1:] == (render,)

@@ -115,8 +115,6 @@ def parameters_section(facts: ReportFacts) -> str:
 def _fitted(compared: Compared) -> list[list[str]]:
     model = compared.model or {}
     rows = [_parameter(compared.label, "engine", name, p) for name, p in model.get("estimates", {}).items()]
-    for name, parameters in model.get("changed", {}).items():
-        rows += [_parameter(compared.label, name, key, p) for key, p in parameters.items()]
     for effect in model.get("effects", []):
         rows += [_parameter(compared.label, effect["effect"], name, p) for name, p in effect["parameters"].items()]
     return rows

@@ -42,13 +42,11 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     diagnosis = _diagnosis(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     name, parameters = _chosen(config, diagnosis)
-    effect = effect_type(name, library(files))(**{key: p["value"] for key, p in parameters.items()})
+    effect_type(name, library(files))(**{key: p["value"] for key, p in parameters.items()})
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
     if engine is None:
         raise PlopError("A learned model needs the engine beside it.", where=folder, expected="an artifact of identify",
                         found="none", fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
-    if effect.kind == "base":
-        return _changed(folder, engine_material(engine, effect), parameters, name, out.path)
     _copied(folder, out.path / "base")
     if files:
         (out.path / "effects").mkdir(exist_ok=True)
@@ -64,22 +62,6 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
     return Summary({"effects": added}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
-
-
-def engine_material(engine: Any, effect: Any) -> Any:
-    """Apply a change of a base parameter to the engine's settings."""
-    from dataclasses import replace
-
-    return replace(engine, material=effect.material(engine.material))
-
-
-def _changed(folder: Path, engine: Any, parameters: dict[str, Any], name: str, out: Path) -> Summary:
-    facts = read_facts(folder)
-    if facts["kind"] != "engine":
-        raise PlopError("Only the engine has this parameter.", where=name, expected="a model of identify",
-                        found=facts["kind"], fix="Train the learned model on the new recordings.")  # fmt: skip
-    write_json(out / "model.json", {**facts, "engine": base_to_dict(engine), "changed": {name: parameters}})
-    return Summary({"changed": name}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
 
 
 def _without(folder: Path, out: Path) -> Summary:
@@ -134,7 +116,7 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
 
 STAGE = Stage(
     name="augment",
-    version=1,
+    version=2,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

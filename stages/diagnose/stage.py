@@ -69,7 +69,8 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     reference = None
     if "reference" in inputs:
         others = RecordingSet.load(inputs["reference"].path)
-        reference, more = _measured(others, inputs, "reference_", others.names, model, config.seed)
+        # what was added to the base was fitted to recordings that have it; the base's own have not
+        reference, more = _measured(others, inputs, "reference_", others.names, innermost(model), config.seed)
         left_out |= {f"reference {name}": why for name, why in more.items()}
     sensors = _sensors(recordings, measured, config, out)
     runs = Runs(out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
@@ -138,7 +139,7 @@ def _check(inputs: Inputs, config: DiagnoseConfig, recordings: RecordingSet) -> 
 
 STAGE = Stage(
     name="diagnose",
-    version=3,
+    version=4,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

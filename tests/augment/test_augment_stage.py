@@ -80,11 +80,16 @@ def test_adding_and_removing_gives_the_same_files_back(learned, engine, tmp_path
     assert summary.figures == {"effects": "none"}
 
 
-def test_a_base_parameter_changes_the_engine_itself(engine, tmp_path):
-    before = load_model(engine.path).base.material.youngs_modulus_pa
-    run({"model": engine, "diagnosis": diagnosis(tmp_path / "d", ("stiffness",))}, AugmentConfig(), out(tmp_path / "a"))
+def test_a_base_parameter_is_added_and_removed_like_a_law(engine, learned, tmp_path):
+    found = diagnosis(tmp_path / "d", ("stiffness",))
+    run({"model": engine, "diagnosis": found}, AugmentConfig(), out(tmp_path / "a"))
     model = load_model(tmp_path / "a")
-    assert model.effects == () and model.base.material.youngs_modulus_pa == pytest.approx(before * 2.718281828**0.3)
+    assert isinstance(model, FilledEngineModel) and model.effects[0]["d_ln_e"] == pytest.approx(0.3)
+    run({"model": Input(tmp_path / "a")}, AugmentConfig(remove=True), out(tmp_path / "b"))
+    assert files(tmp_path / "b") == files(engine.path)
+    run({"model": learned, "engine": engine, "diagnosis": found}, AugmentConfig(), out(tmp_path / "c"))
+    model = load_model(tmp_path / "c")
+    assert isinstance(model, AugmentedModel) and model.effects[0]["d_ln_e"] == pytest.approx(0.3)
 
 
 def test_a_users_effect_travels_with_the_model(engine, tmp_path):

@@ -17,6 +17,8 @@ from plop.errors import PlopError
 from plop.physics.effects.library import effect_type
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import write_without_truth
+from stages.augment.stage import AugmentConfig
+from stages.augment.stage import run as augment
 from stages.contract import Input, Inputs, Output
 from stages.diagnose.stage import DiagnoseConfig, run
 from tests.coarse_episodes import coarse_episode
@@ -74,6 +76,22 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
     assert len(facts["episodes"]) == 4 and facts["floor"] is None and facts["environment"] == "block"
     assert facts["limits"]["tilt"]["displacement_m"] < best["size_mm"] / 1000
     assert facts["engine_runs"] > 20
+
+
+def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path):
+    """The reference has not the effect: the base predicts it, or the added effect would look missing there."""
+    (tmp_path / "base+tilt").mkdir()
+    augment({"model": inputs["model"]}, AugmentConfig("tilt", ("gx_m_s2=3",)), Output(tmp_path / "base+tilt"))
+    plain = write_recordings(tmp_path / "plain", 4, name="reference_")
+    given = {**inputs, **plain, "reference": plain["reference_recordings"]}
+    found = {}
+    for name, model in {"base": inputs["model"], "base+tilt": Input(tmp_path / "base+tilt")}.items():
+        (tmp_path / name / "out").mkdir(parents=True)
+        run({**given, "model": model}, CONFIG, Output(tmp_path / name / "out"))
+        found[name] = json.loads((tmp_path / name / "out" / "diagnosis.json").read_text())
+    assert found["base"]["verdict"]["named"] == ["tilt"] and found["base+tilt"]["verdict"]["named"] == []
+    assert found["base+tilt"]["error"] < 0.5 * found["base"]["error"]
+    assert found["base+tilt"]["floor"] == pytest.approx(found["base"]["floor"], rel=0.2)
 
 
 def test_after_a_kill_nothing_is_run_twice(inputs, facts, out, tmp_path):

@@ -51,6 +51,24 @@ def test_rates_count_the_right_runs():
     assert confusion(rows())["tilt"] == {"tilt": 1, "drag": 1, "nothing detectable": 1}
 
 
+def test_the_second_of_two_may_be_named_after_the_first():
+    both = {**TILT, "swelling": {"rate_per_s": 0.1}}
+    pairs = [run("pair-a", hidden=both, next_named=["swelling"]), run("pair-b", hidden=both, next_named=[]),
+             run("pair-c", hidden=both)]  # fmt: skip
+    found = summary(pairs)["pairs"]
+    assert found["both"] == wilson(0, 3) and found["both_in_turn"] == wilson(1, 2)
+
+
+def test_what_no_amplitude_makes_visible_is_shown_and_not_counted(tmp_path: Path):
+    faint = {"name": "snr4-tilt", "set": "unreachable", "seed": 2, "hidden": TILT, "snr": 0.3, "verdict": "-",
+             "named": []}  # fmt: skip
+    assert summary([*rows(), faint]) == summary(rows()) and confusion([faint]) == {}
+    page = tmp_path / "results-physics.md"
+    page.write_text("<!-- runs:begin -->\n<!-- runs:end -->")
+    write_results([faint], tmp_path, command="make bench-physics")
+    assert "| unreachable 2 | tilt: gx_m_s2 1 | - | 0.3 | - | - | - |" in page.read_text()
+
+
 def test_wilson_knows_how_little_few_runs_say():
     assert wilson(0, 0)["rate"] is None
     none, few = wilson(0, 54), wilson(9, 10)

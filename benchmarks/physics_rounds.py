@@ -1,0 +1,57 @@
+"""One effect after the other: add what was named, and diagnose again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.engine_run import predict_points, start_particles
+from plop.diagnosis.episode import Episode
+from plop.diagnosis.runs import Runs
+from plop.diagnosis.table import Measured
+from plop.diagnosis.verdict import Finding
+from plop.physics.effects.effect import Effect
+from plop.physics.effects.library import EffectType
+from plop.physics.filled import EngineBase
+
+_ADDED = {"EFFECT": None, "PARTLY": 1, "CONFOUNDED": 1, "BASE PARAMETER": 1}
+"""Verdict -> how many of the named are added (None: all; the others name alternatives, the likeliest first)."""
+
+
+def named_effects(found: Diagnosis, types: Mapping[str, EffectType]) -> list[Effect]:
+    """Build what the verdict names, with the fitted parameters; empty when it names nothing to add."""
+    if found.verdict.kind not in _ADDED:
+        return []
+    names = found.verdict.named[: _ADDED[found.verdict.kind]]
+    return [effect for name in names for effect in _built(name, found.findings, types)]
+
+
+def _built(name: str, findings: list[Finding], types: Mapping[str, EffectType]) -> list[Effect]:
+    parameters = next((f.parameters for f in findings if f.name == name), findings[-1].parameters)
+    values = {key: entry["value"] for key, entry in parameters.items()}
+    kind = types[name]
+    own = {p.name: values[p.name] for p in (*kind.amplitudes, *kind.shapes) if p.name in values}
+    return [kind(**own)] if own else []
+
+
+def next_round(
+    found: Diagnosis, episodes: list[Episode], reference: list[Episode], base: EngineBase,
+    types: Mapping[str, EffectType], runs: Runs,
+) -> Diagnosis | None:  # fmt: skip
+    """Diagnose again with what was named added to the base; None when nothing was named.
+
+    The reference has nothing hidden, so that its episodes are predicted by the base alone.
+    """
+    added = named_effects(found, types)
+    if not added:
+        return None
+
+    def predicted(episode: Episode) -> np.ndarray:
+        return predict_points(base, episode, start_particles(base, episode, added), added)
+
+    points = Parallel(n_jobs=runs.jobs)(delayed(predicted)(episode) for episode in episodes)
+    predictions = {e.name: p for e, p in zip(episodes, points, strict=True)}
+    return diagnose(Measured(episodes, predictions), base, types, runs, reference=Measured(reference))
