@@ -36,8 +36,8 @@ def reproduce(
         PlopError: No recordings, an unknown environment or profile, or whatever a stage reports. One environment
             that fails does not stop the others; it is reported at the end.
     """
-    from plop.metrics.table import collect, to_markdown
-    from plop_cli.results_page import write_results
+    from plop.metrics.table import to_markdown
+    from plop_cli.results_page import gathered, write_results
 
     seeds, settings = read_profile(profile)
     layers = layers_of(store, (profile, settings), assignments)
@@ -55,7 +55,7 @@ def reproduce(
             failed[name] = error
         if scores:
             command = f"make reproduce DATA=<folder> PROFILE={profile}"
-            results = collect(scores, command=command, versions=versions(), seeds=seeds)
+            results = gathered(scores, command=command, versions=versions(), seeds=seeds)
             written = write_results(out, results, pictures)
     if scores:
         console.say(to_markdown(results))
@@ -69,7 +69,9 @@ def reproduce(
 
 def _picture(environment: str, folder: Path) -> dict[str, Path]:
     """Take the first picture of a part recording, which is the telling one, or the first of all."""
-    found = sorted(folder.glob("pictures/*.png"), key=lambda path: ("_part_" not in path.name, path.name))
+    from plop_cli.results_page import is_part
+
+    found = sorted(folder.glob("pictures/*.png"), key=lambda path: (not is_part(path.name), path.name))
     return {environment: found[0]} if found else {}
 
 

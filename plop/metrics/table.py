@@ -12,7 +12,7 @@ The scores right under a method are means over the predicted frames of the test 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,13 +31,15 @@ Scores = Mapping[str, Path | Sequence[Path]]
 
 
 def collect(
-    scores: Scores, *, command: str = "", versions: Mapping[str, str] | None = None, seeds: Sequence[int] = ()
-) -> dict[str, Any]:
+    scores: Scores, *, chosen: Callable[[str], bool] | None = None, command: str = "",
+    versions: Mapping[str, str] | None = None, seeds: Sequence[int] = (),
+) -> dict[str, Any]:  # fmt: skip
     """Gather the scores of several environments.
 
     Args:
         scores: Per environment its scores.json, or one per training seed; seeds are averaged
             within each episode, so that episodes stay the units of the interval.
+        chosen: Which episodes count, by name; all when absent. An environment without any is left out.
         command: Command that made them.
         versions: Versions of the software.
         seeds: Seeds of the runs.
@@ -53,7 +55,9 @@ def collect(
     for environment, paths in scores.items():
         reports = [_read(path) for path in ([paths] if isinstance(paths, Path) else paths)]
         conventions |= reports[0]["conventions"]
-        environments[environment] = _environment(reports)
+        names = [name for name in _names(reports) if chosen is None or chosen(name)]
+        if names:
+            environments[environment] = _environment(reports, names)
     facts = {"command": command, "versions": dict(versions or {}), "seeds": list(seeds), "conventions": conventions}
     return facts | {"environments": environments, "mean": _mean_improvement(environments)}
 
@@ -80,6 +84,26 @@ def to_markdown(results: Mapping[str, Any], *, part: str = "episode") -> str:
     return "\n".join(lines)
 
 
+def gains_to_markdown(results: Mapping[str, Any]) -> str:
+    """Print how far the model's errors are below persistence's, averaged over environments, and by environment [%]."""
+    shown = {key: COLUMNS[key][0].split(" [")[0] for key in ("cd_mm", "emd_mm", "truth_rms_mm")}
+    head = [f"{title}, {part}" for part in ("whole", "end") for title in shown.values()]
+    lines = ["| environment | " + " | ".join(head) + " |", "|---|" + "---|" * len(head)]
+    for name, methods in results["environments"].items():
+        cells = [_gain(methods, part, key) for part in ("episode", "end") for key in shown]
+        lines.append(f"| {name} | " + " | ".join("-" if c is None else f"{c:.0f}" for c in cells) + " |")
+    mean = results["mean"]["better_than_persistence_percent"]
+    means = [mean[part].get("plop", {}).get(key) for part in ("episode", "end") for key in shown]
+    lines.append("| **mean** | " + " | ".join("-" if m is None else f"**{m:.0f}**" for m in means) + " |")
+    return "\n".join(lines)
+
+
+def _gain(methods: Mapping[str, Any], part: str, metric: str, method: str = "plop") -> float | None:
+    """How far a method's error is below persistence's [%]; None where one of the two is undefined."""
+    both = [(e if part == "episode" else e[part]).get(metric) for e in (methods[method], methods["persistence"])]
+    return 100 * (1 - both[0]["mean"] / both[1]["mean"]) if all(both) and both[1]["mean"] > 0 else None
+
+
 def replace_between_markers(page: str, name: str, text: str) -> str:
     """Put text between the markers of this name in a page; raises a PlopError without them."""
     begin, end = _BEGIN.format(name=name), _END.format(name=name)
@@ -101,19 +125,22 @@ def _read(path: Path) -> dict[str, Any]:
                     fix="Run `plop eval`.")  # fmt: skip
 
 
-def _environment(reports: list[dict[str, Any]]) -> dict[str, Any]:
+def _names(reports: list[dict[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(name for report in reports for name in report["episodes"]))
+
+
+def _environment(reports: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for method, parts in reports[0]["methods"].items():
         per_part = {
-            part: {metric: _interval(reports, method, part, metric) for metric in metrics}
+            part: {metric: _interval(reports, names, method, part, metric) for metric in metrics}
             for part, metrics in parts.items()
         }
         table[method] = per_part.pop("episode") | per_part
     return table
 
 
-def _interval(reports: list[dict[str, Any]], method: str, part: str, metric: str) -> dict | None:
-    names = list(dict.fromkeys(name for report in reports for name in report["episodes"]))
+def _interval(reports: list[dict[str, Any]], names: list[str], method: str, part: str, metric: str) -> dict | None:
     values = [
         mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names
     ]  # fmt: skip
@@ -131,11 +158,10 @@ def _mean_improvement(environments: Mapping[str, Any]) -> dict[str, Any]:
     for part in ("episode", "end"):
         gains: dict[str, dict[str, list[float]]] = {}
         for methods in environments.values():
-            for method, entry in methods.items():
+            for method in methods.keys() - {"persistence"}:
                 for metric in COLUMNS.keys() - HIGHER_IS_BETTER:
-                    cells = [(e if part == "episode" else e[part]).get(metric) for e in (entry, methods["persistence"])]
-                    if method != "persistence" and all(cells) and cells[1]["mean"] > 0:
-                        gain = 100 * (1 - cells[0]["mean"] / cells[1]["mean"])
+                    gain = _gain(methods, part, metric, method)
+                    if gain is not None:
                         gains.setdefault(method, {}).setdefault(metric, []).append(gain)
         out[part] = {
             method: {metric: round(sum(values) / len(values), 2) for metric, values in sorted(found.items())}

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from plop.errors import PlopError
-from plop.metrics.table import collect, replace_between_markers, to_markdown
+from plop.metrics.table import collect, gains_to_markdown, replace_between_markers, to_markdown
 
 
 def write_scores(path, shift=0.0, lpips=None):
@@ -35,6 +35,23 @@ def test_seeds_are_averaged_within_an_episode(tmp_path):
     paths = [write_scores(tmp_path / "0.json"), write_scores(tmp_path / "1.json", shift=1)]
     entry = collect({"e": paths})["environments"]["e"]["plop"]["cd_mm"]
     assert entry == {"mean": 2.0, "low": 1.5, "high": 2.5, "n": 2}
+
+
+def test_only_the_chosen_episodes_count(tmp_path):
+    path = write_scores(tmp_path / "s.json")
+    found = collect({"e": path}, chosen=lambda name: name == "b")
+    assert found["environments"]["e"]["plop"]["cd_mm"]["mean"] == 2.0
+    assert found["mean"]["better_than_persistence_percent"]["episode"]["plop"]["cd_mm"] == pytest.approx(50)
+    assert collect({"e": path}, chosen=lambda name: False)["environments"] == {}
+
+
+def test_gains_by_hand(tmp_path):
+    scores = {"e": write_scores(tmp_path / "s.json"), "f": write_scores(tmp_path / "t.json", shift=-1)}
+    rows = gains_to_markdown(collect(scores)).splitlines()
+    assert rows[0] == "| environment | CD, whole | EMD, whole | nodes, whole | CD, end | EMD, end | nodes, end |"
+    # e: 1 - 1.5 / 4 and 1 - 3.5 / 6; f: 1 - 0.5 / 4 and 1 - 2.5 / 6
+    assert rows[2:] == ["| e | 62 | - | - | 42 | - | - |", "| f | 88 | - | - | 58 | - | - |",
+                        "| **mean** | **75** | - | - | **50** | - | - |"]  # fmt: skip
 
 
 def test_markdown_by_hand(tmp_path):
