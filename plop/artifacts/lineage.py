@@ -132,12 +132,14 @@ def _successors(artifacts: list[Artifact], origins: Mapping[Key, Origin]) -> dic
     Sets of recordings of one environment stand side by side when they have names or raw inputs of their own, and
     so does all that is made of them.
     """
+    alike: dict[tuple[str, frozenset[str]], list[Artifact]] = {}
+    for artifact in artifacts:
+        alike.setdefault((artifact.key[0], origins[artifact.key][0]), []).append(artifact)
     found: dict[Key, Artifact] = {}
-    for k, artifact in enumerate(artifacts):
-        raw, named = origins[artifact.key]
-        found[artifact.key] = next(
-            (b for b in reversed(artifacts[k:]) if b.key[0] == artifact.key[0]
-             and origins[b.key][0] == raw and named <= origins[b.key][1]), artifact)  # fmt: skip
+    for group in alike.values():
+        for k, artifact in enumerate(group):
+            named = origins[artifact.key][1]
+            found[artifact.key] = next(b for b in reversed(group[k:]) if named <= origins[b.key][1])
     return found
 
 
