@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from plop.dynamics.convolution import DirectConv3d
 from plop.dynamics.features import OBJECT_FEATURES, TOOL_FEATURES, FeatureSet
 from plop.dynamics.grid import fit_grid
 from plop.dynamics.kernels import Kernel, build_stencil
@@ -46,22 +47,6 @@ class ParticleBatch:
     """Shape [N, F]."""
     batch: Tensor
     """Step of each particle, shape [N], int64."""
-
-
-class DirectConv3d(nn.Conv3d):
-    """A 3D convolution that calls oneDNN on the CPU also for a single small sample.
-
-    PyTorch takes a slower path there; the numbers agree to rounding.
-    """
-
-    def forward(self, input: Tensor) -> Tensor:
-        """Convolve, shape [B, C, X, Y, Z]."""
-        if input.device.type != "cpu" or input.dtype != torch.float32 or not torch.backends.mkldnn.is_available():
-            return super().forward(input)
-        assert not isinstance(self.padding, str)
-        return torch.mkldnn_convolution(
-            input, self.weight, self.bias, self.padding, self.stride, self.dilation, self.groups
-        )
 
 
 def _mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:

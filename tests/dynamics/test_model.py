@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from plop.dynamics.i2n import DirectConv3d, I2NConfig
+from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.interface import ParticleState, ToolStep, at_rest
 from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.model_io import load_model, save_model
@@ -80,14 +80,6 @@ def test_first_frame_needs_no_history(model, block, cut_step):
         after = model.step(at_rest(block), cut_step)
     assert after.has_history
     assert torch.isfinite(after.gaussians.means).all()
-
-
-def test_direct_convolution_is_the_usual_one():
-    torch.manual_seed(0)
-    layer = DirectConv3d(5, 7, 3, stride=2, padding=1)
-    x = torch.randn(1, 5, 9, 8, 6)
-    expected = torch.nn.functional.conv3d(x, layer.weight, layer.bias, stride=2, padding=1)
-    assert_close(layer(x), expected, atol=1e-5, rtol=1e-4)
 
 
 def test_save_and_load_give_the_same_prediction(model, block, cut_step, tmp_path):
