@@ -11,10 +11,14 @@ Three kernels, all normalised so that the weights of one particle sum to 1:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from plop.compiled import kernel as compiled
+from plop.compiled import run_parallel
 
 Kernel = Literal["paper", "quadratic", "cubic"]
 NODES_PER_AXIS: dict[str, int] = {"paper": 2, "quadratic": 3, "cubic": 4}
@@ -81,15 +85,101 @@ def build_stencil(
         The stencil with K = 8, 27 or 64 nodes a particle.
     """
     first, weights = axis_weights(positions / spacing_m, kernel)
-    steps = torch.arange(weights.shape[-1], device=positions.device)
-    limit = torch.tensor(shape, device=positions.device)[:, None] - 1
+    size = shape[0] * shape[1] * shape[2]
+    shift = torch.zeros_like(first[:, 0]) if batch is None else batch * size
+    nodes, product = _Product.apply(first, weights, shift, shape)
+    return Stencil(nodes, product, batches * size)
+
+
+class _Product(torch.autograd.Function):
+    """From the first node and the weights along each axis to all nodes and their weights, [N, n^3]."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]
+    ) -> tuple[Tensor, Tensor]:
+        ctx.save_for_backward(weights)
+        nodes, product = (_spread_cpu if weights.device.type == "cpu" else _spread)(first, weights, shift, shape)
+        ctx.mark_non_differentiable(nodes)
+        return nodes, product
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        (weights,) = ctx.saved_tensors
+        grad = gradients[1]
+        return None, (_slopes_cpu if weights.device.type == "cpu" else _slopes)(weights, grad), None, None
+
+
+def _spread(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
+    steps = torch.arange(weights.shape[-1], device=first.device)
+    limit = torch.tensor(shape, device=first.device)[:, None] - 1
     index = (first[..., None] + steps).clamp_min(0).minimum(limit)
     ix, iy, iz = index[:, 0], index[:, 1], index[:, 2]
     nodes = (ix[:, :, None, None] * shape[1] + iy[:, None, :, None]) * shape[2] + iz[:, None, None, :]
     wx, wy, wz = weights[:, 0], weights[:, 1], weights[:, 2]
     product = wx[:, :, None, None] * wy[:, None, :, None] * wz[:, None, None, :]
-    nodes, product = nodes.flatten(1), product.flatten(1)
-    size = shape[0] * shape[1] * shape[2]
-    if batch is not None:
-        nodes = nodes + batch[:, None] * size
-    return Stencil(nodes, product, batches * size)
+    return nodes.flatten(1) + shift[:, None], product.flatten(1)
+
+
+def _slopes(weights: Tensor, grad: Tensor) -> Tensor:
+    n = weights.shape[-1]
+    wx, wy, wz = weights[:, 0], weights[:, 1], weights[:, 2]
+    cube = grad.reshape(-1, n, n, n)
+    terms = ("pijk,pj,pk->pi", wy, wz), ("pijk,pi,pk->pj", wx, wz), ("pijk,pi,pj->pk", wx, wy)
+    return torch.stack([torch.einsum(form, cube, one, other) for form, one, other in terms], dim=1)
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return tensor.detach().contiguous().numpy()
+
+
+def _spread_cpu(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
+    count, n = len(first), weights.shape[-1]
+    nodes, product = first.new_empty(count, n**3), weights.new_empty(count, n**3)
+    arguments = (_array(first), _array(weights), _array(shift), shape, nodes.numpy(), product.detach().numpy())
+    run_parallel([(_fill_stencil, arguments)])
+    return nodes, product
+
+
+def _slopes_cpu(weights: Tensor, grad: Tensor) -> Tensor:
+    out = torch.zeros_like(weights)
+    run_parallel([(_fill_slopes, (_array(weights), _array(grad), out.numpy()))])
+    return out
+
+
+@compiled
+def _fill_stencil(
+    part: int, parts: int, first: np.ndarray, weights: np.ndarray, shift: np.ndarray, shape: tuple[int, int, int],
+    nodes: np.ndarray, product: np.ndarray,
+) -> None:  # fmt: skip
+    """Nodes beyond the grid are clamped to its border."""
+    count, _, n = weights.shape
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        k = 0
+        for i in range(n):
+            ix = min(max(first[p, 0] + i, 0), shape[0] - 1)
+            for j in range(n):
+                iy = min(max(first[p, 1] + j, 0), shape[1] - 1)
+                row, both = (ix * shape[1] + iy) * shape[2] + shift[p], weights[p, 0, i] * weights[p, 1, j]
+                for m in range(n):
+                    nodes[p, k] = row + min(max(first[p, 2] + m, 0), shape[2] - 1)
+                    product[p, k] = both * weights[p, 2, m]
+                    k += 1
+
+
+@compiled
+def _fill_slopes(part: int, parts: int, weights: np.ndarray, grad: np.ndarray, out: np.ndarray) -> None:
+    """Derivatives of the products with respect to the weights along each axis."""
+    count, _, n = weights.shape
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        k = 0
+        for i in range(n):
+            for j in range(n):
+                along = weights[p, 0, i] * weights[p, 1, j]
+                total = 0 * along
+                for m in range(n):
+                    total += grad[p, k] * weights[p, 2, m]
+                    out[p, 2, m] += grad[p, k] * along
+                    k += 1
+                out[p, 0, i] += total * weights[p, 1, j]
+                out[p, 1, j] += total * weights[p, 0, i]
