@@ -9,6 +9,7 @@ from itertools import count
 from typing import Any
 
 import numba
+import numpy as np
 import torch
 
 from plop.kernel_cache import watch_sources
@@ -33,6 +34,11 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     It calls only functions and uses only constants of its own folder: that is what the cache watches.
     """
     return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=True, nogil=True)(function))
+
+
+def array_of(tensor: torch.Tensor) -> np.ndarray:
+    """Give a CPU tensor's numbers as kernels take them: without gradient, in one piece."""
+    return np.asarray(tensor.detach().contiguous().numpy())
 
 
 def _threads() -> int:

@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.compiled import array_of, run_parallel
 from plop.compiled import kernel as compiled
-from plop.compiled import run_parallel
 
 Kernel = Literal["paper", "quadratic", "cubic"]
 NODES_PER_AXIS: dict[str, int] = {"paper": 2, "quadratic": 3, "cubic": 4}
@@ -129,21 +129,17 @@ def _slopes(weights: Tensor, grad: Tensor) -> Tensor:
     return torch.stack([torch.einsum(form, cube, one, other) for form, one, other in terms], dim=1)
 
 
-def _array(tensor: Tensor) -> np.ndarray:
-    return tensor.detach().contiguous().numpy()
-
-
 def _spread_cpu(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
     count, n = len(first), weights.shape[-1]
     nodes, product = first.new_empty(count, n**3), weights.new_empty(count, n**3)
-    arguments = (_array(first), _array(weights), _array(shift), shape, nodes.numpy(), product.detach().numpy())
+    arguments = (array_of(first), array_of(weights), array_of(shift), shape, nodes.numpy(), product.detach().numpy())
     run_parallel([(_fill_stencil, arguments)])
     return nodes, product
 
 
 def _slopes_cpu(weights: Tensor, grad: Tensor) -> Tensor:
     out = torch.zeros_like(weights)
-    run_parallel([(_fill_slopes, (_array(weights), _array(grad), out.numpy()))])
+    run_parallel([(_fill_slopes, (array_of(weights), array_of(grad), out.numpy()))])
     return out
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.compiled import kernel
+from plop.compiled import array_of, kernel
 
 TINY = 1e-20
 """Keeps roots differentiable at 0."""
@@ -97,7 +97,7 @@ class _Summed(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, function: Any, pairs: tuple[Tensor, ...], *values: Tensor) -> Tensor:
-        arrays = [value.detach().contiguous().numpy() for value in values]
+        arrays = [array_of(value) for value in values]
         # Sums of thousands of terms of one sign and of the other: kept in double, as the total is.
         slopes = [np.zeros(array.shape) for array in arrays]
         total = function(*(pair.numpy() for pair in pairs), *arrays, *slopes)

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.compiled import kernel, run_parallel
+from plop.compiled import array_of, kernel, run_parallel
 from plop.dynamics.kernels import Stencil
 
 _CHUNKS = 4
@@ -56,15 +56,11 @@ def _weight_gradient(
                 out[p, k] += values[p, c] * features[node, c]
 
 
-def _array(tensor: Tensor) -> np.ndarray:
-    return tensor.detach().contiguous().numpy()
-
-
 def _gather_any(features: Tensor, stencil: tuple[Tensor, Tensor]) -> Tensor:
     nodes, weights = stencil
     if features.device.type == "cpu":
         out = features.new_zeros(len(nodes), features.shape[1])
-        run_parallel([(_gather, (_array(features), _array(nodes), _array(weights), out.numpy()))])
+        run_parallel([(_gather, (array_of(features), array_of(nodes), array_of(weights), out.numpy()))])
         return out
     return (features[nodes] * weights[..., None]).sum(1)
 
@@ -73,7 +69,7 @@ def _scatter_any(values: Tensor, stencil: tuple[Tensor, Tensor], node_count: int
     nodes, weights = stencil
     if values.device.type == "cpu":
         partial = values.new_zeros(_CHUNKS, node_count, values.shape[1])
-        step = (_scatter, (_array(values), _array(nodes), _array(weights), partial.numpy()))
+        step = (_scatter, (array_of(values), array_of(nodes), array_of(weights), partial.numpy()))
         run_parallel([step], parts=_CHUNKS)
         return partial.sum(0)
     out = values.new_zeros(node_count, values.shape[1])
@@ -84,7 +80,7 @@ def _scatter_any(values: Tensor, stencil: tuple[Tensor, Tensor], node_count: int
 def _weight_gradient_any(values: Tensor, features: Tensor, nodes: Tensor) -> Tensor:
     if values.device.type == "cpu":
         out = values.new_zeros(nodes.shape)
-        run_parallel([(_weight_gradient, (_array(values), _array(features), _array(nodes), out.numpy()))])
+        run_parallel([(_weight_gradient, (array_of(values), array_of(features), array_of(nodes), out.numpy()))])
         return out
     return (features[nodes] * values[:, None, :]).sum(-1)
 
