@@ -47,11 +47,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     errors, covered = [], []
     for r in named:
-        values, found = next(iter(r["hidden"].values())), r["parameters"].get(r["named"][0], {})
-        key = next(k for k in values if k in found)
-        truth, estimate = values[key], found[key]
-        errors.append(abs(estimate["value"] - truth) / abs(truth))
-        covered.append(estimate["low"] is not None and estimate["low"] <= truth <= estimate["high"])
+        error, inside_each = _amplitude_error(next(iter(r["hidden"].values())), r["parameters"].get(r["named"][0], {}))
+        errors.append(error)
+        covered += inside_each
     closed = [(r["error"] - r["left"]) / (r["error"] - r["floor"]) for r in named
               if r["floor"] and r["left"] and r["error"] > 1.1 * r["floor"]]  # fmt: skip
     return {
@@ -90,6 +88,18 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
             if single else None,
         },
     }  # fmt: skip
+
+
+def _amplitude_error(truth: dict[str, float], found: dict[str, Any]) -> tuple[float, list[bool]]:
+    """Compare the fitted amplitudes with the hidden ones; two components of one vector are one amplitude.
+
+    Returns:
+        Length of the difference over the length of the truth, and for each number whether its interval holds the truth.
+    """
+    fitted = {key: found[key] for key in truth if key in found and not found[key].get("chosen")}
+    off = sum((entry["value"] - truth[key]) ** 2 for key, entry in fitted.items()) ** 0.5
+    length = sum(truth[key] ** 2 for key in fitted) ** 0.5
+    return off / length, [e["low"] is not None and e["low"] <= truth[k] <= e["high"] for k, e in fitted.items()]
 
 
 def confusion(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:

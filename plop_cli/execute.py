@@ -143,7 +143,7 @@ def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: P
     stage = planned.stage
     scratch = store.scratch(stage.name, planned.fingerprint, fresh=force)
     started = time.perf_counter()
-    summary = stage.run(_stage_inputs(planned), planned.config, Output(scratch, progress))
+    summary = stage.run(_stage_inputs(planned), planned.config, Output(scratch, progress, store.shared(stage.name)))
     seconds = time.perf_counter() - started
     artifact = store.commit(scratch, _manifest(store, planned, summary, seconds))
     store.record(artifact, seconds)

@@ -63,6 +63,9 @@ class Output:
 
     path: Path
     progress: Progress = silent
+    cache: Path | None = None
+    """Folder that all runs of the stage share, for pieces named by everything that decides them; it may vanish between
+    runs. None: pieces stay in the scratch folder."""
 
     def is_done(self, piece: str) -> bool:
         """Tell whether a piece of the work (an episode, say) was finished by an earlier, killed run."""

@@ -60,6 +60,10 @@ class Store:
         self.cache = DigestCache(self.root / ".cache" / "digests.json")
         self.journal = Journal(self.root / "journal.jsonl")
 
+    def shared(self, stage: str) -> Path:
+        """Give the folder for pieces that runs of a stage share; it need not exist."""
+        return self.root / ".cache" / stage
+
     def lock_path(self, stage: str, fingerprint: str) -> Path:
         """Give the lock file of one fingerprint."""
         return self.root / ".locks" / f"{stage}-{fingerprint}"

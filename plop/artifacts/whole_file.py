@@ -21,7 +21,7 @@ def whole(path: Path) -> Iterator[Path]:
         path: The file; its folder is made when it does not exist.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    scratch = path.with_name(path.name + ".tmp")
+    scratch = path.with_name(f"{path.name}.{os.getpid()}.tmp")  # two processes may write the same file
     try:
         yield scratch
         os.replace(scratch, path)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -15,7 +17,14 @@ from joblib import Parallel, delayed, parallel_config
 from plop.artifacts.whole_file import whole
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.errors import PlopError
+from plop.kernel_cache import sources_digest
 from plop.physics.effects.library import library
+
+KEPT_BYTES = 2_000_000_000
+"""Answers that are kept for later diagnoses; the least recently used ones go first."""
+_PACKAGE = Path(__file__).parent.parent
+_CODE = ("physics", "physics/effects", "geometry")
+_CODE_FILES = ("diagnosis/engine_run.py", "diagnosis/responses.py")
 
 
 @dataclass
@@ -23,7 +32,7 @@ class Runs:
     """Runs jobs and remembers their answers by content; use it as a function."""
 
     folder: Path | None = None
-    """Where answers are kept, one file a job; nowhere when None."""
+    """Where answers are kept, one file a job; nowhere when None. Several diagnoses may share it."""
     effect_files: tuple[str, ...] = ()
     """The user's effect files; every process reads them itself."""
     jobs: int = -1
@@ -85,7 +94,9 @@ class Runs:
             return None
         try:
             with np.load(path, allow_pickle=False) as file:
-                return Answer(file.get("points"), str(file["trouble"]))
+                answer = Answer(file.get("points"), str(file["trouble"]))
+            os.utime(path)
+            return answer
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # cut short: run it again
             return None
 
@@ -100,7 +111,22 @@ class Runs:
             np.savez(file, **arrays)  # type: ignore[arg-type]
 
     def _path(self, job: Job) -> Path | None:
-        return None if self.folder is None else self.folder / f"{digest(job)}.npz"
+        return None if self.folder is None else self.folder / f"{digest(job, self._code)}.npz"
+
+    @cached_property
+    def _code(self) -> str:
+        return code_digest(self.effect_files)
+
+    def forget(self, kept_bytes: int = KEPT_BYTES) -> None:
+        """Delete the answers that were not used for the longest time until the rest is small enough."""
+        if self.folder is None:
+            return
+        total = 0
+        for _, size, path in sorted(((p.stat().st_mtime, p.stat().st_size, p) for p in self.folder.glob("*.npz")),
+                                    reverse=True):  # fmt: skip
+            total += size
+            if total > kept_bytes:
+                path.unlink(missing_ok=True)
 
 
 def answer_job(job: Job, effect_files: tuple[str, ...]) -> Answer:
@@ -111,9 +137,17 @@ def answer_job(job: Job, effect_files: tuple[str, ...]) -> Answer:
     return Answer(points, answer.trouble)
 
 
-def digest(job: Job) -> str:
-    """Name a job by everything that decides its answer."""
-    total = hashlib.sha256(f"{job.base!r}|{job.key}|{job.episode.table_z_m}".encode())
+def code_digest(effect_files: Sequence[str | Path] = ()) -> str:
+    """Hash the sources of the engine and of the user's effects: another engine gives other answers."""
+    total = hashlib.sha256("".join(sources_digest(_PACKAGE / folder) for folder in _CODE).encode())
+    for path in (*(_PACKAGE / name for name in _CODE_FILES), *map(Path, effect_files)):
+        total.update(path.read_bytes())
+    return total.hexdigest()
+
+
+def digest(job: Job, code: str) -> str:
+    """Name a job by everything that decides its answer; `code` is that of the engine, see `code_digest`."""
+    total = hashlib.sha256(f"{code}|{job.base!r}|{job.key}|{job.episode.table_z_m}".encode())
     episode = job.episode
     for array in (episode.times, episode.points[0], episode.vertices, episode.faces, episode.tool.vertices,
                   episode.tool.world_from_tool):  # fmt: skip

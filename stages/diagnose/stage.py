@@ -73,9 +73,10 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         reference, more = _measured(others, inputs, "reference_", others.names, innermost(model), config.seed)
         left_out |= {f"reference {name}": why for name, why in more.items()}
     sensors = _sensors(recordings, measured, config, out)
-    runs = Runs(out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
+    runs = Runs(out.cache or out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
     found = diagnose(measured, engine, types, runs, reference=reference, effects=config.effects or None,
                      sensors=[s["text"] for s in sensors], shams=config.shams, seed=config.seed)  # fmt: skip
+    runs.forget()
     facts = facts_of(found, types, sensors, left_out)
     facts |= {"environment": recordings.environment, "seconds": round(time.perf_counter() - started, 1),
               "engine_runs": runs.done}  # fmt: skip

@@ -101,6 +101,15 @@ def test_after_a_kill_nothing_is_run_twice(inputs, facts, out, tmp_path):
     assert json.loads((scratch / "diagnosis.json").read_text())["engine_runs"] == 0
 
 
+def test_another_diagnosis_of_the_same_recordings_runs_the_engine_no_more(inputs, facts, out, tmp_path):
+    """A shared folder outlives the artifact: with other settings, or another base around the same engine."""
+    (tmp_path / "one").mkdir()
+    run(inputs, replace(CONFIG, shams=59), Output(tmp_path / "one", cache=out / ".jobs"))
+    found = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
+    assert found["engine_runs"] == 0 and found["verdict"]["named"] == ["tilt"]
+    assert not (tmp_path / "one" / ".jobs").exists()
+
+
 def test_the_truth_in_the_recordings_is_not_read(inputs, facts, out, tmp_path):
     bare = tmp_path / "bare"
     shutil.copytree(inputs["recordings"].path, bare)

@@ -13,7 +13,7 @@ import pytest
 from plop.diagnosis import runs as runs_module
 from plop.diagnosis.candidates import candidates_of
 from plop.diagnosis.responses import Answer, Job, run_job
-from plop.diagnosis.runs import Runs, digest
+from plop.diagnosis.runs import Runs, code_digest, digest
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from tests.coarse_episodes import BASE, coarse_episode
@@ -108,8 +108,31 @@ def test_everything_that_decides_the_answer_is_in_its_name():
         replace(job, settings=((COLUMNS["tilt"], 0.123),)), replace(job, episode=replace(episode, table_z_m=0.1)),
         replace(job, episode=replace(episode, vertices=episode.vertices * 1.01)),
     ]  # fmt: skip
-    assert len({digest(j) for j in [job, *others]}) == len(others) + 1
-    assert digest(replace(job, episode=replace(episode, name="other"))) == digest(job)
+    assert len({digest(j, "") for j in [job, *others]}) == len(others) + 1
+    assert digest(replace(job, episode=replace(episode, name="other")), "") == digest(job, "") != digest(job, "new")
+
+
+def test_another_engine_and_other_effects_have_other_answers(tmp_path, monkeypatch):
+    mine = tmp_path / "mine.py"
+    mine.write_text("a = 1")
+    before = code_digest(), code_digest([mine])
+    assert before[0] != before[1]
+    mine.write_text("a = 2")
+    assert code_digest([mine]) != before[1] and code_digest() == before[0]
+    monkeypatch.setattr(runs_module, "sources_digest", lambda folder: f"changed {folder.name}")
+    assert code_digest() != before[0]
+
+
+def test_the_least_recently_used_answers_go(tmp_path, counted):
+    runs = Runs(tmp_path, jobs=1)
+    runs(jobs())
+    for k, path in enumerate(sorted(tmp_path.glob("*.npz"))):
+        os.utime(path, (k, k))
+    Runs(tmp_path, jobs=1)(jobs()[:1])  # used again: the newest now
+    kept = tmp_path / f"{digest(jobs()[0], code_digest())}.npz"
+    runs.forget(kept_bytes=kept.stat().st_size)
+    assert list(tmp_path.glob("*.npz")) == [kept]
+    Runs(None, jobs=1).forget()
 
 
 def test_one_and_two_processes_give_the_same(expected):
@@ -141,7 +164,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same(tmp_path: Path, expected, 
 
         runs = Runs(tmp_path, scheduler=cluster.scheduler_address, progress=kill_one)
         check(runs(many), [a.points for a in alone])
-        assert lost and runs.done == len({digest(j) for j in many}) or runs.done == len(many)
+        assert lost and runs.done == len({digest(j, "") for j in many}) or runs.done == len(many)
     check(runs_again(tmp_path, many), [a.points for a in alone])
 
 
