@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from plop.diagnosis.regression import Fit
+from plop.diagnosis.regression import Grams, fit, solve
 
 P_LARGEST = 0.02
 """Family-wise chance of a false alarm up to which an effect is named."""
 
 
+_LEAST_DEGREES = 4
+"""Degrees of freedom within kinds of motion below which kinds are not told apart."""
+_SHRINK = 0.1
+"""Episodes' worth of the reference's overall amplitude that is mixed into that of each kind of motion."""
+
+
 @dataclass(frozen=True)
 class Contrast:
-    """An amplitude against that in the reference (Welch's test: episodes are what counts as independent)."""
+    """An amplitude against that in the reference; episodes are what counts as independent."""
 
     errors: float
     """Distance in standard errors."""
@@ -26,27 +33,120 @@ class Contrast:
     """Smallest change of the first amplitude that would be clear."""
 
 
-def contrast_of(here: Fit, reference: Fit, own: int, family: int) -> Contrast:
-    """Compare the last `own` amplitudes of two fits of the same columns.
+def contrast_of(
+    here: Grams, reference: Grams, rows: np.ndarray, own: int, family: int, kinds: tuple[Sequence[str], Sequence[str]]
+) -> Contrast:
+    """Compare the last `own` amplitudes of a set of columns between two sets of episodes.
 
-    Few episodes make their own scatter uncertain: the degrees of freedom are Welch's (Biometrika 34, 1947), and p is
-    multiplied by the number of hypotheses (Bonferroni).
+    What the base misses by itself depends on the kind of motion, and so does the amplitude that this resembles.
+    Therefore an episode is compared with the reference episodes of its kind, and only the scatter within a kind
+    counts. Both sets tell that scatter: when nothing has changed they are of one kind each. An episode's weight is its
+    sensitivity. p is multiplied by the number of hypotheses (Bonferroni).
 
     Args:
-        here: Fit to the episodes to explain.
-        reference: Fit to the reference.
+        here: The episodes to explain.
+        reference: The reference.
+        rows: Columns, the base's own parameters first.
         own: Number of amplitudes to compare, the last ones.
         family: Hypotheses among which the best is looked for.
+        kinds: Kind of motion of every episode, here and in the reference.
     """
-    parts = here.spread[-own:, -own:], reference.spread[-own:, -own:]
-    spread = parts[0] + parts[1]
-    difference = here.values[-own:] - reference.values[-own:]
+    sides = _profiled(here, reference, rows, own)
+    strata = _strata(*kinds)
+    scores, spreads, scatter, degrees = np.zeros(own), np.zeros((own, own)), np.zeros((own, own)), 0
+    total = sides[0].hessian.sum(0)
+    typical = _SHRINK * sides[1].hessian.mean(0)
+    everywhere = solve(sides[1].hessian.sum(0), sides[1].gradient.sum(0))
+    cells = []
+    for label in dict.fromkeys(strata[0]):
+        mine, other = (side.chosen([k == label for k in names]) for side, names in zip(sides, strata, strict=True))
+        amplitude = solve(other.hessian.sum(0) + typical, other.gradient.sum(0) + typical @ everywhere)
+        for part in (mine, other):
+            white = part.whitened(amplitude)
+            centred = white - white.mean(0)
+            scatter += centred.T @ centred
+            degrees += len(white) - 1
+        scores += (mine.gradient - mine.hessian @ amplitude).sum(0)
+        cells.append((mine, other))
+    degrees = max(degrees, own)
+    scatter /= degrees
+    for mine, other in cells:
+        spreads += mine.spread(scatter)
+        carried = mine.hessian.sum(0) @ np.linalg.pinv(other.hessian.sum(0) + typical)
+        spreads += carried @ other.spread(scatter) @ carried.T
+    difference = solve(total, scores)
+    inverse = np.linalg.pinv(total)
+    spread = inverse @ spreads @ inverse.T
     squared = float(difference @ np.linalg.pinv(spread) @ difference / own)
-    freedom = [
-        np.diag(part) ** 2 / max(fit.episodes - 1, 1) for part, fit in zip(parts, (here, reference), strict=True)
-    ]
-    degrees = float((np.diag(spread) ** 2 / np.maximum(freedom[0] + freedom[1], 1e-300)).min())
-    degrees = max(degrees, 1.0)
-    p = min(1.0, family * float(fisher.sf(squared, own, degrees)))
-    least = float(student.isf(P_LARGEST / (2 * family), degrees) * np.sqrt(spread[0, 0]))
+    freedom = max(degrees - own + 1, 1)
+    p = min(1.0, family * float(fisher.sf(squared * freedom / degrees, own, freedom)))
+    least = float(student.isf(P_LARGEST / (2 * family), freedom) * np.sqrt(spread[0, 0]))
     return Contrast(float(np.sqrt(squared)), p, least)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """Own amplitudes of one set of episodes, free of what the base's parameters explain."""
+
+    hessian: np.ndarray
+    """[E, own, own]."""
+    gradient: np.ndarray
+    """[E, own]."""
+
+    def chosen(self, which: Sequence[bool]) -> _Side:
+        rows = np.flatnonzero(which)
+        return _Side(self.hessian[rows], self.gradient[rows])
+
+    def whitened(self, amplitude: np.ndarray) -> np.ndarray:
+        """Deviation of each episode from an amplitude, in units in which all episodes scatter alike, [E, own]."""
+        left = self.gradient - self.hessian @ amplitude
+        return np.stack([np.linalg.solve(_root(h), r) for h, r in zip(self.hessian, left, strict=True)])
+
+    def spread(self, scatter: np.ndarray) -> np.ndarray:
+        """Covariance of the sum of the episodes' gradients."""
+        roots = [_root(h) for h in self.hessian]
+        return np.asarray(sum(root @ scatter @ root.T for root in roots))
+
+
+def _root(hessian: np.ndarray) -> np.ndarray:
+    ridge = 1e-6 * float(np.trace(hessian)) / len(hessian) + 1e-30
+    return np.linalg.cholesky(hessian + ridge * np.eye(len(hessian)))
+
+
+def _profiled(here: Grams, reference: Grams, rows: np.ndarray, own: int) -> tuple[_Side, _Side]:
+    """Take out of the own columns what the base's columns explain, and of the residuals what they fit."""
+    base, last = rows[:-own], rows[-own:]
+    pooled = here.hessian.sum(0) + reference.hessian.sum(0)
+    shared = np.zeros((len(base), own))
+    if len(base):
+        stacked = np.broadcast_to(pooled[np.ix_(base, base)], (own, len(base), len(base)))
+        shared = solve(stacked, pooled[np.ix_(base, last)].T).T
+
+    def side(grams: Grams) -> _Side:
+        fitted = fit(grams, rows).values[: len(base)]
+        cross = grams.hessian[:, last][:, :, base] - shared.T @ grams.hessian[:, base][:, :, base]
+        gradient = grams.gradient[:, last] - grams.gradient[:, base] @ shared - cross @ fitted
+        hessian = grams.hessian[:, last][:, :, last] - 2 * _symmetric(grams.hessian[:, last][:, :, base] @ shared)
+        return _Side(hessian + shared.T @ grams.hessian[:, base][:, :, base] @ shared, gradient)
+
+    return side(here), side(reference)
+
+
+def _symmetric(matrices: np.ndarray) -> np.ndarray:
+    return (matrices + matrices.swapaxes(-1, -2)) / 2
+
+
+def _strata(here: Sequence[str], reference: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Compare within kinds that both sets have; all others with each other, or with everything.
+
+    With hardly two episodes of any kind there is no scatter within kinds: then all are of one.
+    """
+    one = [""] * len(here), [""] * len(reference)
+    both = set(here) & set(reference)
+    found = [[kind if kind in both else "" for kind in kinds] for kinds in (here, reference)]
+    alone = [("" in kinds) for kinds in found]
+    cells = {(side, kind) for side, kinds in enumerate(found) for kind in kinds if kind in found[0]}
+    repeats = sum(kind in found[0] for kinds in found for kind in kinds) - len(cells)
+    if (alone[0] and not alone[1]) or repeats < _LEAST_DEGREES:
+        return one
+    return found[0], found[1]

@@ -13,6 +13,7 @@ from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
+from plop.diagnosis.phases import motion_kind
 from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
@@ -98,7 +99,7 @@ class State:
         for name, value in columns[0].shapes:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
                                 "at_bound": False, "chosen": True}  # fmt: skip
-        contrast = self._contrast(score.rows, len(columns), score.fit, family)
+        contrast = self._contrast(score.rows, len(columns), family)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
                        self._apart(score))  # fmt: skip
@@ -127,7 +128,7 @@ class State:
         fitted = fit(self.screen.grams, rows)
         columns = [column for c in self.base_candidates for column in c.columns]
         improvement, error = gain(raw, refitted), self.screen.gain_error(np.array([], int), rows)
-        contrast = self._contrast(rows, len(rows), fitted)
+        contrast = self._contrast(rows, len(rows))
         # The same kind of p as for effects: sham gains are shares of the error, too.
         return Finding("stiffness", "base", _parameters(tuple(columns), fitted, self.growth), improvement, error,
                        p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
@@ -144,7 +145,13 @@ class State:
         values = iter(fit(self.screen.grams, self.screen.base).values)
         return {c.key: np.array([next(values) for _ in c.columns]) for c in self.base_candidates}
 
-    def _contrast(self, rows: np.ndarray, own: int, fitted: Fit, family: int | None = None) -> Contrast | None:
+    @cached_property
+    def kinds(self) -> tuple[list[str], list[str]]:
+        """Kinds of motion of the episodes and of the reference's."""
+        here, reference = ([motion_kind(episode) for episode in table.episodes] for table in self.tables[:2])
+        return here, reference
+
+    def _contrast(self, rows: np.ndarray, own: int, family: int | None = None) -> Contrast | None:
         """Compare the last `own` amplitudes with those in the reference; None without reference.
 
         Where the error by itself shows that something is missing, the question is only whether it is this: one
@@ -153,7 +160,7 @@ class State:
         if self.reference is None or own == 0:
             return None
         family = family or (1 if self.size.stands_out else len(self.screen.candidates))
-        return contrast_of(fitted, fit(self.reference, rows), own, family)
+        return contrast_of(self.screen.grams, self.reference, rows, own, family, self.kinds)
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:

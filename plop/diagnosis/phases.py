@@ -105,6 +105,26 @@ def _velocity(episode: Episode) -> np.ndarray:
     return np.concatenate([step[:1], step])
 
 
+def motion_kind(episode: Episode) -> str:
+    """Name the kind of an episode's motion by what the tool does one after the other, e.g. "press hold press".
+
+    A contact is a press where the tool moves mostly downwards, else a push; what lasts a single frame does not count,
+    nor does what comes before the first touch and after the last one.
+    """
+    phase, velocity = view_tool(episode).phase, _velocity(episode)
+    words = []
+    for first, last, name in spans(phase):
+        if last == first or name == "approach":
+            continue
+        mean = velocity[first : last + 1].mean(0)
+        if name == "contact":
+            name = "press" if -mean[2] > _UP_SHARE * float(np.linalg.norm(mean)) else "push"
+        words.append(name)
+    while words and words[-1] == "retract":
+        words.pop()
+    return " ".join(words)
+
+
 def spans(phase: np.ndarray) -> Iterator[tuple[int, int, str]]:
     """Give the runs of equal phase as (first frame, last frame, name)."""
     edges = np.flatnonzero(np.diff(phase)) + 1

@@ -125,6 +125,8 @@ def judge(
             return found
     # what has the same amplitude in the reference is not new, whatever it explains here
     first = next((f for f in findings if f.differs), None)
+    if first is not None and first.kind == "decoy" and named and named[0].name in confounds:
+        first = named[0]  # a decoy that cannot be told from it is no reason to refuse it
     if named and first is not None and first.name == named[0].name:
         best = named[0]
         more = second[0] if second is not None and second[0].passes() and second[0].gain > SECOND_LEAST else None

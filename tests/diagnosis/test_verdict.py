@@ -147,6 +147,13 @@ def test_a_decoy_is_never_named(facts):
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
 
 
+def test_a_decoy_that_cannot_be_told_from_a_law_does_not_hide_it():
+    verdict = told([finding("drag", gain=0.62), finding("damping")], ["damping"], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["damping"])
+    verdict = told([finding("drag", gain=0.62), finding("damping")], [], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
+
+
 def test_a_parameter_at_its_bound_is_never_named():
     assert told([at_bound()], [], None, [], **FACTS).named == []
     assert told([finding(), at_bound("fibres")], ["fibres"], None, [], **FACTS).named == ["tilt"]
