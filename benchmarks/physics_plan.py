@@ -114,5 +114,6 @@ def _designed() -> list[Plan]:
 
 PLAN = [*_plan(), *_designed()]
 
-DEVELOPED = frozenset(plan.name for plan in PLAN[:33])
-"""Runs that were looked at while the rules of the verdict were being fixed; the others came afterwards."""
+_LAST_SEEN = "snr4-adhesion"
+DEVELOPED = frozenset(plan.name for plan in PLAN[: [plan.name for plan in PLAN].index(_LAST_SEEN) + 1])
+"""Runs that were looked at while the rules of the verdict were being changed; the others came afterwards."""
