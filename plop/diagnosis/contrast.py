@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from plop.diagnosis.regression import Grams, fit, solve
+from plop.diagnosis.regression import Fit, Grams, fit, solve
 
 P_LARGEST = 0.02
 """Family-wise chance of a false alarm up to which an effect is named."""
@@ -33,15 +33,27 @@ class Contrast:
     """Smallest change of the first amplitude that would be clear."""
 
 
+@dataclass(frozen=True)
+class _Test:
+    """One way of comparing amplitudes."""
+
+    errors: float
+    """Distance in standard errors."""
+    p: float
+    """Chance of it when nothing has changed, for one hypothesis."""
+    unit: float
+    """Standard error of the first amplitude's difference."""
+    freedom: float
+
+
 def contrast_of(
     here: Grams, reference: Grams, rows: np.ndarray, own: int, family: int, kinds: tuple[Sequence[str], Sequence[str]]
 ) -> Contrast:
     """Compare the last `own` amplitudes of a set of columns between two sets of episodes.
 
-    What the base misses by itself depends on the kind of motion, and so does the amplitude that this resembles.
-    Therefore an episode is compared with the reference episodes of its kind, and only the scatter within a kind
-    counts. Both sets tell that scatter: when nothing has changed they are of one kind each. An episode's weight is its
-    sensitivity. p is multiplied by the number of hypotheses (Bonferroni).
+    Two tests: over all episodes, each weighing as much as its data say, and within kinds of motion. What the base
+    misses by itself depends on the kind, and so does the amplitude that this resembles; which test sees more depends
+    on where an effect shows. The smaller p counts, times the number of tests and of hypotheses (Bonferroni).
 
     Args:
         here: The episodes to explain.
@@ -51,8 +63,37 @@ def contrast_of(
         family: Hypotheses among which the best is looked for.
         kinds: Kind of motion of every episode, here and in the reference.
     """
-    sides = _profiled(here, reference, rows, own)
+    tests = [_overall(fit(here, rows), fit(reference, rows), own)]
     strata = _strata(*kinds)
+    if set(strata[0]) != {""}:
+        tests.append(_within_kinds(_profiled(here, reference, rows, own), strata, own))
+    times = family * len(tests)
+    best = min(tests, key=lambda test: (test.p, -test.errors))
+    least = min(float(student.isf(P_LARGEST / (2 * times), test.freedom)) * test.unit for test in tests)
+    return Contrast(best.errors, min(1.0, times * best.p), least)
+
+
+def _overall(here: Fit, reference: Fit, own: int) -> _Test:
+    """Compare two pooled fits; the degrees of freedom are Welch's (Biometrika 34, 1947)."""
+    parts = here.spread[-own:, -own:], reference.spread[-own:, -own:]
+    spread = parts[0] + parts[1]
+    difference = here.values[-own:] - reference.values[-own:]
+    squared = float(difference @ np.linalg.pinv(spread) @ difference / own)
+    freedom = [
+        np.diag(part) ** 2 / max(fit.episodes - 1, 1) for part, fit in zip(parts, (here, reference), strict=True)
+    ]
+    degrees = float((np.diag(spread) ** 2 / np.maximum(freedom[0] + freedom[1], 1e-300)).min())
+    degrees = max(degrees, 1.0)
+    p = float(fisher.sf(squared, own, degrees))
+    return _Test(float(np.sqrt(squared)), p, float(np.sqrt(spread[0, 0])), degrees)
+
+
+def _within_kinds(sides: tuple[_Side, _Side], strata: tuple[list[str], list[str]], own: int) -> _Test:
+    """Compare each episode with the reference episodes of its kind; only the scatter within kinds counts.
+
+    Both sets tell that scatter: when nothing has changed they are of one kind each. An episode's weight is its
+    sensitivity.
+    """
     scores, spreads, scatter, degrees = np.zeros(own), np.zeros((own, own)), np.zeros((own, own)), 0
     total = sides[0].hessian.sum(0)
     typical = _SHRINK * sides[1].hessian.mean(0)
@@ -68,7 +109,6 @@ def contrast_of(
             degrees += len(white) - 1
         scores += (mine.gradient - mine.hessian @ amplitude).sum(0)
         cells.append((mine, other))
-    degrees = max(degrees, own)
     scatter /= degrees
     for mine, other in cells:
         spreads += mine.spread(scatter)
@@ -79,9 +119,8 @@ def contrast_of(
     spread = inverse @ spreads @ inverse.T
     squared = float(difference @ np.linalg.pinv(spread) @ difference / own)
     freedom = max(degrees - own + 1, 1)
-    p = min(1.0, family * float(fisher.sf(squared * freedom / degrees, own, freedom)))
-    least = float(student.isf(P_LARGEST / (2 * family), freedom) * np.sqrt(spread[0, 0]))
-    return Contrast(float(np.sqrt(squared)), p, least)
+    p = float(fisher.sf(squared * freedom / degrees, own, freedom))
+    return _Test(float(np.sqrt(squared)), p, float(np.sqrt(spread[0, 0])), freedom)
 
 
 @dataclass(frozen=True)
@@ -137,9 +176,9 @@ def _symmetric(matrices: np.ndarray) -> np.ndarray:
 
 
 def _strata(here: Sequence[str], reference: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Compare within kinds that both sets have; all others with each other, or with everything.
+    """Name the kinds that both sets have, and all others ""; only "" where kinds cannot be told apart.
 
-    With hardly two episodes of any kind there is no scatter within kinds: then all are of one.
+    That is where nothing compares with what has no counterpart, or where hardly two episodes are of one kind.
     """
     one = [""] * len(here), [""] * len(reference)
     both = set(here) & set(reference)
@@ -149,4 +188,4 @@ def _strata(here: Sequence[str], reference: Sequence[str]) -> tuple[list[str], l
     repeats = sum(kind in found[0] for kinds in found for kind in kinds) - len(cells)
     if (alone[0] and not alone[1]) or repeats < _LEAST_DEGREES:
         return one
-    return found[0], found[1]
+    return (found[0], found[1]) if len(set(found[0])) > 1 else one

@@ -13,7 +13,6 @@ from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
-from plop.diagnosis.phases import motion_kind
 from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
@@ -145,12 +144,6 @@ class State:
         values = iter(fit(self.screen.grams, self.screen.base).values)
         return {c.key: np.array([next(values) for _ in c.columns]) for c in self.base_candidates}
 
-    @cached_property
-    def kinds(self) -> tuple[list[str], list[str]]:
-        """Kinds of motion of the episodes and of the reference's."""
-        here, reference = ([motion_kind(episode) for episode in table.episodes] for table in self.tables[:2])
-        return here, reference
-
     def _contrast(self, rows: np.ndarray, own: int, family: int | None = None) -> Contrast | None:
         """Compare the last `own` amplitudes with those in the reference; None without reference.
 
@@ -160,7 +153,9 @@ class State:
         if self.reference is None or own == 0:
             return None
         family = family or (1 if self.size.stands_out else len(self.screen.candidates))
-        return contrast_of(self.screen.grams, self.reference, rows, own, family, self.kinds)
+        return contrast_of(
+            self.screen.grams, self.reference, rows, own, family, (self.tables[0].kinds, self.tables[1].kinds)
+        )
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:

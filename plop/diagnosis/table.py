@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from plop.diagnosis.amplitude import growth_of
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
+from plop.diagnosis.phases import motion_kind
 from plop.diagnosis.responses import Answer, Job
 from plop.errors import PlopError
 from plop.physics.filled import EngineBase
@@ -53,6 +55,11 @@ class Table:
         given = measured.predictions
         self.predictions = [self.plain[k] if given is None else given[e.name] for k, e in enumerate(self.episodes)]
         self.responses: list[dict[str, np.ndarray]] = [{} for _ in self.episodes]
+
+    @cached_property
+    def kinds(self) -> list[str]:
+        """Kind of motion of every episode."""
+        return [motion_kind(episode) for episode in self.episodes]
 
     def respond(self, columns: Sequence[Column]) -> None:
         """Compute the response of each column at its amplitude, per unit of it; replaces what was there.

@@ -67,6 +67,11 @@ class FakeTable:
     rows: list[Evidence]
     dropped: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def kinds(self) -> list[str]:
+        """All motions are of one kind."""
+        return ["press"] * len(self.rows)
+
     def evidence(self) -> list[Evidence]:
         return self.rows
 
