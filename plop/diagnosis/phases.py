@@ -22,7 +22,8 @@ PHASES = ("approach", "contact", "cut", "hold", "retract")
 """Names of the phases; files hold their positions in this list."""
 TOUCH_M = 0.001
 """Nearer than this the tool touches [m]."""
-_TOOL_POINTS = 6000
+_TOOL_POINTS, _FEW_TOOL_POINTS = 6000, 600
+"""Points on the tool's surface: for distances in tables and pictures, and where only the order of phases counts."""
 _REST_SHARE = 0.08
 """A tool rests below this share of its largest speed."""
 _UP_SHARE = 0.5
@@ -43,10 +44,15 @@ class ToolView:
     """Position in PHASES, int [T]."""
 
 
-def view_tool(episode: Episode) -> ToolView:
-    """Measure distances to the tool, and tell the phases of an episode."""
+def view_tool(episode: Episode, tool_points: int = _TOOL_POINTS) -> ToolView:
+    """Measure distances to the tool, and tell the phases of an episode.
+
+    Args:
+        episode: The episode.
+        tool_points: Points on the tool's surface that distances are measured to.
+    """
     geometry = ToolGeometry.from_mesh(episode.tool.vertices, episode.tool.faces)
-    surface = np.concatenate([geometry.surface_points(_TOOL_POINTS).double().numpy(), episode.tool.vertices])
+    surface = np.concatenate([geometry.surface_points(tool_points).double().numpy(), episode.tool.vertices])
     distance, gap = [], []
     hull = ConvexHull(episode.vertices).equations
     for pose, points in zip(episode.tool.world_from_tool, episode.points, strict=True):
@@ -111,7 +117,7 @@ def motion_kind(episode: Episode) -> str:
     A contact is a press where the tool moves mostly downwards, else a push; what lasts a single frame does not count,
     nor does what comes before the first touch and after the last one.
     """
-    phase, velocity = view_tool(episode).phase, _velocity(episode)
+    phase, velocity = view_tool(episode, _FEW_TOOL_POINTS).phase, _velocity(episode)
     words = []
     for first, last, name in spans(phase):
         if last == first or name == "approach":

@@ -118,9 +118,11 @@ def judge(
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
         closed = size.closed_by_base
-        most_remains = size.beyond_chance and closed is not None and closed < PARTLY_SHARE
-        if found is not None and found.kind == "BASE PARAMETER" and most_remains:
-            return Verdict("PARTLY", found.named, _partly_base_text(base), facts)
+        if found is not None and found.kind == "BASE PARAMETER" and closed is not None and closed < PARTLY_SHARE:
+            if size.beyond_chance:
+                return Verdict("PARTLY", found.named, _partly_base_text(base), facts)
+            if _may_be_chance(size):
+                return _nothing(facts)
         if found is not None:
             return found
     # what has the same amplitude in the reference is not new, whatever it explains here
@@ -137,8 +139,7 @@ def judge(
         partly = share is not None and share < PARTLY_SHARE
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
         others = [name for name in confounds if name not in (best.name, more and more.name) and name in possible]
-        # most of a gap that may be no more than what motions differ by is nothing that a law could have explained
-        if partly and not size.stands_out and size.excess_p is not None and size.excess_p > P_LARGEST:
+        if partly and _may_be_chance(size):
             return _nothing(facts)
         if more is not None and not others:
             text = _both_text(best, more, partly, share)
@@ -150,6 +151,14 @@ def judge(
     if decoys or size.stands_out:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return _nothing(facts)
+
+
+def _may_be_chance(size: ErrorSize) -> bool:
+    """Tell whether the gap may be no more than what motions differ by.
+
+    Most of such a gap is nothing that a law or a parameter could have explained.
+    """
+    return not size.stands_out and size.excess_p is not None and size.excess_p > P_LARGEST
 
 
 def _nothing(facts: dict[str, Any]) -> Verdict:

@@ -147,6 +147,14 @@ def test_a_decoy_is_never_named(facts):
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
 
 
+def test_a_base_parameter_that_leaves_most_of_a_gap_needs_a_gap_beyond_chance():
+    facts: dict[str, Any] = {"error": 2.0, "floor": 1.2, "left": 1.9, "raw": 2.5, "excess": 1.2}
+    base = finding("stiffness", gain=0.2)
+    assert told([finding(**WEAK)], [], base, [], **facts, excess_p=0.3).kind == "NOTHING DETECTABLE"
+    assert told([finding(**WEAK)], [], base, [], **{**facts, "excess": 3.5}, excess_p=0.001).kind == "PARTLY"
+    assert told([finding(**WEAK)], [], base, [], **{**facts, "raw": 4.0}, excess_p=0.3).kind == "BASE PARAMETER"
+
+
 def test_a_decoy_that_cannot_be_told_from_a_law_does_not_hide_it():
     verdict = told([finding("drag", gain=0.62), finding("damping")], ["damping"], None, [], **FACTS)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["damping"])
