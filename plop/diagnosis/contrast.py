@@ -13,8 +13,6 @@ from plop.diagnosis.regression import Fit, Grams, fit, solve
 
 P_LARGEST = 0.02
 """Family-wise chance of a false alarm up to which an effect is named."""
-
-
 _LEAST_DEGREES = 4
 """Degrees of freedom within kinds of motion below which kinds are not told apart."""
 _SHRINK = 0.1
@@ -63,10 +61,11 @@ def contrast_of(
         family: Hypotheses among which the best is looked for.
         kinds: Kind of motion of every episode, here and in the reference.
     """
-    tests = [_overall(fit(here, rows), fit(reference, rows), own)]
+    fits = fit(here, rows), fit(reference, rows)
+    tests = [_overall(*fits, own)]
     strata = _strata(*kinds)
     if set(strata[0]) != {""}:
-        tests.append(_within_kinds(_profiled(here, reference, rows, own), strata, own))
+        tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata, own))
     times = family * len(tests)
     best = min(tests, key=lambda test: (test.p, -test.errors))
     least = min(float(student.isf(P_LARGEST / (2 * times), test.freedom)) * test.unit for test in tests)
@@ -152,23 +151,24 @@ def _root(hessian: np.ndarray) -> np.ndarray:
     return np.linalg.cholesky(hessian + ridge * np.eye(len(hessian)))
 
 
-def _profiled(here: Grams, reference: Grams, rows: np.ndarray, own: int) -> tuple[_Side, _Side]:
+def _profiled(
+    grams: tuple[Grams, Grams], fits: tuple[Fit, Fit], rows: np.ndarray, own: int
+) -> tuple[_Side, _Side]:  # fmt: skip
     """Take out of the own columns what the base's columns explain, and of the residuals what they fit."""
     base, last = rows[:-own], rows[-own:]
-    pooled = here.hessian.sum(0) + reference.hessian.sum(0)
+    pooled = sum((each.hessian.sum(0) for each in grams), np.zeros(()))
     shared = np.zeros((len(base), own))
     if len(base):
         stacked = np.broadcast_to(pooled[np.ix_(base, base)], (own, len(base), len(base)))
         shared = solve(stacked, pooled[np.ix_(base, last)].T).T
 
-    def side(grams: Grams) -> _Side:
-        fitted = fit(grams, rows).values[: len(base)]
-        cross = grams.hessian[:, last][:, :, base] - shared.T @ grams.hessian[:, base][:, :, base]
-        gradient = grams.gradient[:, last] - grams.gradient[:, base] @ shared - cross @ fitted
-        hessian = grams.hessian[:, last][:, :, last] - 2 * _symmetric(grams.hessian[:, last][:, :, base] @ shared)
-        return _Side(hessian + shared.T @ grams.hessian[:, base][:, :, base] @ shared, gradient)
+    def side(part: Grams, fitted: Fit) -> _Side:
+        cross = part.hessian[:, last][:, :, base] - shared.T @ part.hessian[:, base][:, :, base]
+        gradient = part.gradient[:, last] - part.gradient[:, base] @ shared - cross @ fitted.values[: len(base)]
+        hessian = part.hessian[:, last][:, :, last] - 2 * _symmetric(part.hessian[:, last][:, :, base] @ shared)
+        return _Side(hessian + shared.T @ part.hessian[:, base][:, :, base] @ shared, gradient)
 
-    return side(here), side(reference)
+    return side(grams[0], fits[0]), side(grams[1], fits[1])
 
 
 def _symmetric(matrices: np.ndarray) -> np.ndarray:

@@ -119,14 +119,20 @@ class Runs:
 
     def forget(self, kept_bytes: int = KEPT_BYTES) -> None:
         """Delete the answers that were not used for the longest time until the rest is small enough."""
-        if self.folder is None:
-            return
         total = 0
-        for _, size, path in sorted(((p.stat().st_mtime, p.stat().st_size, p) for p in self.folder.glob("*.npz")),
-                                    reverse=True):  # fmt: skip
+        for _, size, path in sorted(self._kept(), reverse=True):
             total += size
             if total > kept_bytes:
                 path.unlink(missing_ok=True)
+
+    def _kept(self) -> Iterator[tuple[float, int, Path]]:
+        """Last use, size and path of every answer, and of what a killed process left half written."""
+        for path in [] if self.folder is None else self.folder.glob("*.npz*"):
+            try:
+                facts = path.stat()
+            except FileNotFoundError:  # another diagnosis has just deleted or renamed it
+                continue
+            yield facts.st_mtime, facts.st_size, path
 
 
 def answer_job(job: Job, effect_files: tuple[str, ...]) -> Answer:

@@ -1,7 +1,7 @@
 """3D convolutions of small grids on the CPU: by oneDNN, forward and backward, also for one sample alone.
 
-PyTorch leaves oneDNN where a single small sample comes, and its own path is up to four times slower (both
-directions of one step of I2N: 39 -> 17 ms of one core).
+PyTorch leaves oneDNN where a single small sample comes, and its own gradients take several times as long;
+`python -m benchmarks train` measures a training step.
 """
 
 from __future__ import annotations

@@ -42,6 +42,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     diagnosis = _diagnosis(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     name, parameters = _chosen(config, diagnosis)
+    # made only to refuse values out of range before anything is written
     effect_type(name, library(files))(**{key: p["value"] for key, p in parameters.items()})
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
     if engine is None:

@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.whole_file import write_json, write_text
+from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
@@ -15,7 +16,6 @@ from stages.calibrate.episode import calibrate_episode
 from stages.calibrate.pass_on import pass_on
 from stages.calibrate.solved import Solved, edits_for, solve
 from stages.calibrate.verdict import ORDER
-from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
+from plop.checked_settings import check_ranges
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.camera_errors import camera_rows, camera_table
 from plop.diagnosis.episode import Episode
@@ -21,7 +22,6 @@ from plop.diagnosis.sets import tracked_episodes
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
-from stages.checks import check_ranges
 from stages.compare.checks import CONVENTIONS, check_conventions, check_same_object, size_m
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 

@@ -8,10 +8,10 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.whole_file import write_json
+from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
-from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from plop.artifacts.whole_file import write_text
+from plop.checked_settings import check_choices, check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
 from plop.dynamics.episodes import measured_views
@@ -28,7 +29,6 @@ from plop.models import device_of, load_model
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
-from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 

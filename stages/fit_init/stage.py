@@ -11,10 +11,10 @@ import numpy as np
 from PIL import Image
 
 from plop.artifacts.whole_file import whole, write_json
+from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
 from plop.recordings.set import RecordingSet
-from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Progress, Stage, Summary
 from stages.fit_init.episode import EpisodeFit, fit_episode
 from stages.fit_init.optimise import Report

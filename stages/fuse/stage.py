@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from plop.artifacts.whole_file import write_json, write_text
+from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.geometry.cloud_ply import write_cloud
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
-from stages.checks import check_choices, check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.fuse.episode import EpisodeCloud, fuse_episode
 

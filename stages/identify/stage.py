@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
+from plop.checked_settings import check_ranges
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.sets import tracked_episodes
 from plop.dynamics.model_io import MODEL_SCHEMA
@@ -18,7 +19,6 @@ from plop.physics.calibrate import PARAMETERS, Calibration
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.recordings.set import RecordingSet
-from stages.checks import check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 STARTS = ("auto", "settled", "unloaded")

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from plop.checked_settings import check_ranges
 from plop.device import chosen_device
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
 from plop.recordings.set import RecordingSet
-from stages.checks import check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.rollout.episode import roll_out
 

@@ -13,6 +13,7 @@ from math import inf
 from pathlib import Path
 from typing import Literal
 
+from plop.checked_settings import check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
 from plop.dynamics.filtering import UpdateConfig
@@ -22,7 +23,6 @@ from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
-from stages.checks import check_ranges
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.train.objective import LossWeights
 from stages.train.optimise import Schedule, optimise
