@@ -34,9 +34,9 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
     found["init"] = preparation.derived("fit-init", recordings, None).address
     found["comparisons"] = ",".join(preparation.derived("compare", recordings, m).address for m in models)
     found.setdefault("evals", ",".join(preparation.derived("eval", recordings, m).address for m in models))
-    diagnoses = [a.address for a in store.artifacts("diagnose") if _is_of(a, recordings, models)]
+    diagnoses = diagnoses_of(models, [a for a in store.artifacts("diagnose") if _is_of(a, recordings, models)])
     if diagnoses:
-        found.setdefault("diagnoses", ",".join(diagnoses))
+        found.setdefault("diagnoses", ",".join(a.address for a in diagnoses))
     found["models"] = ",".join(m.address for m in models)
     return found
 
@@ -45,6 +45,20 @@ def labels_of_models(models: str) -> tuple[str, ...]:
     """Give what to call the models: the names that the user typed; nothing where one is an address."""
     names = tuple(name.strip() for name in models.split(",") if name.strip())
     return names if len(set(names)) == len(names) and not any("@" in name for name in names) else ()
+
+
+def diagnoses_of(models: list[Artifact], diagnoses: list[Artifact]) -> list[Artifact]:
+    """Choose among several diagnoses of one model: those that a model was made from, else the latest.
+
+    Args:
+        models: What is reported.
+        diagnoses: Of these models, the latest last.
+    """
+    used = {key for model in models if (key := parents(model).get("diagnosis")) is not None}
+    of = {a.key: parents(a).get("model") for a in diagnoses}
+    answered = {of[key] for key in used if key in of}
+    latest = {of[a.key]: a.key for a in diagnoses}
+    return [a for a in diagnoses if a.key in used or (of[a.key] not in answered and latest[of[a.key]] == a.key)]
 
 
 def _is_of(diagnosis: Artifact, recordings: Artifact, models: list[Artifact]) -> bool:
