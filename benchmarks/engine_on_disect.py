@@ -24,7 +24,7 @@ from plop.physics.case import Case, case_from_sequence, sides_of_parts
 from plop.physics.config import EngineConfig
 from plop.physics.fill import surface_parts
 from plop.physics.material import Material
-from plop.physics.tool_motion import ToolShape
+from plop.physics.tool_motion import ToolKind, ToolShape
 from plop.recordings.disect import read_disect
 from plop.recordings.mesh_sequence import MeshSequence
 
@@ -99,7 +99,7 @@ def points_on_wrong_side(sequence: MeshSequence) -> int:
     """Count vertices that the other simulator left beyond the blade after the cut: there the blade hooks a half."""
     parts = surface_parts(sequence.faces, len(sequence.rest))
     sides = sides_of_parts(sequence, parts)[parts]
-    shape = ToolShape.from_mesh(sequence.tool_vertices, sequence.tool_faces, thin_below_m=np.inf)
+    shape = ToolShape.from_mesh(sequence.tool_vertices, sequence.tool_faces, ToolKind.BLADE)
     blade = np.linalg.inv(sequence.world_from_tool[-1])
     local = (transform_points(blade, sequence.vertices[-1]) - shape.center) @ shape.axes
     inside = (local[:, 1:] @ shape.faces[:, 1:3].T <= shape.faces[:, 3]).all(1)

@@ -21,6 +21,7 @@ from joblib import Parallel, delayed
 from benchmarks.measure import plain_json
 from benchmarks.physics_baselines import baselines
 from benchmarks.physics_plan import PLAN, Plan
+from benchmarks.physics_response import response_error
 from benchmarks.physics_rounds import next_round
 from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
@@ -166,6 +167,8 @@ def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path,
         "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
         "baselines": baselines(found), "seconds": time.perf_counter() - started,
     }  # fmt: skip
+    if plan.set == "single":
+        row["response"] = response_error(hidden[0], episodes, plain, base, runs)
     if plan.set == "pair":
         later = next_round(found, episodes, reference, base, known, runs)
         row |= {"next_verdict": later and later.verdict.kind, "next_named": later.verdict.named if later else []}

@@ -99,21 +99,20 @@ def _plan() -> list[Plan]:
 
 def _designed() -> list[Plan]:
     """Runs at a given signal, with other seeds, directions and shapes than the first part's."""
-    singles = [Plan(f"snr{SNRS[level]:g}-{name}", "single", 1000 + 100 * level + k, ((name, _values(values[level])),),
+    singles = [Plan(f"snr{SNRS[level]:g}-{name}", "single", 2000 + 100 * level + k, ((name, _values(values[level])),),
                     (), SNRS[level])
                for level in (1, 0) for k, (name, values) in enumerate(TURNED.items())]  # fmt: skip
-    nulls = [Plan(f"null-more-{k}", "null", 1400 + k) for k in range(12)]
-    base = [Plan(f"base-more-{name}", "base", 1500 + k, ((name, _values(v)),), (), 2.0)
+    nulls = [Plan(f"null-more-{k}", "null", 2400 + k) for k in range(12)]
+    base = [Plan(f"base-more-{name}", "base", 2500 + k, ((name, _values(v)),), (), 2.0)
             for k, (name, v) in enumerate(MORE_BASE.items())]  # fmt: skip
-    pairs = [Plan(f"pair-more-{a}-{b}", "pair", 1600 + k, tuple((n, _values(TURNED[n][0])) for n in (a, b)), (), 2.5)
+    pairs = [Plan(f"pair-more-{a}-{b}", "pair", 2600 + k, tuple((n, _values(TURNED[n][0])) for n in (a, b)), (), 2.5)
              for k, (a, b) in enumerate(MORE_PAIRS)]  # fmt: skip
-    outside = [Plan(f"outside-more-{name}", "outside", 1700 + k, ((name, _values(TURNED[name][1])),), (name,), 3.0)
+    outside = [Plan(f"outside-more-{name}", "outside", 2700 + k, ((name, _values(TURNED[name][1])),), (name,), 3.0)
                for k, name in enumerate(MORE_OUTSIDE)]  # fmt: skip
     return _mixed([singles, nulls, base, pairs, outside], [4, 2, 1, 1, 1])
 
 
-PLAN = [*_plan(), *_designed()]
+PLAN = [*_designed(), *_plan()]
 
-_LAST_SEEN = "snr4-adhesion"
-DEVELOPED = frozenset(plan.name for plan in PLAN[: [plan.name for plan in PLAN].index(_LAST_SEEN) + 1])
-"""Runs that were looked at while the rules of the verdict were being changed; the others came afterwards."""
+DEVELOPED = frozenset(plan.name for plan in _plan())
+"""Runs whose recordings were looked at while the rules of the verdict were being changed; the others' never were."""

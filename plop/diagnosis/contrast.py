@@ -10,11 +10,10 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from plop.diagnosis.regression import Fit, Grams, fit, solve
+from plop.diagnosis.strata import strata_of, told_apart
 
 P_LARGEST = 0.02
 """Family-wise chance of a false alarm up to which an effect is named."""
-_LEAST_DEGREES = 4
-"""Degrees of freedom within kinds of motion below which kinds are not told apart."""
 _SHRINK = 0.1
 """Episodes' worth of the reference's overall amplitude that is mixed into that of each kind of motion."""
 
@@ -63,8 +62,8 @@ def contrast_of(
     """
     fits = fit(here, rows), fit(reference, rows)
     tests = [_overall(*fits, own)]
-    strata = _strata(*kinds)
-    if set(strata[0]) != {""}:
+    strata = strata_of(*kinds)
+    if told_apart(strata):
         tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata, own))
     times = family * len(tests)
     best = min(tests, key=lambda test: (test.p, -test.errors))
@@ -173,19 +172,3 @@ def _profiled(
 
 def _symmetric(matrices: np.ndarray) -> np.ndarray:
     return (matrices + matrices.swapaxes(-1, -2)) / 2
-
-
-def _strata(here: Sequence[str], reference: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Name the kinds that both sets have, and all others ""; only "" where kinds cannot be told apart.
-
-    That is where nothing compares with what has no counterpart, or where hardly two episodes are of one kind.
-    """
-    one = [""] * len(here), [""] * len(reference)
-    both = set(here) & set(reference)
-    found = [[kind if kind in both else "" for kind in kinds] for kinds in (here, reference)]
-    alone = [("" in kinds) for kinds in found]
-    cells = {(side, kind) for side, kinds in enumerate(found) for kind in kinds if kind in found[0]}
-    repeats = sum(kind in found[0] for kinds in found for kind in kinds) - len(cells)
-    if (alone[0] and not alone[1]) or repeats < _LEAST_DEGREES:
-        return one
-    return (found[0], found[1]) if len(set(found[0])) > 1 else one

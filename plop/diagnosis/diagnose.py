@@ -13,6 +13,7 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.findings import State
 from plop.diagnosis.limits import detection_limits
+from plop.diagnosis.profile import profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.table import Measured, RunJobs, Table
@@ -24,8 +25,6 @@ from plop.physics.filled import EngineBase
 LEAST_EPISODES = 4
 REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""
-ROUNDS = 2
-"""How often."""
 
 
 @dataclass(frozen=True)
@@ -78,16 +77,28 @@ def diagnose(
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     state = State(tables, candidates)
-    for _ in range(ROUNDS):
-        scores = one_per_effect(state.scores())[:REFITTED]
-        candidates = _moved(candidates, {s.candidate.key: s.values for s in scores} | state.base_values())
-        chosen = {s.candidate.key for s in scores} | set(state.base_values())
-        for table in tables:
-            table.respond([column for c in candidates if c.key in chosen for column in c.columns])
-        state = State(tables, candidates)
-    best = {s.candidate.key for s in one_per_effect(state.scores())[:REFITTED]} | set(state.base_values())
-    state.growth = tables[0].growth([column for c in candidates if c.key in best for column in c.columns])
+    candidates = _moved(candidates, _best_values(state))
+    state = _responded(tables, candidates, list(_best_values(state)))
+    best = _best_values(state)
+    alone = [c.columns[0] for c in _moved(candidates, best) if c.key in best and len(c.columns) == 1]
+    profiles = profiles_of(alone, state.measure)
+    least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in candidates
+             if c.key in best and c.columns[0].key in profiles}  # fmt: skip
+    state = _responded(tables, _moved(candidates, best | least), list(best))
+    state.profiles = profiles
     return _conclude(state, sensors, shams, seed)
+
+
+def _best_values(state: State) -> dict[str, np.ndarray]:
+    """Fitted amplitudes of the best effects and of the base's own parameters, by candidate."""
+    return {s.candidate.key: s.values for s in one_per_effect(state.scores())[:REFITTED]} | state.base_values()
+
+
+def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str]) -> State:
+    """Compute the responses of some candidates anew, at the amplitudes that they now have."""
+    for table in tables:
+        table.respond([column for c in candidates if c.key in keys for column in c.columns])
+    return State(tables, candidates)
 
 
 def _check(count: int, dropped: Mapping[str, str]) -> None:

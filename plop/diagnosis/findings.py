@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,8 @@ from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
-from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit
+from plop.diagnosis.profile import Profile
+from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, solve
 from plop.diagnosis.screen import Score, Screen
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
@@ -24,8 +25,8 @@ from plop.errors import PlopError
 class State:
     """Everything computed so far: evidence, screen, and the same columns in the reference recordings."""
 
-    growth: Mapping[str, float]
-    """Column -> exponent of its response; 1 where it is not known."""
+    profiles: Mapping[str, Profile]
+    """Column -> error and response over its amplitude; none where they are not known."""
 
     def __init__(self, tables: list[Table], candidates: list[Candidate]) -> None:
         """Whiten and multiply out.
@@ -34,7 +35,7 @@ class State:
             tables: Measured episodes and, where there is one, the reference.
             candidates: The hypotheses.
         """
-        self.tables, self.growth = tables, {}
+        self.tables, self.profiles = tables, {}
         self.evidence = tables[0].evidence()
         self.control: list[Evidence] = tables[1].evidence() if len(tables) > 1 else []
         gone = {key for table in tables for key in table.dropped}
@@ -79,11 +80,31 @@ class State:
     @cached_property
     def size(self) -> ErrorSize:
         """How large the base's error is, against the reference's."""
-        return ErrorSize.of(self.errors(), float(self.screen.grams.energy.sum() / self.numbers), self.floors)
+        raw = float(self.screen.grams.energy.sum() / self.numbers)
+        return ErrorSize.of(self.errors(), raw, self.floors, self.kinds)
+
+    @property
+    def kinds(self) -> tuple[Sequence[str], Sequence[str]]:
+        """Kind of motion of every episode, and of every one of the reference."""
+        return self.tables[0].kinds, self.tables[1].kinds if self.control else []
 
     def left(self, score: Score) -> float:
         """Mean squared whitened held-out residual with an effect."""
         return float(score.after.sum() / self.numbers)
+
+    def measure(self, wanted: Sequence[tuple[Column, float]]) -> list[tuple[float, float] | None]:
+        """Run columns at some amplitudes, see `profiles_of`; the base's own parameters are refitted to what is left."""
+        return [None if change is None else self._fits(column, change)
+                for (column, _), change in zip(wanted, self.tables[0].changes(wanted), strict=True)]  # fmt: skip
+
+    def _fits(self, column: Column, change: list[np.ndarray]) -> tuple[float, float]:
+        evidence = self.tables[0].evidence([{column.key: points} for points in change])
+        response = [whiten(e, self.misfit, [column.key]).matrix[0] for e in evidence]
+        others = np.array([k for k in self.screen.base if self.keys[k] != column.key], int)
+        matrix = np.concatenate([e.matrix[others] for e in self.screen.episodes], 1)
+        left = np.concatenate([e.residual - r for e, r in zip(self.screen.episodes, response, strict=True)])
+        square = float(sum(r @ r for r in response))
+        return float(left @ left - (matrix @ left) @ solve(matrix @ matrix.T, matrix @ left)), square**0.5
 
     def finding(self, score: Score, shams: np.ndarray, family: int | None = None) -> Finding:
         """Add parameters, intervals, p and contrast to a score.
@@ -91,10 +112,10 @@ class State:
         Args:
             score: Of one effect.
             shams: Best gains under shams.
-            family: See `_contrast`.
+            family: See `_contrast`; given where the score is of a law beside another one.
         """
         columns = score.candidate.columns
-        parameters = _parameters(columns, score.fit, self.growth)
+        parameters = _parameters(columns, score.fit, self.profiles, alone=family is None)
         for name, value in columns[0].shapes:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
                                 "at_bound": False, "chosen": True}  # fmt: skip
@@ -129,7 +150,7 @@ class State:
         improvement, error = gain(raw, refitted), self.screen.gain_error(np.array([], int), rows)
         contrast = self._contrast(rows, len(rows))
         # The same kind of p as for effects: sham gains are shares of the error, too.
-        return Finding("stiffness", "base", _parameters(tuple(columns), fitted, self.growth), improvement, error,
+        return Finding("stiffness", "base", _parameters(tuple(columns), fitted, self.profiles), improvement, error,
                        p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
 
     def _apart(self, score: Score) -> float:
@@ -153,9 +174,7 @@ class State:
         if self.reference is None or own == 0:
             return None
         family = family or (1 if self.size.stands_out else len(self.screen.candidates))
-        return contrast_of(
-            self.screen.grams, self.reference, rows, own, family, (self.tables[0].kinds, self.tables[1].kinds)
-        )
+        return contrast_of(self.screen.grams, self.reference, rows, own, family, self.kinds)
 
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:
@@ -164,10 +183,14 @@ def _steady(before: np.ndarray, after: np.ndarray) -> float:
     return gain(before[rest], after[rest])
 
 
-def _parameters(columns: tuple[Column, ...], fitted: Fit, growth: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """Give the last values with their intervals."""
+def _parameters(
+    columns: tuple[Column, ...], fitted: Fit, profiles: Mapping[str, Profile], alone: bool = True
+) -> dict[str, dict[str, Any]]:  # fmt: skip
+    """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
     values, errors = fitted.values[-len(columns) :], np.sqrt(np.diag(fitted.spread)[-len(columns) :])
-    return {
-        column.amplitude: amplitude_of(column, float(value), float(error), fitted.episodes, growth.get(column.key, 1.0))
-        for column, value, error in zip(columns, values, errors, strict=True)
-    }
+    found = {}
+    for column, value, error in zip(columns, values, errors, strict=True):
+        profile = profiles.get(column.key)
+        amplitude = profile.least() if alone and profile is not None else float(value)
+        found[column.amplitude] = amplitude_of(column, amplitude, float(error), fitted.episodes, profile)
+    return found

@@ -10,8 +10,6 @@ _SOLID_M = 0.006
 """Points nearer to a thick tool than this are under it or in its corner [m]."""
 _BLADE_M = 0.003
 """The same for a blade, whose sides stay visible [m]."""
-_THIN_M = 0.012
-"""Tools thinner than this count as blades [m]."""
 
 
 def seen_points(tool: ToolMotion, points: np.ndarray) -> np.ndarray:
@@ -26,14 +24,14 @@ def seen_points(tool: ToolMotion, points: np.ndarray) -> np.ndarray:
         again depends on what it guessed in between.
     """
     distance = np.stack([tool_distance(tool, frame, place) for frame, place in enumerate(points)])
-    shape = ToolShape.from_mesh(tool.vertices, tool.faces, thin_below_m=_THIN_M)
+    shape = ToolShape.from_mesh(tool.vertices, tool.faces)
     near = distance < (_BLADE_M if shape.kind == ToolKind.BLADE else _SOLID_M)
     return ~np.logical_or.accumulate(near, axis=0)
 
 
 def tool_distance(tool: ToolMotion, frame: int, points: np.ndarray) -> np.ndarray:
     """Distance of points to the convex hull of the tool at one frame, about right outside, negative inside, [M] [m]."""
-    shape = ToolShape.from_mesh(tool.vertices, tool.faces, thin_below_m=0.0)
+    shape = ToolShape.from_mesh(tool.vertices, tool.faces, ToolKind.SOLID)
     pose = tool.world_from_tool[frame]
     local = ((points - pose[:3, 3]) @ pose[:3, :3] - shape.center) @ shape.axes
     return (local @ shape.faces[:, :3].T - shape.faces[:, 3]).max(1)

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.amplitude import growth_of
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
@@ -80,20 +79,22 @@ class Table:
                 elif answer.points is not None:
                     self.responses[k][column.key] = (answer.points - self.plain[k]) / column.value
 
-    def growth(self, columns: Sequence[Column]) -> dict[str, float]:
-        """Compute each column anew at half its amplitude: the exponent with which its response grows."""
-        known = [c for c in columns if all(c.key in own for own in self.responses)]
-        jobs = [Job(episode, self.base, ((column, column.value / 2),)) for column in known for episode in self.episodes]
+    def changes(self, wanted: Sequence[tuple[Column, float]]) -> list[list[np.ndarray] | None]:
+        """Compute what columns change at some amplitudes.
+
+        Returns:
+            For each one the change of the prediction in every episode, [T, M, 3] [m]; None where one is unstable.
+        """
+        jobs = [Job(episode, self.base, (setting,)) for setting in wanted for episode in self.episodes]
         answers = iter(self.run_jobs(jobs))
-        found = {}
-        for column in known:
-            half = [next(answers).points for _ in self.episodes]
-            pairs = [(own[column.key] * column.value, points - plain)
-                     for own, points, plain in zip(self.responses, half, self.plain, strict=True)
-                     if points is not None]  # fmt: skip
-            found[column.key] = growth_of([full for full, _ in pairs], [part for _, part in pairs])
+        found: list[list[np.ndarray] | None] = []
+        for _ in wanted:
+            points = [next(answers).points for _ in self.episodes]
+            moved = [p - plain for p, plain in zip(points, self.plain, strict=True) if p is not None]
+            found.append(moved if len(moved) == len(points) else None)
         return found
 
-    def evidence(self) -> list[Evidence]:
-        """Reduce everything to patches and compared frames."""
-        return [evidence_of(episode, self.predictions[k], self.responses[k]) for k, episode in enumerate(self.episodes)]
+    def evidence(self, responses: Sequence[dict[str, np.ndarray]] | None = None) -> list[Evidence]:
+        """Reduce everything to patches and compared frames; with other responses than the table's if given."""
+        own = self.responses if responses is None else responses
+        return [evidence_of(episode, self.predictions[k], own[k]) for k, episode in enumerate(self.episodes)]

@@ -14,8 +14,9 @@ GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
 ERRORS_LEAST = 2.0
 """Least gain in standard errors over episodes."""
-PARTLY_SHARE = 0.5
-"""Share of the explainable gap below which an effect is named only as a part."""
+PARTLY_SHARE = 0.6
+"""Share of the explainable gap below which an effect is named only as a part: most of what a law that is not in the
+library does, a neighbour can do as well."""
 SECOND_LEAST = 0.1
 """Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
 is wrong with it resembles other laws."""
@@ -108,7 +109,7 @@ def judge(
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
     facts = {"sensors": sensors, "error": size.error, "floor": size.floor, "left": left, "excess": size.excess,
-             "excess_p": size.excess_p, "decoys": decoys}  # fmt: skip
+             "excess_p": size.excess_p, "decoys": decoys, "alternatives": []}  # fmt: skip
     if sensors:
         text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
@@ -118,9 +119,9 @@ def judge(
         rival = max(laws, key=lambda f: f.alone, default=None)
         found = _base_or(base, rival, named[0] if named else None, facts)
         closed = size.closed_by_base
-        if found is not None and found.kind == "BASE PARAMETER" and closed is not None and closed < PARTLY_SHARE:
+        if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
             if size.beyond_chance:
-                return Verdict("PARTLY", found.named, _partly_base_text(base), facts)
+                return Verdict("PARTLY", found.named, _partly_base_text(base, found.named[1:]), found.evidence)
             if _may_be_chance(size):
                 return _nothing(facts)
         if found is not None:
@@ -144,9 +145,10 @@ def judge(
         if more is not None and not others:
             text = _both_text(best, more, partly, share)
             return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
-        kind = "CONFOUNDED" if others else "PARTLY" if partly else "EFFECT"
-        if best.kind == "base" and kind != "CONFOUNDED":
+        kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
+        if best.kind == "base" and not others:
             return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
+        facts = {**facts, "alternatives": others}
         return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
     if decoys or size.stands_out:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
@@ -185,7 +187,7 @@ def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts
     if rival is not None and rival.alone > base.gain - margin:
         text = (f"{base.name} of the base, or {rival.name}, which these motions cannot tell apart; "
                 f"{parameters_text(base)}; or {parameters_text(rival)}.")  # fmt: skip
-        return Verdict("CONFOUNDED", [base.name, rival.name], text, facts)
+        return Verdict("CONFOUNDED", [base.name, rival.name], text, {**facts, "alternatives": [rival.name]})
     return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
 
 
@@ -203,12 +205,9 @@ def parameters_text(finding: Finding) -> str:
 def _effect_text(kind: str, best: Finding, others: list[str], share: float | None) -> str:
     gained = f"it explains {100 * best.gain:.0f} % of the held-out error"
     closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
-    what = {
-        "EFFECT": f"Missing: {best.name}",
-        "PARTLY": f"Partly {best.name}",
-        "CONFOUNDED": f"{best.name}, or {' or '.join(others)}, which these motions cannot tell apart",
-    }[kind]
-    return f"{what}; {parameters_text(best)}; {gained}{closed}."
+    start = {"EFFECT": "Missing: ", "PARTLY": "Partly ", "CONFOUNDED": ""}[kind]
+    what = best.name + (f", or {' or '.join(others)}, which these motions cannot tell apart" if others else "")
+    return f"{start}{what}; {parameters_text(best)}; {gained}{closed}."
 
 
 def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) -> str:
@@ -220,9 +219,10 @@ def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) 
             f"Add {best.name}, then diagnose again.")  # fmt: skip
 
 
-def _partly_base_text(base: Finding) -> str:
-    return (f"A changed {base.name} explains a part: {parameters_text(base)}; most of the gap remains, and no law of "
-            "the library explains it.")  # fmt: skip
+def _partly_base_text(base: Finding, others: list[str]) -> str:
+    either = f" (or {' or '.join(others)}, which these motions cannot tell from it)" if others else ""
+    return (f"A changed {base.name}{either} explains a part: {parameters_text(base)}; much of the gap remains, and no "
+            "law of the library explains it.")  # fmt: skip
 
 
 def _base_text(base: Finding) -> str:

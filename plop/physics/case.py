@@ -11,7 +11,7 @@ from plop.physics.fill import fill_surface, surface_parts
 from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
-from plop.physics.tool_motion import ToolMotion, ToolShape
+from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape
 from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest
 
 _TRACER = 1e-6
@@ -91,7 +91,7 @@ def sides_of_parts(sequence: MeshSequence, parts: np.ndarray) -> np.ndarray:
 
 def blade_plane(tool: ToolMotion) -> tuple[np.ndarray, float]:
     """Plane of a blade at the start of its motion: normal [3] in world and offset along it [m]."""
-    shape = ToolShape.from_mesh(tool.vertices, tool.faces, thin_below_m=np.inf)
+    shape = ToolShape.from_mesh(tool.vertices, tool.faces, ToolKind.BLADE)
     pose = tool.world_from_tool[0]
     normal = pose[:3, :3] @ shape.axes[:, 0]
     return normal, float(normal @ (pose[:3, :3] @ shape.center + pose[:3, 3]))

@@ -76,8 +76,7 @@ class Engine:
     def _constants(self) -> None:
         """Hold what the kernels need in their own number type."""
         material, config, tool = self.material, self.config, self.tool
-        self._shape = None if tool is None else ToolShape.from_mesh(tool.vertices, tool.faces,
-                                                                    thin_below_m=1.5 * config.dx_m)  # fmt: skip
+        self._shape = None if tool is None else ToolShape.from_mesh(tool.vertices, tool.faces)
         self._kind = int(ToolKind.NONE if self._shape is None else self._shape.kind)
         self._faces = np.zeros((1, 4), np.float32) if self._shape is None else self._shape.faces
         self._thickness = np.zeros(4, np.float32) if self._shape is None else self._shape.thickness

@@ -15,7 +15,7 @@ from plop.physics.fill import particle_volumes
 from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
-from plop.physics.tool_motion import ToolMotion, ToolShape
+from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape
 
 _SAME_PLACE_M = 1e-7
 
@@ -86,5 +86,5 @@ def tool_motion(action: ToolStep) -> ToolMotion:
 
 def same_normal(motion: ToolMotion, action: ToolStep) -> int:
     """+1 where the engine and the state's sides call the same direction the blade's normal, else -1."""
-    normal = ToolShape.from_mesh(motion.vertices, motion.faces, thin_below_m=np.inf).axes[:, 0]
+    normal = ToolShape.from_mesh(motion.vertices, motion.faces, ToolKind.BLADE).axes[:, 0]
     return 1 if normal @ action.tool.axes[:, 0].cpu().double().numpy() > 0 else -1

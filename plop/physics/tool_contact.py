@@ -67,14 +67,30 @@ def solid_height(faces, d, y, z):
 
 
 @njit(fastmath=True)
-def tool_gap(kind, faces, thickness, d, y, z, side, cut):
-    """Distance from a point of the object to the tool [m] and the tool's outward normal, in the tool's frame.
+def faces_solid(faces, d, y, z, face, reach):
+    """Tell whether going `reach` [m] straight towards a face of a solid ends in the solid, not beside it."""
+    d, y, z = d - reach * faces[face, 0], y - reach * faces[face, 1], z - reach * faces[face, 2]
+    return solid_height(faces, d, y, z)[0] <= _ZERO
+
+
+@njit(fastmath=True)
+def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
+    """Distance from a particle's middle to the tool [m] and the tool's outward normal, in the tool's frame.
 
     A blade touches only material that it has passed, each side with one of its faces, as far as its outline
-    reaches; elsewhere the distance is huge.
+    reaches; a solid only particles whose middle lies opposite one of its faces: the distance is huge for those
+    that merely reach past its edge, which would make the tool wider by a particle on every side.
+
+    Takes:
+        kind, faces, thickness: Tool, see `ToolShape`.
+        d, y, z: The particle's middle in the tool's principal frame [m].
+        side, cut: Its side, and whether the blade has passed.
+        reach: How far from its middle it touches [m].
     """
     if kind == 2:
         height, k = solid_height(faces, d, y, z)
+        if height > _ZERO and height <= reach and not faces_solid(faces, d, y, z, k, reach):
+            height = np.float32(1e9)
         return height, faces[k, 0], faces[k, 1], faces[k, 2]
     if not cut or not in_outline(faces, y, z, _ZERO):
         return np.float32(1e9), _ONE, _ZERO, _ZERO
@@ -114,7 +130,7 @@ def push_tool(x, v, mass, radius, side, cut, bounds, kind, pose, faces, thicknes
             d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
             y = rx * pose[2, 0] + ry * pose[2, 1] + rz * pose[2, 2]
             z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
-            gap, nd, ny, nz = tool_gap(kind, faces, thickness, d, y, z, side[p], cut[p])
+            gap, nd, ny, nz = tool_gap(kind, faces, thickness, d, y, z, side[p], cut[p], radius[p])
             depth = radius[p] - gap
             if depth <= _ZERO:
                 continue

@@ -12,13 +12,17 @@ from scipy.spatial.transform import Rotation
 from plop.errors import PlopError
 from plop.geometry.tool import ToolGeometry
 
+BLADE_ASPECT = 0.25
+"""A tool whose smallest extent is a smaller share of its middle one is a blade: it parts what it passes. Any other
+presses, however coarse the grid that it is seen through."""
+
 
 class ToolKind(IntEnum):
     """How the tool touches; the values are what the kernels switch on."""
 
     NONE = 0
     BLADE = 1
-    """Thinner than the grid resolves: a plane with an outline that separates two sides."""
+    """A plane with an outline that separates two sides."""
     SOLID = 2
     """The convex hull of the mesh."""
 
@@ -40,18 +44,19 @@ class ToolShape:
     """Cutting edge as points (y, z) and the length each stands for, float32 [E, 3] [m]."""
 
     @classmethod
-    def from_mesh(cls, vertices: np.ndarray, faces: np.ndarray, *, thin_below_m: float) -> ToolShape:
+    def from_mesh(cls, vertices: np.ndarray, faces: np.ndarray, kind: ToolKind | None = None) -> ToolShape:
         """Read a tool's shape off its mesh.
 
         Args:
             vertices: Shape [V, 3], tool frame, metres.
             faces: Shape [F, 3].
-            thin_below_m: A tool thinner than this is a blade [m].
+            kind: What the tool is taken for; its proportions tell when absent.
         """
         geometry = ToolGeometry.from_mesh(vertices, faces)
+        kind = kind or _kind_of(geometry)
         axes, center = _sign_fixed(geometry.axes.double().numpy()), geometry.center.double().numpy()
         local = (np.asarray(vertices, float) - center) @ axes
-        if 2 * float(geometry.half_extent[0]) >= thin_below_m:
+        if kind == ToolKind.SOLID:
             planes = np.unique(ConvexHull(local).equations.round(9), axis=0)
             planes[:, 3] *= -1
             return cls(ToolKind.SOLID, center, axes, planes.astype(np.float32), np.zeros(4, np.float32),
@@ -64,6 +69,11 @@ class ToolShape:
         thickness = _fit_thickness(local)
         return cls(ToolKind.BLADE, center, axes, half.astype(np.float32), thickness.astype(np.float32),
                    _thin_edges(outline, thickness).astype(np.float32))  # fmt: skip
+
+
+def _kind_of(geometry: ToolGeometry) -> ToolKind:
+    thinnest, middle, _ = geometry.half_extent.tolist()
+    return ToolKind.BLADE if thinnest < BLADE_ASPECT * middle else ToolKind.SOLID
 
 
 def _sign_fixed(axes: np.ndarray) -> np.ndarray:

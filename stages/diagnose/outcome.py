@@ -21,7 +21,8 @@ def facts_of(
     """Collect everything that was found; see docs/stages/diagnose.md for the keys."""
     sizes = {score.candidate.effect: score.size_m for score in found.scores}
     ranking = [_row(finding, types, sizes.get(finding.name)) for finding in found.findings]
-    confounded = found.verdict.named if found.verdict.kind == "CONFOUNDED" else []
+    alternatives = found.verdict.evidence.get("alternatives", [])
+    confounded = found.verdict.named if alternatives else []
     left = found.verdict.evidence.get("left")
     return {
         "schema": SCHEMA,

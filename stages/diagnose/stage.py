@@ -140,7 +140,7 @@ def _check(inputs: Inputs, config: DiagnoseConfig, recordings: RecordingSet) -> 
 
 STAGE = Stage(
     name="diagnose",
-    version=5,
+    version=6,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

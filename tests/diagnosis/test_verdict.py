@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.contrast import Contrast
-from plop.diagnosis.error_size import ErrorSize, exchanged
+from plop.diagnosis.error_size import ErrorSize, exceeded_within, exchanged
 from plop.diagnosis.verdict import Finding, Verdict, judge, parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
@@ -54,6 +54,12 @@ def test_an_effect_that_closes_less_than_half_is_named_in_part():
     assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"])
 
 
+def test_look_alikes_that_leave_much_are_a_part_too():
+    verdict = told([finding(), finding("fibres")], ["fibres"], None, [], **{**FACTS, "left": 3.5})
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt", "fibres"])
+    assert "Partly tilt, or fibres" in verdict.text and verdict.evidence["alternatives"] == ["fibres"]
+
+
 def test_a_law_that_leaves_most_of_the_gap_needs_a_gap_beyond_chance():
     facts: dict[str, Any] = {"error": 3.2, "floor": 1.2, "left": 2.4, "excess": 2.0}
     verdict = told([finding(gain=0.25)], [], None, [], **facts, excess_p=0.01)
@@ -93,6 +99,26 @@ def test_permutations_count_every_deal():
     deals = [sum(deal) >= ours.sum() - 1e-9 for deal in combinations([*ours, *theirs], 4)]
     assert exchanged(ours, theirs) == pytest.approx(np.mean(deals), abs=0.01)
     assert exchanged(theirs[:4], theirs[4:]) > 0.2
+
+
+def test_one_kind_of_motion_that_goes_wrong_is_seen_beside_kinds_that_differ():
+    """Few episodes of a kind exceed their counterparts clearly, and all others hide it where kinds are mixed."""
+    generator = np.random.default_rng(0)
+    kinds, their_kinds = [*"ppccmm"], [*"pppcccmmm"]
+    level = {"p": 2.0, "c": 0.0, "m": 1.0}
+    theirs = np.array([level[k] + generator.normal(0, 0.15) for k in their_kinds])
+    ours = np.array([level[k] + generator.normal(0, 0.15) + (1.0 if k == "c" else 0.0) for k in kinds])
+    assert exceeded_within(ours, theirs, kinds, their_kinds) < 0.001
+    assert exchanged(np.exp(ours), np.exp(theirs)) > 0.05
+    found = ErrorSize.of(np.exp(ours), 9.0, np.exp(theirs), (kinds, their_kinds))
+    assert found.excess_p is not None and found.excess_p < 0.002
+
+
+def test_equal_errors_rarely_exceed_within_kinds():
+    generator, kinds = np.random.default_rng(1), [*"ppccmm"]
+    chances = [exceeded_within(generator.normal(size=6), generator.normal(size=12), kinds, kinds * 2)
+               for _ in range(400)]  # fmt: skip
+    assert np.mean(np.array(chances) <= 0.05) < 0.07
 
 
 def test_what_the_reference_shows_as_well_does_not_stand_in_the_way():

@@ -14,7 +14,7 @@ from plop.physics.config import EngineConfig
 from plop.physics.effects.effect import Effect, Parameter
 from plop.physics.jit import kernel
 from plop.physics.material import Material
-from plop.physics.tool_contact import half_thickness, in_outline, solid_height
+from plop.physics.tool_contact import tool_gap
 
 if TYPE_CHECKING:
     from plop.physics.engine import Engine
@@ -23,23 +23,12 @@ _ZERO = np.float32(0)
 _ONE = np.float32(1)
 _TWO = np.float32(2)
 _TINY = np.float32(1e-12)
-_FAR = np.float32(1e9)
 _FADED = np.float32(0.01)
 """A bond weaker than this is broken [-]."""
 _TOUCHING = 0.05
 """Gap up to which the tool touches [cells]."""
 _SLIP_M = 2e-4
 """Way over which a bond reaches its full traction [m]."""
-
-
-@njit(fastmath=True)
-def gap_to_tool(kind, faces, thickness, d, y, z, side, cut):
-    """Distance of a point of the tool's frame from the tool's surface [m]; far where a blade does not part it."""
-    if kind == 2:
-        return solid_height(faces, d, y, z)[0]
-    if not cut or not in_outline(faces, y, z, _ZERO):
-        return _FAR
-    return (d if side == 0 else -d) - half_thickness(thickness, y, z)
 
 
 @njit(fastmath=True)
@@ -72,7 +61,8 @@ def stick(x, v, mass, volume, radius, side, cut, kind, pose, faces, thickness, d
         d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
         y = rx * pose[2, 0] + ry * pose[2, 1] + rz * pose[2, 2]
         z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
-        if gap_to_tool(kind, faces, thickness, d, y, z, side[p], cut[p]) - radius[p] <= touching:
+        reach = radius[p] + touching
+        if tool_gap(kind, faces, thickness, d, y, z, side[p], cut[p], reach)[0] <= reach:
             bond[p] = _ONE
         else:
             bond[p] *= keep

@@ -1,0 +1,73 @@
+"""How a held press depends on the particles' arrangement and on the grid: `python -m benchmarks.press_refinement`.
+
+The same block, punch and motion, the same followed points of the surface. "nodes": particles on a lattice whose
+outer ones lie on the surface, as the simulated recordings have them; "cells": particles in the middle of cells, as
+the diagnosing engine fills what it sees.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from plop.physics.config import EngineConfig
+from plop.physics.fill import fill_surface
+from plop.physics.motions import tool_motion
+from plop.physics.particles import Particles
+from plop.physics.scene import Scene, settled
+from plop.physics.scenes import find_scene
+from plop.physics.shapes import whole_body
+from plop.physics.solver import simulate
+
+CASES = [(kind, spacing) for kind in ("nodes", "cells") for spacing in (0.00736, 0.004, 0.00267, 0.002)]
+SEED, EPISODE, FRAME = 181, 1, 8
+"""A press of the benchmark's scene, 10.3 mm deep, and the frame at which it is deepest."""
+RINGS_MM = ((0, 9), (9, 11.5), (12.5, 15), (15, 19), (19, 30))
+"""Distance of points from the middle of the punch, which reaches to 12.5 mm."""
+
+
+def main() -> None:
+    """Write the table."""
+    scene = replace(Scene.read(find_scene(Path("block.toml"))), seed=SEED)
+    rings = " | ".join(f"{low} to {high} mm" for low, high in RINGS_MM)
+    sys.stdout.write(f"| particles | apart [mm] | number | {rings} | force [N] |\n{'|---' * (4 + len(RINGS_MM))}|\n")
+    for kind, spacing_m in CASES:
+        count, sunk, force_n = pressed(scene, kind, spacing_m)
+        cells = " | ".join(f"{1000 * z:.2f}" for z in sunk)
+        sys.stdout.write(f"| {kind} | {1000 * spacing_m:.2f} | {count} | {cells} | {force_n:.1f} |\n")
+        sys.stdout.flush()
+
+
+def pressed(scene: Scene, kind: str, spacing_m: float) -> tuple[int, list[float], float]:
+    """Press once.
+
+    Returns:
+        Number of particles, mean rise of the top in each ring [m], and the force on the punch [N].
+    """
+    followed = whole_body(scene.shape, 0.004)
+    points = followed.particles.positions[followed.surface]
+    body = whole_body(scene.shape, spacing_m)
+    places, volumes, radii = body.particles.positions, body.particles.volumes, np.zeros(len(body.particles))
+    if kind == "cells":
+        places, volumes = fill_surface(places[body.surface], body.faces, spacing_m)
+        radii = np.cbrt(volumes) / 2
+    particles = Particles(np.concatenate([places, points]),
+                          np.concatenate([volumes, np.full(len(points), 1e-6 * spacing_m**3)]),
+                          radii=np.concatenate([radii, np.zeros(len(points))]))  # fmt: skip
+    config = EngineConfig(dx_m=2 * spacing_m)
+    motion = tool_motion(scene.motion_plan(EPISODE), scene.shape, scene.frame_rate_hz)
+    start = settled(particles, scene.material, config, ())
+    run = simulate(start, scene.material, motion, motion.times[: FRAME + 1], config)
+    risen = (run.positions[-1] - run.positions[0])[len(places) :, 2]
+    pose = motion.world_from_tool[FRAME]
+    away = np.abs((points[:, :2] - pose[:2, 3]) @ pose[:2, :2]).max(1)
+    top = points[:, 2] > points[:, 2].max() - 1e-4
+    sunk = [float(risen[top & (away >= low / 1000) & (away < high / 1000)].mean()) for low, high in RINGS_MM]
+    return len(places), sunk, float(-run.tool_force[-1][2])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+"""The least error over an amplitude is found, wherever the search starts, and never outside the range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.candidates import Column
+from plop.diagnosis.profile import Profile, profiles_of
+
+
+def column(start: float, low: float = 0.0, high: float = 100.0) -> Column:
+    return Column("law", "a", "-", (), start, low, high)
+
+
+def measured(truth: float, power: float, tried: list[float], unstable_from: float = np.inf):
+    """Runs of a law whose response is |a|^power in the direction of a's sign."""
+
+    def measure(wanted):
+        tried.extend(a for _, a in wanted)
+        return [None if abs(a) >= unstable_from else
+                ((np.sign(a) * abs(a) ** power - np.sign(truth) * abs(truth) ** power) ** 2, abs(a) ** power)
+                for _, a in wanted]  # fmt: skip
+
+    return measure
+
+
+@pytest.mark.parametrize("start", [0.5, 3.0, 20.0])
+@pytest.mark.parametrize("power", [0.5, 1.0])
+def test_the_least_is_found_from_afar(start: float, power: float):
+    found = profiles_of([column(start)], measured(3.0, power, []))["law().a"]
+    assert found.least() == pytest.approx(3.0, rel=0.02)
+
+
+def test_negative_amplitudes_are_searched_too():
+    found = profiles_of([column(-1.0, low=-10.0)], measured(-3.0, 1.0, []))["law().a"]
+    assert found.least() == pytest.approx(-3.0, rel=0.02)
+    assert found.at_response(-2.0, 2.0) == pytest.approx(-4.0, rel=0.01)
+
+
+def test_the_range_is_kept_and_nothing_is_run_twice():
+    tried: list[float] = []
+    found = profiles_of([column(1.5, high=2.0)], measured(50.0, 1.0, tried))["law().a"]
+    assert found.least() == 2.0
+    assert max(tried) == 2.0 and len(tried) == len(set(tried))
+
+
+def test_unstable_amplitudes_are_left_out():
+    found = profiles_of([column(2.0)], measured(3.0, 1.0, [], unstable_from=2.5))["law().a"]
+    assert found.least() == 2.0 and found.amplitudes.max() == 2.0
+    assert profiles_of([column(2.0)], measured(3.0, 1.0, [], unstable_from=0.1)) == {}
+
+
+def test_one_run_alone_is_taken_as_proportional():
+    assert Profile(np.array([2.0]), np.array([1.0]), np.array([1.0])).at_response(2.0, 1.5) == 3.0
