@@ -55,12 +55,18 @@ class TrackedCase:
 
 
 def spacing_for(episodes: list[Episode], particles: int = PARTICLES) -> float:
-    """Choose a distance of particles so that about so many fill the object [m]."""
-    volumes = []
+    """Choose a distance of particles so that about so many fill the object [m].
+
+    There is one for each cell and, since the outer ones lie on the surface, half a one more for each cell face there.
+    """
+    found = []
     for episode in episodes:
         corner = episode.vertices[episode.faces]
-        volumes.append(abs(float(np.einsum("fi,fi->", np.cross(corner[:, 0], corner[:, 1]), corner[:, 2]))) / 6)
-    return round(float(np.cbrt(np.median(volumes) / particles)), 5)
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
+        volume = abs(float(np.einsum("fi,fi->", normal, corner[:, 0]))) / 3
+        area = float(np.linalg.norm(normal, axis=1).sum())
+        found.append(max(np.roots([particles, 0, -area / 2, -volume]).real.tolist()))
+    return round(float(np.median(found)), 5)
 
 
 def starts_settled(episodes: list[Episode], base: EngineBase) -> bool:

@@ -57,17 +57,19 @@ def case_from_sequence(sequence: MeshSequence, spacing_m: float) -> Case:
     rest, faces = sequence.rest, sequence.faces
     parts = surface_parts(faces, len(rest))
     part_sides = sides_of_parts(sequence, parts)
-    positions, volumes, sides = [], [], []
+    positions, volumes, radii, sides = [], [], [], []
     for part, side in enumerate(part_sides):
         own = faces[parts[faces[:, 0]] == part]
         used, numbered = np.unique(own, return_inverse=True)
-        filled, volume = fill_surface(rest[used], numbered.reshape(-1, 3), spacing_m)
+        filled, volume, radius = fill_surface(rest[used], numbered.reshape(-1, 3), spacing_m)
         positions.append(filled)
         volumes.append(volume)
+        radii.append(radius)
         sides.append(np.full(len(filled), side))
     tracer_volume = np.full(len(rest), _TRACER * spacing_m**3)
     particles = Particles(np.concatenate([*positions, rest]), np.concatenate([*volumes, tracer_volume]),
-                          sides=np.concatenate([*sides, part_sides[parts]]))  # fmt: skip
+                          sides=np.concatenate([*sides, part_sides[parts]]),
+                          radii=np.concatenate([*radii, np.zeros(len(rest))]))  # fmt: skip
     begun = begun_at_rest(sequence)
     tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, begun.times, begun.world_from_tool)
     return Case(sequence.name, particles, tool, begun.times, begun.vertices[1:], sequence.table_z_m)

@@ -56,10 +56,12 @@ def filled_particles(
         table_z_m: Height of the table [m]; None when there is none.
         effects: Laws that have acted before the first frame, too.
     """
-    filled, volumes = fill_surface(*surface, base.spacing_m)
+    filled, volumes, radii = fill_surface(*surface, base.spacing_m)
     tracers = np.full(len(points), _TRACER * base.spacing_m**3)
     wanted = np.concatenate([filled, points])
-    particles = Particles(wanted, np.concatenate([volumes, tracers]))
+    particles = Particles(
+        wanted, np.concatenate([volumes, tracers]), radii=np.concatenate([radii, np.zeros(len(points))])
+    )
     if not base.settled:
         return particles
     calm = replace(base.material, damping_per_s=_SETTLE_DAMPING_PER_S)
