@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.candidates import Candidate, candidates_of
+from plop.diagnosis.candidates import Candidate, Column, candidates_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.findings import State
 from plop.diagnosis.limits import detection_limits
-from plop.diagnosis.profile import profiles_of
+from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.table import Measured, RunJobs, Table
@@ -21,10 +21,13 @@ from plop.diagnosis.verdict import Finding, Verdict, judge
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
+from plop.physics.response import slowdown
 
 LEAST_EPISODES = 4
 REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""
+SLOWER = 16.0
+"""How many times more time steps than without it the engine may take for a law whose amplitude is looked for."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +84,23 @@ def diagnose(
     state = _responded(tables, candidates, list(_best_values(state)))
     best = _best_values(state)
     alone = [c.columns[0] for c in _moved(candidates, best) if c.key in best and len(c.columns) == 1]
-    profiles = profiles_of(alone, state.measure)
+    profiles = profiles_of([_affordable(column, base, types) for column in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in candidates
              if c.key in best and c.columns[0].key in profiles}  # fmt: skip
     state = _responded(tables, _moved(candidates, best | least), list(best))
     state.profiles = profiles
     return _conclude(state, sensors, shams, seed)
+
+
+def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType]) -> Column:
+    """Limit how far a profile goes: runs with much viscosity, for one, take ever more time steps."""
+    value = column.value
+    while abs(value) < max(abs(column.low), abs(column.high)):
+        value *= STEP
+        if slowdown(column.build(types, value), base.material, base.config) > SLOWER:
+            ends = sorted((value / STEP, -value / STEP))
+            return replace(column, low=max(column.low, ends[0]), high=min(column.high, ends[1]))
+    return column
 
 
 def _best_values(state: State) -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ import numpy as np
 from plop.errors import PlopError
 from plop.physics.config import EngineConfig
 from plop.physics.effects.effect import Effect
+from plop.physics.material import Material
 from plop.physics.scene import Scene, simulate_episode
 from plop.physics.time_step import stable_step_s
 from plop.physics.wish import Wish
@@ -27,13 +28,7 @@ class Response:
     def affordable(self, wish: Wish) -> float:
         """Give the largest factor of a wish that needs at most `_SLOWER` times as many time steps."""
         config, factor = EngineConfig(dx_m=self.scene.dx_m), wish.most()
-        usual = stable_step_s(self.scene.material, config)
-
-        def slower(effect: Effect) -> float:
-            material, around = effect.material(self.scene.material), effect.config(config)
-            return usual / min(stable_step_s(material, around), effect.slowest_step_s(material, around))
-
-        while factor > 1e-3 and slower(wish.scaled(factor)) > _SLOWER:
+        while factor > 1e-3 and slowdown(wish.scaled(factor), self.scene.material, config) > _SLOWER:
             factor *= 0.8
         return factor
 
@@ -53,6 +48,12 @@ class Response:
         if k not in self._base:
             self._base[k] = simulate_episode(self.scene, k).vertices
         return float(((vertices - self._base[k]) ** 2).sum()), vertices.shape[0] * vertices.shape[1]
+
+
+def slowdown(effect: Effect, material: Material, config: EngineConfig) -> float:
+    """Tell how many times more time steps a run takes with an effect."""
+    own, around = effect.material(material), effect.config(config)
+    return stable_step_s(material, config) / min(stable_step_s(own, around), effect.slowest_step_s(own, around))
 
 
 def scaled_to(response: Response, wish: Wish, wanted_m: float) -> Effect | None:
