@@ -26,6 +26,8 @@ from plop.physics.response import slowdown
 LEAST_EPISODES = 4
 REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""
+PROFILED_SHARE = 0.5
+"""Least share of the best effect's gain from which an effect may be named, so that its amplitude is looked for."""
 SLOWER = 16.0
 """How many times more time steps than without it the engine may take for a law whose amplitude is looked for."""
 
@@ -82,7 +84,7 @@ def diagnose(
     state = State(tables, candidates)
     candidates = _moved(candidates, _best_values(state))
     state = _responded(tables, candidates, list(_best_values(state)))
-    best = _best_values(state)
+    best = _best_values(state, PROFILED_SHARE)
     alone = [c.columns[0] for c in _moved(candidates, best) if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(column, base, types) for column in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in candidates
@@ -103,9 +105,16 @@ def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType
     return column
 
 
-def _best_values(state: State) -> dict[str, np.ndarray]:
-    """Fitted amplitudes of the best effects and of the base's own parameters, by candidate."""
-    return {s.candidate.key: s.values for s in one_per_effect(state.scores())[:REFITTED]} | state.base_values()
+def _best_values(state: State, share: float = -np.inf) -> dict[str, np.ndarray]:
+    """Fitted amplitudes of the best effects and of the base's own parameters, by candidate.
+
+    Args:
+        state: The evidence.
+        share: Only effects that gain at least this share of what the best one gains.
+    """
+    scores = one_per_effect(state.scores())[:REFITTED]
+    kept = [s for s in scores if s.gain >= share * scores[0].gain or s is scores[0]]
+    return {s.candidate.key: s.values for s in kept} | state.base_values()
 
 
 def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str]) -> State:
