@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.physics.config import EngineConfig
-from plop.physics.fill import fill_surface
+from plop.physics.filled import EngineBase, filled_particles
 from plop.physics.motions import tool_motion
-from plop.physics.particles import Particles
-from plop.physics.scene import Scene, settled
+from plop.physics.scene import Scene
 from plop.physics.scenes import find_scene
 from plop.physics.shapes import whole_body
 from plop.physics.solver import simulate
@@ -48,22 +46,16 @@ def pressed(scene: Scene, spacing_m: float) -> tuple[int, list[float], float]:
     """
     followed = whole_body(scene.shape, 0.004)
     points = followed.particles.positions[followed.surface]
-    body = whole_body(scene.shape, spacing_m)
-    surface = body.particles.positions[body.surface]
-    places, volumes, radii = fill_surface(surface, body.faces, spacing_m)
-    particles = Particles(np.concatenate([places, points]),
-                          np.concatenate([volumes, np.full(len(points), 1e-6 * spacing_m**3)]),
-                          radii=np.concatenate([radii, np.zeros(len(points))]))  # fmt: skip
-    config = EngineConfig(dx_m=2 * spacing_m)
     motion = tool_motion(scene.motion_plan(EPISODE), scene.shape, scene.frame_rate_hz)
-    start = settled(particles, scene.material, config, ())
-    run = simulate(start, scene.material, motion, motion.times[: FRAME + 1], config)
-    risen = (run.positions[-1] - run.positions[0])[len(places) :, 2]
+    base = EngineBase(scene.material, spacing_m)
+    start = filled_particles(base, (points, followed.faces), points, 0.0)
+    run = simulate(start, base.material, motion, motion.times[: FRAME + 1], base.config)
+    risen = (run.positions[-1] - run.positions[0])[-len(points) :, 2]
     pose = motion.world_from_tool[FRAME]
     away = np.abs((points[:, :2] - pose[:2, 3]) @ pose[:2, :2]).max(1)
     top = points[:, 2] > points[:, 2].max() - 1e-4
     sunk = [float(risen[top & (away >= low / 1000) & (away < high / 1000)].mean()) for low, high in RINGS_MM]
-    return len(places), sunk, float(-run.tool_force[-1][2])
+    return len(start) - len(points), sunk, float(-run.tool_force[-1][2])
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ from plop.diagnosis.profile import Profile
 
 RESPONSE_ERROR = 0.25
 """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
-episodes, so that no scatter between them tells. Measured where the truth is known: docs/results-physics.md."""
+episodes, so that no scatter between them tells. A round figure from runs where the truth is known, which
+docs/results-physics.md gives."""
 
 
 def amplitude_of(

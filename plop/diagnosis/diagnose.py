@@ -82,14 +82,15 @@ def diagnose(
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     state = State(tables, candidates)
-    candidates = _moved(candidates, _best_values(state))
-    state = _responded(tables, candidates, list(_best_values(state)))
+    best = _best_values(state)
+    candidates = _moved(candidates, best)
+    state = _responded(tables, candidates, list(best))
     best = _best_values(state, PROFILED_SHARE)
-    alone = [c.columns[0] for c in _moved(candidates, best) if c.key in best and len(c.columns) == 1]
-    profiles = profiles_of([_affordable(column, base, types) for column in alone], state.measure)
-    least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in candidates
-             if c.key in best and c.columns[0].key in profiles}  # fmt: skip
-    state = _responded(tables, _moved(candidates, best | least), list(best))
+    candidates = _moved(candidates, best)
+    alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
+    profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
+    least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
+    state = _responded(tables, _moved(candidates, least), list(best))
     state.profiles = profiles
     return _conclude(state, sensors, shams, seed)
 

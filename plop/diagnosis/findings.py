@@ -106,20 +106,21 @@ class State:
         square = float(sum(r @ r for r in response))
         return float(left @ left - (matrix @ left) @ solve(matrix @ matrix.T, matrix @ left)), square**0.5
 
-    def finding(self, score: Score, shams: np.ndarray, family: int | None = None) -> Finding:
+    def finding(self, score: Score, shams: np.ndarray, beside: bool = False) -> Finding:
         """Add parameters, intervals, p and contrast to a score.
 
         Args:
             score: Of one effect.
             shams: Best gains under shams.
-            family: See `_contrast`; given where the score is of a law beside another one.
+            beside: It was scored on what another law leaves: its amplitude is the one fitted together with that law's,
+                and the whole library was looked through for it.
         """
         columns = score.candidate.columns
-        parameters = _parameters(columns, score.fit, self.profiles, alone=family is None)
+        parameters = _parameters(columns, score.fit, self.profiles, alone=not beside)
         for name, value in columns[0].shapes:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
                                 "at_bound": False, "chosen": True}  # fmt: skip
-        contrast = self._contrast(score.rows, len(columns), family)
+        contrast = self._contrast(score.rows, len(columns), whole_library=beside)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
                        self._apart(score))  # fmt: skip
@@ -139,7 +140,7 @@ class State:
         law = next((score for score in others if score.candidate.kind == "physics"), None)
         if law is None:
             return None
-        return self.finding(law, shams, family=len(self.screen.candidates)), self.left(law)
+        return self.finding(law, shams, beside=True), self.left(law)
 
     def base_finding(self, shams: np.ndarray) -> Finding:
         """Judge a change of the base's own parameters, against leaving them as they are."""
@@ -165,15 +166,15 @@ class State:
         values = iter(fit(self.screen.grams, self.screen.base).values)
         return {c.key: np.array([next(values) for _ in c.columns]) for c in self.base_candidates}
 
-    def _contrast(self, rows: np.ndarray, own: int, family: int | None = None) -> Contrast | None:
+    def _contrast(self, rows: np.ndarray, own: int, *, whole_library: bool = False) -> Contrast | None:
         """Compare the last `own` amplitudes with those in the reference; None without reference.
 
         Where the error by itself shows that something is missing, the question is only whether it is this: one
-        hypothesis, not a library of them, unless `family` says otherwise.
+        hypothesis, not a library of them, unless the library was looked through once more.
         """
         if self.reference is None or own == 0:
             return None
-        family = family or (1 if self.size.stands_out else len(self.screen.candidates))
+        family = 1 if self.size.stands_out and not whole_library else len(self.screen.candidates)
         return contrast_of(self.screen.grams, self.reference, rows, own, family, self.kinds)
 
 
