@@ -14,9 +14,6 @@ from plop.physics.solver import simulate
 from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape
 from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest
 
-_TRACER = 1e-6
-"""Volume of a tracer as a share of a particle's."""
-
 
 @dataclass(frozen=True)
 class Case:
@@ -66,10 +63,10 @@ def case_from_sequence(sequence: MeshSequence, spacing_m: float) -> Case:
         volumes.append(volume)
         radii.append(radius)
         sides.append(np.full(len(filled), side))
-    tracer_volume = np.full(len(rest), _TRACER * spacing_m**3)
-    particles = Particles(np.concatenate([*positions, rest]), np.concatenate([*volumes, tracer_volume]),
+    none = np.zeros(len(rest))
+    particles = Particles(np.concatenate([*positions, rest]), np.concatenate([*volumes, none]),
                           sides=np.concatenate([*sides, part_sides[parts]]),
-                          radii=np.concatenate([*radii, np.zeros(len(rest))]))  # fmt: skip
+                          radii=np.concatenate([*radii, none]))  # fmt: skip
     begun = begun_at_rest(sequence)
     tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, begun.times, begun.world_from_tool)
     return Case(sequence.name, particles, tool, begun.times, begun.vertices[1:], sequence.table_z_m)

@@ -15,6 +15,7 @@ from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.time_step import highest_speed_m_s, stable_step_s
 from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
+from plop.physics.tracers import Tracers
 
 _MARGIN = 3
 """Free cells between the particles and the end of the grid."""
@@ -41,28 +42,34 @@ class Engine:
         for effect in self.effects:
             material, config = hooks.changed(effect, "material", material), hooks.changed(effect, "config", config)
         self.material, self.tool, self.config = material, tool, config
-        count = len(particles)
-        self.x = np.array(particles.positions, np.float32)
-        self.v = _given(particles.velocities, np.zeros((count, 3)))
-        self.c = _given(particles.affine, np.zeros((count, 3, 3)))
-        self.f = _given(particles.F, np.tile(np.eye(3), (count, 1, 1)))
-        self.volume = np.array(particles.volumes, np.float32)
+        self._take(particles)
         self.mass = (self.volume * material.density_kg_m3).astype(np.float32)
-        self.radius = _given(particles.radii, 0.5 * np.cbrt(self.volume))
-        sides = np.zeros(count) if particles.sides is None else np.asarray(particles.sides)
-        self.side, self.fixed = (sides < 0).astype(np.int64), sides != 0
-        self.cut = np.zeros(count, bool) if particles.passed is None else np.array(particles.passed, bool)
-        self.number = np.arange(count)
         self.memory = self._memories(particles)
         self.pose, self.impulse = np.zeros((6, 3), np.float32), np.zeros((2, 3))
         self._hooks = {hook: [effect for effect in self.effects if overrides(effect, hook)]
                        for hook in ("before", "stress", "after")}  # fmt: skip
-        self.extra = np.zeros((count if self._hooks["stress"] else 0, 6), np.float32)
+        self.extra = np.zeros((len(self.x) if self._hooks["stress"] else 0, 6), np.float32)
         self.steps, self.halvings = 0, 0
         self._travelled, self._room = np.inf, 0
         self._constants()
         limits = [hooks.slowest_step_s(effect, material, config) for effect in self.effects]
         self._base_step_s = min([stable_step_s(material, config, highest_speed_m_s(self.v, self.tool)), *limits])
+
+    def _take(self, particles: Particles) -> None:
+        """Copy a state: particles with volume into the engine's own arrays, those without as tracers."""
+        count, volume = len(particles), np.asarray(particles.volumes, np.float32)
+        sides = np.zeros(count) if particles.sides is None else np.asarray(particles.sides)
+        passed = np.zeros(count, bool) if particles.passed is None else np.asarray(particles.passed, bool)
+        state = (
+            np.asarray(particles.positions, np.float32), _given(particles.velocities, np.zeros((count, 3))),
+            _given(particles.affine, np.zeros((count, 3, 3))), _given(particles.F, np.tile(np.eye(3), (count, 1, 1))),
+            (sides < 0).astype(np.int64), sides != 0, passed, np.arange(count),
+        )  # fmt: skip
+        own = volume > 0
+        self.x, self.v, self.c, self.f, self.side, self.fixed, self.cut, self.number = (part[own] for part in state)
+        self.tracers = Tracers(*(part[~own] for part in state))
+        self.volume = volume[own]
+        self.radius = _given(particles.radii, 0.5 * np.cbrt(volume))[own]
 
     def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
         """What effects remember of each particle: as given, else their first values."""
@@ -70,7 +77,7 @@ class Engine:
         for effect in self.effects:
             for name, (shape, first) in effect.remembers.items():
                 key = f"{effect.name}.{name}"
-                found[key] = _given(given.get(key), np.full((len(particles), *shape), first))
+                found[key] = _given(given.get(key), np.full((len(particles), *shape), first))[self.number]
         return found
 
     def _constants(self) -> None:
@@ -107,13 +114,15 @@ class Engine:
     def save(self) -> dict[str, Any]:
         """Copy what `advance` changes."""
         memory = {key: value.copy() for key, value in self.memory.items()}
-        return {name: getattr(self, name).copy() for name in _PER_PARTICLE} | {"memory": memory}
+        return {name: getattr(self, name).copy() for name in _PER_PARTICLE} | {
+            "memory": memory, "tracers": self.tracers.save()}  # fmt: skip
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to a saved state."""
         for name in _PER_PARTICLE:
             setattr(self, name, saved[name].copy())
         self.memory = {key: value.copy() for key, value in saved["memory"].items()}
+        self.tracers.restore(saved["tracers"])
         self._travelled = np.inf
 
     def advance(self, start_s: float, end_s: float) -> np.ndarray:
@@ -142,9 +151,10 @@ class Engine:
         step = np.float32(dt)
         decay = np.float32(np.exp(-self.material.damping_per_s * dt))
         if self._kind == ToolKind.BLADE:
+            band = np.float32(self.config.band_cells * self._dx)
             tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, pose, self._faces,
-                                    self._thickness, np.float32(self.config.band_cells * self._dx),
-                                    self._bounds)  # fmt: skip
+                                    self._thickness, band, self._bounds)  # fmt: skip
+            self.tracers.mark_sides(pose, self._faces, self._thickness, band)
         if self._kind != ToolKind.NONE:
             tool_contact.push_tool(self.x, self.v, self.mass, self.radius, self.side, self.cut, self._bounds,
                                    *self.tool_now, self._friction[1], self._modulus, self._density, self._dx, step,
@@ -168,6 +178,7 @@ class Engine:
                              self._gaps, self._velocity, self._impulses)  # fmt: skip
         transfer.g2p(self.x, self.v, self.c, self.f, self.side, self._bounds, self._origin, self._dims, self._inv_dx,
                      step, self._velocity, self._report)  # fmt: skip
+        self.tracers.carry(self._origin, self._dims, self._inv_dx, step, self._velocity)
         self._act("after", dt)
         self.steps += 1
         self._check(dt)
@@ -181,7 +192,8 @@ class Engine:
                 raise UnstableStepError(trouble, effect.name)
 
     def _check(self, dt: float) -> None:
-        fastest, smallest = float(self._report[:, 0].max()), float(self._report[:, 1].min())
+        fastest = float(np.maximum(self._report[:, 0].max(), self.tracers.speed_squared))  # NaN if either is
+        smallest = float(self._report[:, 1].min())
         if not (np.isfinite(fastest) and np.isfinite(smallest)):
             raise UnstableStepError("a speed that is not a number")
         moved = float(np.sqrt(fastest)) * dt
@@ -195,19 +207,19 @@ class Engine:
         """Sort the particles along x and lay the grid around them, its nodes at multiples of dx above the table."""
         dx, chunks = self.config.dx_m, self.config.chunks
         base = np.array([0.0, 0.0, self.config.table_z_m or 0.0])
-        low = np.floor((self.x.min(0) - base) / dx).astype(np.int64) - _MARGIN
-        high = np.ceil((self.x.max(0) - base) / dx).astype(np.int64) + _MARGIN
+        ends = np.concatenate([[self.x.min(0), self.x.max(0)], self.tracers.x])
+        low = np.floor((ends.min(0) - base) / dx).astype(np.int64) - _MARGIN
+        high = np.ceil((ends.max(0) - base) / dx).astype(np.int64) + _MARGIN
         self._origin, self._dims = (base + low * dx).astype(np.float32), high - low + 1
         nodes = int(np.prod(self._dims))
         if nodes > _MAX_NODES:
             raise UnstableStepError(f"particles spread over {nodes / 1e6:.0f} million cells")
-        cell = ((self.x - self._origin) * self._inv_dx).astype(np.int64)
-        order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
+        order, column = self._cell_order(self.x)
+        self.tracers.sort(self._cell_order(self.tracers.x)[0], chunks)
         for name in _PER_PARTICLE:
             setattr(self, name, np.ascontiguousarray(getattr(self, name)[order]))
         self.memory = {key: np.ascontiguousarray(value[order]) for key, value in self.memory.items()}
         self._bounds = np.linspace(0, len(self.x), chunks + 1).astype(np.int64)
-        column = cell[order, 0]
         parts = [column[a:b] for a, b in zip(self._bounds[:-1], self._bounds[1:], strict=True)]
         self._planes = np.array([[max(part[0] - 2, 0), min(part[-1] + 4, self._dims[0])] if len(part) else [0, 0]
                                  for part in parts])  # fmt: skip
@@ -215,6 +227,12 @@ class Engine:
         if nodes > self._room:
             self._allocate(nodes * 5 // 4)
         self._impulses = np.zeros((int(self._dims[0]), 3), np.float32)
+
+    def _cell_order(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Order of places [N, 3] [m] by cell, and each cell's column along x in that order."""
+        cell = ((x - self._origin) * self._inv_dx).astype(np.int64)
+        order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
+        return order, cell[order, 0]
 
     def _allocate(self, room: int) -> None:
         chunks, self._room = self.config.chunks, room
@@ -226,17 +244,29 @@ class Engine:
 
     def snapshot(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Copy positions, deformation gradients and signed sides in the caller's order."""
-        back = np.argsort(self.number)
-        signed = np.where(self.cut, 1 - 2 * self.side, 0).astype(np.int8)
-        return self.x[back], self.f[back], signed[back]
+        side, cut = self._whole("side"), self._whole("cut")
+        return self._whole("x"), self._whole("f"), np.where(cut, 1 - 2 * side, 0).astype(np.int8)
 
     def state(self) -> Particles:
         """Copy the whole state in the caller's order; a run can go on from it."""
-        back = np.argsort(self.number)
-        sides = np.where(self.cut | self.fixed, 1 - 2 * self.side, 0)
-        memory = {key: value[back] for key, value in self.memory.items()}
-        return Particles(self.x[back], self.volume[back], self.v[back], self.f[back], sides[back], self.radius[back],
-                         self.c[back], self.cut[back], memory)  # fmt: skip
+        cut = self._whole("cut")
+        sides = np.where(cut | self._whole("fixed"), 1 - 2 * self._whole("side"), 0)
+        volume, radius = self._scattered(self.volume), self._scattered(self.radius)
+        memory = {key: self._scattered(value) for key, value in self.memory.items()}
+        return Particles(self._whole("x"), volume, self._whole("v"), self._whole("f"), sides, radius,
+                         self._whole("c"), cut, memory)  # fmt: skip
+
+    def _whole(self, name: str) -> np.ndarray:
+        """One array of particles and tracers, in the caller's order."""
+        whole = self._scattered(getattr(self, name))
+        whole[self.tracers.number] = getattr(self.tracers, name)
+        return whole
+
+    def _scattered(self, values: np.ndarray) -> np.ndarray:
+        """An array of the particles in the caller's order; 0 for tracers."""
+        whole = np.zeros((len(self.number) + len(self.tracers), *values.shape[1:]), values.dtype)
+        whole[self.number] = values
+        return whole
 
 
 def _given(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:

@@ -18,9 +18,9 @@ SPACING_M = 0.006
 """Distance of the particles [m]."""
 CELLS = 2.0
 """Edge of a grid cell, in distances of the particles."""
-_TRACER = 1e-6
-"""Volume of a followed point as a share of a particle's."""
-_SETTLE_DAMPING_PER_S, _SETTLE_S, _SETTLE_ROUNDS = 60.0, 0.25, 2
+_SETTLE_DAMPING_PER_S = 60.0
+_SETTLE_S = 0.2, 0.05, 0.05
+"""How long the object sags in each round [s]; the first finds the stress, the others correct it."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,9 @@ def filled_particles(
 ) -> Particles:  # fmt: skip
     """Fill a closed surface with particles; one tracer for each given point comes last.
 
-    A settled object is under stress already. The stress is found by letting a guess of the unloaded shape
-    sag, and moving the guess by what it sagged too far (a fixed-point iteration on the rest shape).
+    A settled object is under stress already. The stress is found by letting it sag, putting it back to where
+    it was seen with the deformation that it got, and letting it sag again, by far less (prestressing in an
+    updated Lagrangian frame: Gee, Foerster & Wall 2010).
 
     Args:
         base: The engine's settings.
@@ -57,20 +58,14 @@ def filled_particles(
         effects: Laws that have acted before the first frame, too.
     """
     filled, volumes, radii = fill_surface(*surface, base.spacing_m)
-    tracers = np.full(len(points), _TRACER * base.spacing_m**3)
     wanted = np.concatenate([filled, points])
-    particles = Particles(
-        wanted, np.concatenate([volumes, tracers]), radii=np.concatenate([radii, np.zeros(len(points))])
-    )
+    none = np.zeros(len(points))
+    particles = Particles(wanted, np.concatenate([volumes, none]), radii=np.concatenate([radii, none]))
     if not base.settled:
         return particles
     calm = replace(base.material, damping_per_s=_SETTLE_DAMPING_PER_S)
     config = replace(base.config, table_z_m=table_z_m)
-    floor = -np.inf if table_z_m is None else table_z_m + 1e-5
-    times, guess = np.array([0, _SETTLE_S]), wanted.copy()
-    for _ in range(_SETTLE_ROUNDS):
-        run = simulate(replace(particles, positions=guess), calm, None, times, config, effects=effects)
-        guess = guess - (run.positions[-1] - wanted)
-        guess[:, 2] = np.maximum(guess[:, 2], floor)
-    run = simulate(replace(particles, positions=guess), calm, None, times, config, effects=effects)
-    return replace(run.final, velocities=None, affine=None, memory=None)
+    for duration in _SETTLE_S:
+        start = replace(particles, positions=wanted, velocities=None, affine=None, memory=None)
+        particles = simulate(start, calm, None, np.array([0, duration]), config, effects=effects).final
+    return replace(particles, velocities=None, affine=None, memory=None)

@@ -90,7 +90,7 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
         friction: Coulomb coefficients of table, tool and cut [3].
         density: Rest density [kg/m^3].
         gaps: See `table_gaps`.
-        velocity: Written, [nodes, 2, 4] [m/s].
+        velocity: Written, [nodes, 2, 4]: see the layout in `transfer`.
         impulses: Written, [planes, 3]: impulse on the object from the table [N s].
     """
     row, plane = dims[2], dims[1] * dims[2]
@@ -102,6 +102,7 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
             for iz in range(dims[2]):
                 node = ix * plane + iy * row + iz
                 m = grid[node, 0] + grid[node, 4]
+                velocity[node, 0, 3], velocity[node, 1, 3] = _ZERO, _ZERO
                 if m <= _TINY:
                     continue
                 pz = np.float32(iz) * dx + origin[2]
@@ -120,3 +121,5 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
                         impulses[ix, 1] += mass * (vy - uy)
                         impulses[ix, 2] += mass * (vz - uz)
                     velocity[node, side, 0], velocity[node, side, 1], velocity[node, side, 2] = vx, vy, vz
+                    if bonded or mass > _TINY:
+                        velocity[node, side, 3] = _ONE

@@ -6,7 +6,7 @@ a particle talks only to the field of its own side. Grid layout, for a grid of n
 
     chunk_grid [chunks, nodes, 8] float32   mass [kg] and momentum [kg m/s] of field 0, then of field 1
     chunk_uncut [chunks, nodes] float32     mass that no blade has passed [kg]
-    velocity [nodes, 2, 4] float32          velocity of both fields [m/s]; the fourth number pads
+    velocity [nodes, 2, 4] float32          velocity of both fields [m/s], and 1 where material moves so, else 0
 
 Threads never write to the same memory: particles are sorted along x and cut into chunks, each chunk has
 its own grid of which it touches only a few planes, and the planes are added up in chunk order. The result
@@ -52,6 +52,65 @@ def base_node(x, p, origin, inv_dx):
     gx, gy, gz = (x[p, 0] - origin[0]) * inv_dx, (x[p, 1] - origin[1]) * inv_dx, (x[p, 2] - origin[2]) * inv_dx
     bx, by, bz = int(gx - _HALF), int(gy - _HALF), int(gz - _HALF)
     return bx, by, bz, gx - np.float32(bx), gy - np.float32(by), gz - np.float32(bz)
+
+
+@njit(fastmath=True)
+def gather(velocity, q, corner, plane, row, fx, fy, fz):
+    """Sum the velocities of field q over 3x3x3 nodes from `corner` on, plain and times the way in cells [m/s].
+
+    Returns:
+        vx, vy, vz, then the nine sums b of velocity times way, row by row.
+    """
+    wx, wy = spline(fx), spline(fy)
+    wz0, wz1, wz2 = spline(fz)
+    vx, vy, vz = _ZERO, _ZERO, _ZERO
+    b00, b01, b02, b10, b11, b12 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    b20, b21, b22 = _ZERO, _ZERO, _ZERO
+    for i in range(3):
+        for j in range(3):
+            di, dj = np.float32(i) - fx, np.float32(j) - fy
+            node = corner + i * plane + j * row
+            wij = wx[i] * wy[j]
+            w0, w1, w2 = wij * wz0, wij * wz1, wij * wz2
+            # sums over the column of three nodes: first plain, then weighted with the height
+            h0, h1, h2 = -w0 * fz, w1 * (_ONE - fz), w2 * (_ONE + _ONE - fz)
+            x0, x1, x2 = velocity[node, q, 0], velocity[node + 1, q, 0], velocity[node + 2, q, 0]
+            y0, y1, y2 = velocity[node, q, 1], velocity[node + 1, q, 1], velocity[node + 2, q, 1]
+            z0, z1, z2 = velocity[node, q, 2], velocity[node + 1, q, 2], velocity[node + 2, q, 2]
+            sx, sy, sz = w0 * x0 + w1 * x1 + w2 * x2, w0 * y0 + w1 * y1 + w2 * y2, w0 * z0 + w1 * z1 + w2 * z2
+            vx += sx
+            vy += sy
+            vz += sz
+            b00 += sx * di
+            b01 += sx * dj
+            b02 += h0 * x0 + h1 * x1 + h2 * x2
+            b10 += sy * di
+            b11 += sy * dj
+            b12 += h0 * y0 + h1 * y1 + h2 * y2
+            b20 += sz * di
+            b21 += sz * dj
+            b22 += h0 * z0 + h1 * z1 + h2 * z2
+    return vx, vy, vz, b00, b01, b02, b10, b11, b12, b20, b21, b22
+
+
+@njit(fastmath=True)
+def move(x, v, c, f, p, dt, inv_dx, vx, vy, vz, b00, b01, b02, b10, b11, b12, b20, b21, b22):
+    """Move particle p with what it gathered: velocity [m/s] and the sums of velocity times way in cells [m/s]."""
+    s = _FOUR * inv_dx
+    b00, b01, b02, b10, b11, b12 = s * b00, s * b01, s * b02, s * b10, s * b11, s * b12
+    b20, b21, b22 = s * b20, s * b21, s * b22
+    v[p, 0], v[p, 1], v[p, 2] = vx, vy, vz
+    x[p, 0] += dt * vx
+    x[p, 1] += dt * vy
+    x[p, 2] += dt * vz
+    c[p, 0, 0], c[p, 0, 1], c[p, 0, 2] = b00, b01, b02
+    c[p, 1, 0], c[p, 1, 1], c[p, 1, 2] = b10, b11, b12
+    c[p, 2, 0], c[p, 2, 1], c[p, 2, 2] = b20, b21, b22
+    for k in range(3):
+        f0, f1, f2 = f[p, 0, k], f[p, 1, k], f[p, 2, k]
+        f[p, 0, k] = f0 + dt * (b00 * f0 + b01 * f1 + b02 * f2)
+        f[p, 1, k] = f1 + dt * (b10 * f0 + b11 * f1 + b12 * f2)
+        f[p, 2, k] = f2 + dt * (b20 * f0 + b21 * f1 + b22 * f2)
 
 
 @kernel(parallel=True)
@@ -187,52 +246,84 @@ def g2p(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
         fastest, smallest = _ZERO, _ONE
         for p in range(bounds[chunk], bounds[chunk + 1]):
             bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
-            wx, wy = spline(fx), spline(fy)
-            wz0, wz1, wz2 = spline(fz)
-            q = side[p]
-            vx, vy, vz = _ZERO, _ZERO, _ZERO
-            b00, b01, b02, b10, b11, b12 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
-            b20, b21, b22 = _ZERO, _ZERO, _ZERO
-            for i in range(3):
-                for j in range(3):
-                    di, dj = np.float32(i) - fx, np.float32(j) - fy
-                    node = (bx + i) * plane + (by + j) * row + bz
-                    wij = wx[i] * wy[j]
-                    w0, w1, w2 = wij * wz0, wij * wz1, wij * wz2
-                    # sums over the column of three nodes: first plain, then weighted with the height
-                    h0, h1, h2 = -w0 * fz, w1 * (_ONE - fz), w2 * (_ONE + _ONE - fz)
-                    x0, x1, x2 = velocity[node, q, 0], velocity[node + 1, q, 0], velocity[node + 2, q, 0]
-                    y0, y1, y2 = velocity[node, q, 1], velocity[node + 1, q, 1], velocity[node + 2, q, 1]
-                    z0, z1, z2 = velocity[node, q, 2], velocity[node + 1, q, 2], velocity[node + 2, q, 2]
-                    sx, sy, sz = w0 * x0 + w1 * x1 + w2 * x2, w0 * y0 + w1 * y1 + w2 * y2, w0 * z0 + w1 * z1 + w2 * z2
-                    vx += sx
-                    vy += sy
-                    vz += sz
-                    b00 += sx * di
-                    b01 += sx * dj
-                    b02 += h0 * x0 + h1 * x1 + h2 * x2
-                    b10 += sy * di
-                    b11 += sy * dj
-                    b12 += h0 * y0 + h1 * y1 + h2 * y2
-                    b20 += sz * di
-                    b21 += sz * dj
-                    b22 += h0 * z0 + h1 * z1 + h2 * z2
-            s = _FOUR * inv_dx
-            b00, b01, b02, b10, b11, b12 = s * b00, s * b01, s * b02, s * b10, s * b11, s * b12
-            b20, b21, b22 = s * b20, s * b21, s * b22
-            v[p, 0], v[p, 1], v[p, 2] = vx, vy, vz
-            x[p, 0] += dt * vx
-            x[p, 1] += dt * vy
-            x[p, 2] += dt * vz
-            c[p, 0, 0], c[p, 0, 1], c[p, 0, 2] = b00, b01, b02
-            c[p, 1, 0], c[p, 1, 1], c[p, 1, 2] = b10, b11, b12
-            c[p, 2, 0], c[p, 2, 1], c[p, 2, 2] = b20, b21, b22
-            for k in range(3):
-                f0, f1, f2 = f[p, 0, k], f[p, 1, k], f[p, 2, k]
-                f[p, 0, k] = f0 + dt * (b00 * f0 + b01 * f1 + b02 * f2)
-                f[p, 1, k] = f1 + dt * (b10 * f0 + b11 * f1 + b12 * f2)
-                f[p, 2, k] = f2 + dt * (b20 * f0 + b21 * f1 + b22 * f2)
+            sums = gather(velocity, side[p], bx * plane + by * row + bz, plane, row, fx, fy, fz)
+            move(x, v, c, f, p, dt, inv_dx, *sums)
+            vx, vy, vz = sums[0], sums[1], sums[2]
             smallest = min(smallest, determinant(*row_major(f, p)))
             fastest = max(fastest, vx * vx + vy * vy + vz * vz)
         report[chunk, 0] = fastest
         report[chunk, 1] = smallest
+
+
+@njit(fastmath=True)
+def all_filled(velocity, q, corner, plane, row):
+    """Tell whether there is material of field q at all of 3x3x3 nodes."""
+    for i in range(3):
+        for j in range(3):
+            node = corner + i * plane + j * row
+            for k in range(3):
+                if velocity[node + k, q, 3] == _ZERO:
+                    return False
+    return True
+
+
+@njit(fastmath=True)
+def gather_filled(velocity, v, c, p, q, corner, plane, row, fx, fy, fz, dx):
+    """`gather` for tracer p, whose own motion of the step before stands in where there is no material."""
+    wx, wy, wz = spline(fx), spline(fy), spline(fz)
+    vx, vy, vz = _ZERO, _ZERO, _ZERO
+    b00, b01, b02, b10, b11, b12 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    b20, b21, b22 = _ZERO, _ZERO, _ZERO
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                di, dj, dk = np.float32(i) - fx, np.float32(j) - fy, np.float32(k) - fz
+                node = corner + i * plane + j * row + k
+                w = wx[i] * wy[j] * wz[k]
+                if velocity[node, q, 3] != _ZERO:
+                    ux, uy, uz = w * velocity[node, q, 0], w * velocity[node, q, 1], w * velocity[node, q, 2]
+                else:
+                    ux = w * (v[p, 0] + dx * (c[p, 0, 0] * di + c[p, 0, 1] * dj + c[p, 0, 2] * dk))
+                    uy = w * (v[p, 1] + dx * (c[p, 1, 0] * di + c[p, 1, 1] * dj + c[p, 1, 2] * dk))
+                    uz = w * (v[p, 2] + dx * (c[p, 2, 0] * di + c[p, 2, 1] * dj + c[p, 2, 2] * dk))
+                vx += ux
+                vy += uy
+                vz += uz
+                b00 += ux * di
+                b01 += ux * dj
+                b02 += ux * dk
+                b10 += uy * di
+                b11 += uy * dj
+                b12 += uy * dk
+                b20 += uz * di
+                b21 += uz * dj
+                b22 += uz * dk
+    return vx, vy, vz, b00, b01, b02, b10, b11, b12, b20, b21, b22
+
+
+@kernel(parallel=True)
+def carry(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
+    """Move tracers with the material around them: `g2p` for particles that have not scattered themselves.
+
+    A node that holds no material of the tracer's side moves as the tracer did in the step before, as if
+    the tracer's were the only mass there.
+
+    Takes:
+        x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity: As in `g2p`.
+        report: Written, [chunks]: highest squared speed [m^2/s^2].
+    """
+    plane, row = dims[1] * dims[2], dims[2]
+    dx = _ONE / inv_dx
+    for chunk in prange(bounds.shape[0] - 1):
+        fastest = _ZERO
+        for p in range(bounds[chunk], bounds[chunk + 1]):
+            bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
+            corner = bx * plane + by * row + bz
+            if all_filled(velocity, side[p], corner, plane, row):
+                sums = gather(velocity, side[p], corner, plane, row, fx, fy, fz)
+            else:
+                sums = gather_filled(velocity, v, c, p, side[p], corner, plane, row, fx, fy, fz, dx)
+            move(x, v, c, f, p, dt, inv_dx, *sums)
+            vx, vy, vz = sums[0], sums[1], sums[2]
+            fastest = max(fastest, vx * vx + vy * vy + vz * vz)
+        report[chunk] = fastest

@@ -44,6 +44,17 @@ def test_cut_and_push_separate_the_halves(block):
     assert run.tool_force[-1][0] > 0.05
 
 
+def test_points_on_both_sides_of_the_cut_go_with_their_half(block):
+    body = block(SIZE, 0.005)
+    faces = np.array([[x, y, z] for x in (-1e-4, 1e-4) for y in (-0.01, 0, 0.01) for z in (0.001, 0.015, 0.0299)])
+    both = Particles(np.concatenate([body.positions, faces]), np.append(body.volumes, np.zeros(len(faces))))
+    blade = motion((0, 0, 0.034), (0, 0, -0.005), (0.02, 0, -0.005), times=[0, 0.3, 0.6])
+    run = simulate(both, SOFT, blade, np.linspace(0, 0.6, 13), CONFIG)
+    right, moved = faces[:, 0] > 0, (run.positions[-1, len(body) :] - faces)[:, 0]
+    assert (run.sides[-1][len(body) :] == np.where(right, 1, -1)).all()
+    assert moved[right].min() > 0.018 and np.abs(moved[~right]).max() < 0.002
+
+
 def test_before_the_blade_arrives_the_block_is_one(block):
     body = block(SIZE, 0.005)
     run = simulate(body, SOFT, motion((0, 0, 0.034), (0, 0, 0.032), times=[0, 0.05]), np.array([0, 0.05]), CONFIG)

@@ -49,15 +49,34 @@ def test_a_run_can_go_on(block):
 def test_tracers_follow_and_do_not_act(block):
     body = block((0.04, 0.03, 0.03), 0.005)
     extra = np.array([[0.0, 0.0, 0.03], [0.01, 0.002, 0.012]])
-    with_tracers = Particles(np.concatenate([body.positions, extra]),
-                             np.concatenate([body.volumes, [body.volumes[0] * 1e-6] * 2]))  # fmt: skip
+    with_tracers = Particles(np.concatenate([extra[:1], body.positions, extra[1:]]),
+                             np.concatenate([[0], body.volumes, [0]]))  # fmt: skip
     plain = simulate(body, Material(), None, TIMES, EngineConfig(dx_m=0.01))
     run = simulate(with_tracers, Material(), None, TIMES, EngineConfig(dx_m=0.01))
-    np.testing.assert_allclose(run.positions[:, : len(body)], plain.positions, atol=5e-6)
+    np.testing.assert_array_equal(run.positions[:, 1:-1], plain.positions)
+    np.testing.assert_array_equal(run.F[:, 1:-1], plain.F)
     near = np.linalg.norm(body.positions - extra[1], axis=1).argsort()[:4]
     assert (
         np.linalg.norm((run.positions[-1, -1] - extra[1]) - (plain.positions[-1] - body.positions)[near].mean(0)) < 2e-4
     )
+
+
+def test_tracers_at_the_corners_turn_with_the_body(block):
+    body = block((0.04, 0.03, 0.03), 0.005)
+    corners = np.array([[x, y, z] for x in (-0.02, 0.02) for y in (-0.015, 0.015) for z in (0, 0.03)])
+    positions = np.concatenate([body.positions, corners])
+    spin = np.cross([0, 0, 10.0], positions)
+    both = Particles(positions, np.concatenate([body.volumes, np.zeros(8)]), spin)
+    config = EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None)
+    run = simulate(both, Material(), None, np.linspace(0, 0.05, 6), config)
+    inner, outer = run.positions[-1, :-8], run.positions[-1, -8:]
+    # the affine motion of the body, carried on to its corners
+    design = np.concatenate([body.positions, np.ones((len(body), 1))], 1)
+    affine = np.linalg.lstsq(design, inner, rcond=None)[0]
+    expected = np.concatenate([corners, np.ones((8, 1))], 1) @ affine
+    way = np.linalg.norm(expected - corners, axis=1).min()
+    assert way > 5e-3
+    assert np.linalg.norm(outer - expected, axis=1).max() < 0.03 * way
 
 
 def test_too_long_a_step_names_the_parameter_and_gives_no_nan(block):

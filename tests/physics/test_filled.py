@@ -13,6 +13,7 @@ from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.physics.base_io import base_from_dict, base_to_dict
 from plop.physics.effects.library import effect_type
+from plop.physics.fill import fill_surface
 from plop.physics.filled import EngineBase, filled_particles
 from plop.physics.filled_model import FilledEngineModel
 from plop.physics.material import ElasticLaw, Material
@@ -48,7 +49,20 @@ def test_filling_keeps_volume_and_tracers_weigh_nothing():
     loose = replace(SOFT, settled=False)
     particles = filled_particles(loose, convex_surface(corners), corners, 0.0)
     assert particles.volumes.sum() == pytest.approx(0.06 * 0.05 * 0.04, rel=0.03)
-    assert particles.volumes[-8:].sum() < 1e-4 * particles.volumes.sum()
+    assert (particles.volumes[-8:] == 0).all()
+
+
+def test_a_settled_object_starts_where_it_was_seen_and_stays_there():
+    corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
+    wobbly = replace(SOFT, material=replace(SOFT.material, youngs_modulus_pa=2500.0))
+    particles = filled_particles(wobbly, convex_surface(corners), corners, 0.0)
+    filled = fill_surface(*convex_surface(corners), SOFT.spacing_m)[0]
+    assert np.abs(particles.positions - np.concatenate([filled, corners])).max() < 1e-4
+    run = simulate(particles, wobbly.material, None, np.array([0, 0.5]), replace(SOFT.config, table_z_m=0.0))
+    assert np.abs(run.positions[-1] - run.positions[0]).max() < 5e-5
+    sagging = simulate(replace(particles, F=None), wobbly.material, None, np.array([0, 0.5]),
+                       replace(SOFT.config, table_z_m=0.0))  # fmt: skip
+    assert np.abs(sagging.positions[-1] - sagging.positions[0]).max() > 1e-3
 
 
 @pytest.mark.parametrize("effect", [None, "tilt"])

@@ -124,10 +124,14 @@ def test_nothing_can_leave_the_page(page):
 def test_in_a_browser_it_renders_the_scrubber_moves_and_nothing_is_requested(page, tmp_path):
     if CHROMIUM is None:
         pytest.skip("no Chromium here: the page was not opened in a browser (apt-get install chromium)")
-    command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,900",
-               "--virtual-time-budget=10000", "--dump-dom", f"{page.as_uri()}#selftest"]  # fmt: skip
-    dom = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False).stdout
-    found = re.search(r'<pre id="selftest">(.*?)</pre>', dom, re.S)
+    found, dom = None, ""
+    for budget_ms in (10_000, 100_000, 1_000_000):  # virtual time does not wait for pictures that are being decoded
+        command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,900",
+                   f"--virtual-time-budget={budget_ms}", "--dump-dom", f"{page.as_uri()}#selftest"]  # fmt: skip
+        dom = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False).stdout
+        found = re.search(r'<pre id="selftest">(.*?)</pre>', dom, re.S)
+        if found:
+            break
     assert found, f"the page did not finish its self-test: {dom[-400:]}"
     told = json.loads(unescape(found[1]))
     assert told.pop("errors") == [] and told.pop("requests") == [] and told.pop("overflows") is False

@@ -87,8 +87,7 @@ class Adhesion(Effect):
 
     A bond forms where the gap closes. It carries the full traction once the particle has moved 0.2 mm
     relative to the tool, in whatever direction, and then slips. When the gap opens it fades as
-    exp(-t / release). The area of a particle is its volume over the spacing, so tracers feel what their
-    neighbours feel.
+    exp(-t / release). The area of a particle is its volume over the spacing.
     """
 
     name = "adhesion"

@@ -34,7 +34,7 @@ def press(block, plate):
     """Throw a block to the side while a plate presses it; two tracers ride along."""
     body = block((0.04, 0.03, 0.03), 0.005)
     middle = body.positions[[100, 150]] + 0.001
-    positions, volumes = np.concatenate([body.positions, middle]), np.append(body.volumes, [body.volumes[0] * 1e-6] * 2)
+    positions, volumes = np.concatenate([body.positions, middle]), np.append(body.volumes, [0.0, 0.0])
     velocities = np.tile([0.15, 0, 0], (len(positions), 1))
     motion = plate((0, 0.0302), (0.004, 0.027), (0.004, 0.027), (0.004, 0.031), times=[0, 0.04, 0.05, 0.06])
 
