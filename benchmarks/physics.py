@@ -11,7 +11,8 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,21 @@ FITTED, REFERENCE, EPISODES, SEARCHED, PARTICLES = 6, 12, 8, 4, 570
 """Episodes without anything hidden that the engine is fitted to, and all of them (the others tell how far it is off
 in motions that it has not seen); episodes to explain, and those of them in which a signal is measured; particles of
 the diagnosing engine."""
-_SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
+SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all runs share."""
+
+    reference: Measured
+    """Episodes without anything hidden."""
+    engine: EngineBase
+    """The engine that computes the responses."""
+    measured: Callable[[list[Episode]], Measured] = Measured
+    """Puts the base's predictions beside episodes, where the base is not the engine."""
+    scene: Scene = SCENE
+    """Where the episodes are simulated; the seed is each run's."""
 
 
 def main() -> None:
@@ -63,24 +78,25 @@ def main() -> None:
     options.work.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + (0 if options.summary else 60 * options.minutes)
     if time.monotonic() < deadline:
-        reference, base = _reference(options.work, options.jobs)
+        setting = Setting(Measured(reference(options.jobs)), fitted_engine(options.work, options.jobs))
         for plan in PLAN:
             path = options.work / f"{plan.name}.json"
             if not path.is_file() and time.monotonic() < deadline:
-                row = run_plan(plan, reference, base, options.work, options.jobs)
+                row = run_plan(plan, setting, options.work, options.jobs)
                 path.write_text(json.dumps(row, indent=1))
                 sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
                 sys.stdout.flush()
         for plan in PLAN:
             if plan.set in ("single", "null") and time.monotonic() < deadline:
-                _add_sindy(plan, base, options.work, options.jobs)
+                _add_sindy(plan, setting.engine, options.work, options.jobs)
     rows = [json.loads((options.work / f"{p.name}.json").read_text()) for p in PLAN
             if (options.work / f"{p.name}.json").is_file()]  # fmt: skip
     write_results(rows, options.out, command="make bench-physics")
 
 
-def _simulated(seed: int, count: int, effects: list[Effect], jobs: int) -> list[Episode]:
-    scene = replace(_SCENE, seed=seed)
+def simulated(scene: Scene, seed: int, count: int, effects: list[Effect], jobs: int) -> list[Episode]:
+    """Simulate episodes of a scene and follow points of their surface."""
+    scene = replace(scene, seed=seed)
 
     def one(k: int) -> Episode:
         return episode_from_sequence(simulate_episode(scene, k, effects), noise_m=NOISE_M, seed=1000 * seed + k)
@@ -88,17 +104,22 @@ def _simulated(seed: int, count: int, effects: list[Effect], jobs: int) -> list[
     return list(Parallel(n_jobs=jobs)(delayed(one)(k) for k in range(count)))
 
 
-def _reference(work: Path, jobs: int) -> tuple[list[Episode], EngineBase]:
-    """Simulate the reference episodes and fit the engine to the first of them, once."""
-    episodes = _simulated(0, REFERENCE, [], jobs)
+def reference(jobs: int, scene: Scene = SCENE) -> list[Episode]:
+    """Simulate episodes without anything hidden."""
+    return simulated(scene, 0, REFERENCE, [], jobs)
+
+
+def fitted_engine(work: Path, jobs: int) -> EngineBase:
+    """Fit the diagnosing engine to the first of the reference episodes, once."""
     path = work / "base.json"
     if not path.is_file():
-        material = replace(_SCENE.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0,
+        episodes = reference(jobs)[:FITTED]
+        material = replace(SCENE.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0,
                            density_kg_m3=1000.0, table_friction=0.4, tool_friction=0.2, toughness_j_m2=0.0)  # fmt: skip
-        start = EngineBase(material, spacing_for(episodes[:FITTED], PARTICLES))
-        base, found = identify(episodes[:FITTED], start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
+        start = EngineBase(material, spacing_for(episodes, PARTICLES))
+        base, found = identify(episodes, start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
         path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m}))
-    return episodes, base_from_dict(json.loads(path.read_text())["engine"])
+    return base_from_dict(json.loads(path.read_text())["engine"])
 
 
 def _add_sindy(plan: Plan, base: EngineBase, work: Path, jobs: int) -> None:
@@ -107,7 +128,7 @@ def _add_sindy(plan: Plan, base: EngineBase, work: Path, jobs: int) -> None:
     row = json.loads(path.read_text()) if path.is_file() else {"baselines": {"sindy": []}}
     if "sindy" in row["baselines"]:
         return
-    episodes = _simulated(plan.seed, EPISODES, plan.effects(library()), jobs)
+    episodes = simulated(SCENE, plan.seed, EPISODES, plan.effects(library()), jobs)
     answers = Runs(work / "jobs", jobs=jobs)([Job(episode, base) for episode in episodes])
     pairs = [(e, a.points) for e, a in zip(episodes, answers, strict=True) if a.points is not None]
     row["baselines"]["sindy"] = sindy_ranking([e for e, _ in pairs], [points for _, points in pairs])
@@ -122,37 +143,38 @@ def _rms(episodes: list[Episode], plain: list[Episode]) -> float:
     return float(np.sqrt(np.mean([(d**2).sum(-1).mean() for d in moved])))
 
 
-def _hidden(plan: Plan, jobs: int) -> tuple[list[Effect], float | None]:
+def _hidden(plan: Plan, scene: Scene, jobs: int) -> tuple[list[Effect], float | None]:
     """Build what a run hides; scaled to the plan's signal where it has one, with the weakest of the signals found."""
     types = library()
     if plan.snr is None:
         return plan.effects(types), None
-    plain = _simulated(plan.seed, SEARCHED, [], jobs)
+    plain = simulated(scene, plan.seed, SEARCHED, [], jobs)
 
     def signal(effect: Effect) -> float:
-        return _rms(_simulated(plan.seed, SEARCHED, [effect], jobs), plain) / FLOOR_M
+        return _rms(simulated(scene, plan.seed, SEARCHED, [effect], jobs), plain) / FLOOR_M
 
     found = [at_signal(types[name], dict(values), plan.snr, signal) for name, values in plan.hidden]
     return [effect for effect, _ in found], min(reached for _, reached in found)
 
 
-def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
+def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int) -> dict[str, Any]:
     """Hide, diagnose and score; the hidden effects are compared with the verdict only afterwards.
 
     A run whose effect cannot give half the signal that the plan wants, at any amplitude of its range, is not
     diagnosed: it is kept as "unreachable".
     """
     types = library()
-    hidden, reached = _hidden(plan, jobs)
+    scene, engine = setting.scene, setting.engine
+    hidden, reached = _hidden(plan, scene, jobs)
     facts = {"name": plan.name, "seed": plan.seed, "hidden": {e.name: e.values for e in hidden}, "wanted": plan.snr}
     if plan.snr is not None and reached is not None and reached < plan.snr / 2:
         return {**facts, "set": "unreachable", "snr": reached, "verdict": "-", "named": []}
-    episodes = _simulated(plan.seed, EPISODES, hidden, jobs)
-    plain = _simulated(plan.seed, EPISODES, [], jobs) if hidden else episodes
+    episodes = simulated(scene, plan.seed, EPISODES, hidden, jobs)
+    plain = simulated(scene, plan.seed, EPISODES, [], jobs) if hidden else episodes
     started = time.perf_counter()
     runs = Runs(work / "jobs", jobs=jobs)
     known = {name: kind for name, kind in types.items() if name not in plan.without}
-    found = diagnose(Measured(episodes), base, known, runs, reference=Measured(reference))
+    found = diagnose(setting.measured(episodes), engine, known, runs, reference=setting.reference)
     rms = _rms(episodes, plain)
     order = [f.name for f in found.findings[:-1]]
     row = {
@@ -168,9 +190,9 @@ def run_plan(plan: Plan, reference: list[Episode], base: EngineBase, work: Path,
         "baselines": baselines(found), "seconds": time.perf_counter() - started,
     }  # fmt: skip
     if plan.set == "single":
-        row["response"] = response_error(hidden[0], episodes, plain, base, runs)
+        row["response"] = response_error(hidden[0], episodes, plain, engine, runs)
     if plan.set == "pair":
-        later = next_round(found, episodes, reference, base, known, runs)
+        later = next_round(found, episodes, setting.reference.episodes, engine, known, runs)
         row |= {"next_verdict": later and later.verdict.kind, "next_named": later.verdict.named if later else []}
     return dict(plain_json(row | {"engine_runs": runs.done}))
 

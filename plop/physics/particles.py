@@ -40,9 +40,10 @@ class Particles:
         if positions.ndim != 2 or positions.shape[1] != 3 or volumes.shape != (len(positions),) or not len(positions):
             raise PlopError("The particles cannot be used.", where="particles", expected="shapes [N, 3] and [N]",
                             found=f"{positions.shape}, {volumes.shape}")  # fmt: skip
-        if not np.isfinite(positions).all() or not (np.isfinite(volumes) & (volumes >= 0)).all() or not volumes.any():
-            raise PlopError("The particles cannot be used.", where="particles",
-                            expected="finite positions and volumes, none negative, not all 0", found="others")  # fmt: skip
+        usable = np.isfinite(volumes).all() and (volumes >= 0).all() and volumes.any()
+        if not np.isfinite(positions).all() or not usable:
+            raise PlopError("The particles cannot be used.", where="particles", found="others",
+                            expected="finite positions and volumes, none negative, not all 0")  # fmt: skip
         if np.ptp(positions, axis=0).max() > 10:
             raise PlopError("The object is too large.", where="particles", expected="metres, at most 10 m across",
                             found=f"{np.ptp(positions, axis=0).max():g}", fix="Are these millimetres?")  # fmt: skip

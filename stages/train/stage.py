@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -147,23 +148,42 @@ def _check(config: TrainConfig) -> None:
 
 
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
-    weights, device = _render_weights(config), chosen_device(config.device)
+    device = chosen_device(config.device)
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
 
     def track(index: int) -> Track:
         name = recordings.train[index]
         return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5", device)
 
-    model = _model_config(config, [track(i) for i in range(len(recordings.train))])
+    model, chosen = train_on(track, len(recordings.train), config, out, environment=recordings.environment)
+    return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
+                            model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
+
+
+def train_on(
+    track: Callable[[int], Track], episodes: int, config: TrainConfig, out: Output, *, environment: str
+) -> tuple[PlopConfig, dict[str, float]]:  # fmt: skip
+    """Optimise a model on tracks.
+
+    Args:
+        track: Gives the track of an episode by its number, on the configured device.
+        episodes: Number of tracks.
+        config: Settings.
+        out: Receives model.safetensors, model.json, log.jsonl and tensorboard/.
+        environment: What the model is a model of.
+
+    Returns:
+        The model's form and units, and the figures of the chosen weights.
+    """
+    model = _model_config(config, [track(i) for i in range(episodes)])
     plan = Schedule(
         track_steps=config.track_steps, image_steps=config.image_steps, batch=config.batch, horizon=config.horizon,
         learning_rate=config.learning_rate, averaging=config.averaging, noise_m=config.noise_m, mirror=config.mirror,
         validate_every=config.validate_every, checkpoint_every=config.checkpoint_every, seed=config.seed,
     )  # fmt: skip
-    chosen = optimise(model, track, len(recordings.train), plan, _loss_weights(config, weights), out,
-                      environment=recordings.environment, device=device)  # fmt: skip
-    return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
-                            model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
+    chosen = optimise(model, track, episodes, plan, _loss_weights(config, _render_weights(config)), out,
+                      environment=environment, device=chosen_device(config.device))  # fmt: skip
+    return model, chosen
 
 
 def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out: Output) -> dict[str, float]:
