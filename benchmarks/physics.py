@@ -79,19 +79,28 @@ def main() -> None:
     deadline = time.monotonic() + (0 if options.summary else 60 * options.minutes)
     if time.monotonic() < deadline:
         setting = Setting(Measured(reference(options.jobs)), fitted_engine(options.work, options.jobs))
-        for plan in PLAN:
-            path = options.work / f"{plan.name}.json"
-            if not path.is_file() and time.monotonic() < deadline:
-                row = run_plan(plan, setting, options.work, options.jobs)
-                path.write_text(json.dumps(row, indent=1))
-                sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
-                sys.stdout.flush()
+        run_missing(PLAN, setting, options.work, options.jobs, deadline)
         for plan in PLAN:
             if plan.set in ("single", "null") and time.monotonic() < deadline:
                 _add_sindy(plan, setting.engine, options.work, options.jobs)
-    rows = [json.loads((options.work / f"{p.name}.json").read_text()) for p in PLAN
-            if (options.work / f"{p.name}.json").is_file()]  # fmt: skip
-    write_results(rows, options.out, command="make bench-physics")
+    write_results(finished(PLAN, options.work), options.out, command="make bench-physics")
+
+
+def run_missing(plans: list[Plan], setting: Setting, work: Path, jobs: int, deadline: float) -> None:
+    """Carry out the runs that are not in the folder yet; none is started after the deadline (time.monotonic)."""
+    for plan in plans:
+        path = work / f"{plan.name}.json"
+        if not path.is_file() and time.monotonic() < deadline:
+            row = run_plan(plan, setting, work, jobs)
+            path.write_text(json.dumps(row, indent=1))
+            sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
+            sys.stdout.flush()
+
+
+def finished(plans: list[Plan], work: Path) -> list[dict[str, Any]]:
+    """Read what is in the folder."""
+    paths = [work / f"{plan.name}.json" for plan in plans]
+    return [json.loads(path.read_text()) for path in paths if path.is_file()]
 
 
 def simulated(scene: Scene, seed: int, count: int, effects: list[Effect], jobs: int) -> list[Episode]:

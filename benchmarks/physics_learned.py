@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.physics import SCENE, Setting, fitted_engine, reference, run_plan, simulated
+from benchmarks.physics import SCENE, Setting, finished, fitted_engine, reference, run_missing, simulated
 from benchmarks.physics_plan import PLAN
 from benchmarks.physics_tables import summary
 from plop.diagnosis.episode import Episode
@@ -66,15 +66,8 @@ def main() -> None:
     known = measured(reference(options.jobs, SCENE_CUT))
     setting = Setting(known, engine, measured, SCENE_CUT)
     plans = [plan for plan in PLAN if plan.set in SETS]
-    for plan in plans:
-        path = options.work / f"{plan.name}.json"
-        if not path.is_file() and time.monotonic() < deadline:
-            row = run_plan(plan, setting, options.work, options.jobs)
-            path.write_text(json.dumps(row, indent=1))
-            sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
-            sys.stdout.flush()
-    paths = [options.work / f"{plan.name}.json" for plan in plans]
-    rows = [json.loads(path.read_text()) for path in paths if path.is_file()]
+    run_missing(plans, setting, options.work, options.jobs, deadline)
+    rows = finished(plans, options.work)
     options.out.write_text(json.dumps(facts_of(rows, known), indent=1))
 
 
