@@ -101,7 +101,7 @@ def trained(work: Path, jobs: int) -> PlopModel:
                 sys.stdout.flush()
 
         torch.set_num_threads(1 if jobs == 1 else 2)
-        train_on(lambda k: tracks[k], TRAINED, _TRAINING, Output(folder, told), environment=SCENE.name)
+        train_on(lambda k: tracks[k], TRAINED, _TRAINING, Output(folder, told), about={"environment": SCENE.name})
         (folder / "trained").touch()
     return load_model(folder)
 

@@ -18,11 +18,12 @@ from plop.diagnosis.episode import Episode
 from plop.diagnosis.error_fields import ErrorField, error_field, tables
 from plop.diagnosis.field_file import stored_field, write_field
 from plop.diagnosis.phases import PHASES
+from plop.diagnosis.same_object import check_same_object, size_m
 from plop.diagnosis.sets import tracked_episodes
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
-from stages.compare.checks import CONVENTIONS, check_conventions, check_same_object, size_m
+from stages.compare.checks import CONVENTIONS, check_conventions
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 COMPARE_SCHEMA = 1
@@ -59,7 +60,10 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     init = inputs["init"].path
     episodes, left_out = tracked_episodes(recordings, init, inputs["tracks"].path, names, seed=config.seed)
     if not config.other_object:
-        check_same_object(inputs, recordings, episodes)
+        made = inputs["model"].manifest
+        check_same_object(inputs["model"].path, recordings.environment, episodes,
+                          about=made.environment if made is not None else None,
+                          fix="Choose a model of this object, or set compare.other_object.")  # fmt: skip
     (out.path / "fields").mkdir(exist_ok=True)
     fields, cameras = [], []
     for done, episode in enumerate(episodes):

@@ -14,6 +14,7 @@ from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.runs import Runs
+from plop.diagnosis.same_object import check_same_object
 from plop.diagnosis.sets import tracked_episodes
 from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
@@ -66,6 +67,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         effect_type(name, types)
     engine, model = _engine(inputs), inputs["model"].path
     measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
+    _same_object(model, recordings, measured.episodes)
     reference = None
     if "reference" in inputs:
         others = RecordingSet.load(inputs["reference"].path)
@@ -126,21 +128,21 @@ def _engine(inputs: Inputs) -> EngineBase:
 
 
 def _check(inputs: Inputs, config: DiagnoseConfig, recordings: RecordingSet) -> None:
-    model = inputs["model"].path
-    about = read_facts(innermost(model)).get("training", {}).get("environment")
-    if about not in (None, recordings.environment):
-        raise PlopError("Model and recordings are of different objects.", where=model, expected=str(about),
-                        found=recordings.environment,
-                        fix="Give recordings of the same object; materials are compared under one name.")  # fmt: skip
+    _same_object(inputs["model"].path, recordings, [])
     if config.shams < 49:
         raise PlopError("Too few shams for a verdict.", where="diagnose.shams", expected="49 or more",
                         found=str(config.shams))  # fmt: skip
-    effects_of(model)
+    effects_of(inputs["model"].path)
+
+
+def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode]) -> None:
+    check_same_object(model, recordings.environment, episodes,
+                      fix="Give recordings of the same object; materials are compared under one name.")  # fmt: skip
 
 
 STAGE = Stage(
     name="diagnose",
-    version=6,
+    version=7,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

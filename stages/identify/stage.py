@@ -11,6 +11,7 @@ import numpy as np
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_ranges
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
+from plop.diagnosis.same_object import size_m
 from plop.diagnosis.sets import tracked_episodes
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
@@ -88,7 +89,8 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     )  # fmt: skip
     facts = {"schema": MODEL_SCHEMA, "kind": "engine", "engine": base_to_dict(base),
              "estimates": {name: _estimate(e) for name, e in found.estimates.items()},
-             "training": {"environment": recordings.environment, "episodes": [e.name for e in episodes],
+             "training": {"environment": recordings.environment, "size_m": size_m(episodes).tolist(),
+                          "episodes": [e.name for e in episodes],
                           "rms_before_mm": 1000 * found.rms_before_m, "rms_after_mm": 1000 * found.rms_after_m,
                           "engine_runs": found.rollouts}}  # fmt: skip
     write_json(out.path / "model.json", facts)
@@ -127,7 +129,7 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=2,
+    version=3,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={

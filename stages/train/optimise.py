@@ -8,8 +8,9 @@ several processes is that of one on the same batch.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -73,7 +74,7 @@ def optimise(
     weights: LossWeights,
     out: Output,
     *,
-    environment: str = "",
+    about: Mapping[str, Any] | None = None,
     device: torch.device | str = "cpu",
 ) -> dict[str, float]:
     """Train a model and write the weights that roll out the training episodes best.
@@ -85,7 +86,7 @@ def optimise(
         plan: Schedule.
         weights: Weights of the loss.
         out: Where to write; a checkpoint found there is taken up.
-        environment: What the model is a model of; kept beside the weights.
+        about: What the model is a model of; kept beside the weights.
         device: Where the model is trained; `track` gives tracks that live there.
 
     Returns:
@@ -107,7 +108,7 @@ def optimise(
                 journal.write(step, loss, log)
                 done = step + 1
                 if processes.first and (done % plan.validate_every == 0 or done == plan.steps):
-                    at = _validate(model, averaged, track, episodes, at, done, out, environment)
+                    at = _validate(model, averaged, track, episodes, at, done, out, about or {})
                     journal.write(step, loss, {"rollout_error_mm": at.best_error_m * 1e3})
                 at = replace(at, step=done)
                 if processes.first and (done % plan.checkpoint_every == 0 or done == plan.steps):
@@ -150,14 +151,14 @@ def _motion(track: Track) -> np.ndarray:
 
 def _validate(
     model: PlopModel, averaged: dict[str, Tensor], track: Callable[[int], Track], episodes: int, at: Progressed,
-    step: int, out: Output, environment: str,
+    step: int, out: Output, about: Mapping[str, Any],
 ) -> Progressed:  # fmt: skip
     """Roll out the training episodes with the averaged weights; write the weights if they are the best so far."""
     current = {name: value.clone() for name, value in model.state_dict().items()}
     model.load_state_dict(averaged)
     error = sum(rollout_error_m(model, track(i)) for i in range(episodes)) / episodes
     if error <= at.best_error_m or not (out.path / "model.json").exists():
-        facts = {"environment": environment, "step": step, "rollout_error_mm": error * 1e3}
+        facts = {**about, "step": step, "rollout_error_mm": error * 1e3}
         save_model(out.path, model, training=facts)
         at = Progressed(at.step, error, step)
     model.load_state_dict(current)

@@ -8,11 +8,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from plop.checked_settings import check_ranges
 from plop.determinism import deterministic
@@ -22,6 +24,8 @@ from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig
 from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
+from plop.geometry.convex import convex_surface
+from plop.geometry.extent import box_edges_m
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
@@ -155,13 +159,15 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
         name = recordings.train[index]
         return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5", device)
 
-    model, chosen = train_on(track, len(recordings.train), config, out, environment=recordings.environment)
+    sizes = [_size_m(track(i)) for i in range(len(recordings.train))]
+    about = {"environment": recordings.environment, "size_m": np.median(sizes, axis=0).tolist()}
+    model, chosen = train_on(track, len(recordings.train), config, out, about=about)
     return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
                             model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
 
 
 def train_on(
-    track: Callable[[int], Track], episodes: int, config: TrainConfig, out: Output, *, environment: str
+    track: Callable[[int], Track], episodes: int, config: TrainConfig, out: Output, *, about: Mapping[str, Any]
 ) -> tuple[PlopConfig, dict[str, float]]:  # fmt: skip
     """Optimise a model on tracks.
 
@@ -170,7 +176,7 @@ def train_on(
         episodes: Number of tracks.
         config: Settings.
         out: Receives model.safetensors, model.json, log.jsonl and tensorboard/.
-        environment: What the model is a model of.
+        about: What the model is a model of; kept beside the weights.
 
     Returns:
         The model's form and units, and the figures of the chosen weights.
@@ -182,8 +188,13 @@ def train_on(
         validate_every=config.validate_every, checkpoint_every=config.checkpoint_every, seed=config.seed,
     )  # fmt: skip
     chosen = optimise(model, track, episodes, plan, _loss_weights(config, _render_weights(config)), out,
-                      environment=environment, device=chosen_device(config.device))  # fmt: skip
+                      about=about, device=chosen_device(config.device))  # fmt: skip
     return model, chosen
+
+
+def _size_m(track: Track) -> np.ndarray:
+    """Size of the object at the first frame, [3] [m]."""
+    return box_edges_m(*convex_surface(track.means[0].double().cpu().numpy(), track.actions.table_z_m))
 
 
 def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out: Output) -> dict[str, float]:
@@ -245,7 +256,7 @@ def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
 
 STAGE = Stage(
     name="train",
-    version=4,
+    version=5,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={

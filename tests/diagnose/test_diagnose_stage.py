@@ -164,6 +164,15 @@ def test_model_and_recordings_of_different_objects(inputs, tmp_path):
     assert (error.expected, error.found) == ("ball", "block")
 
 
+def test_a_model_of_an_object_of_another_size(inputs, tmp_path):
+    model = write_engine(tmp_path / "model", "block")
+    facts = json.loads((model.path / "model.json").read_text())
+    facts["training"]["size_m"] = [0.08, 0.05, 0.02]
+    (model.path / "model.json").write_text(json.dumps(facts))
+    error = refused({**inputs, "model": model}, tmp_path)
+    assert "different size" in error.problem and error.expected == "80 x 50 x 20 mm"
+
+
 def test_an_unknown_effect_gets_a_suggestion(inputs, tmp_path):
     assert refused(inputs, tmp_path, replace(CONFIG, effects=("tillt",))).fix == "Did you mean tilt?"
 

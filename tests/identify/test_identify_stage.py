@@ -32,6 +32,7 @@ def test_the_fit_is_no_worse_and_the_model_can_be_loaded(inputs, tmp_path):
     summary = run(inputs, config, Output(tmp_path))
     facts = json.loads((tmp_path / "model.json").read_text())
     assert facts["kind"] == "engine" and facts["training"]["environment"] == "block"
+    np.testing.assert_allclose(facts["training"]["size_m"], [0.06, 0.05, 0.04], rtol=0.05)
     found = facts["estimates"]["youngs_modulus_pa"]["value"]
     assert summary.figures["rms_after_mm"] <= summary.figures["rms_before_mm"]
     assert summary.table[0]["parameter"] == "youngs_modulus_pa" and summary.figures["episodes"] == 2
