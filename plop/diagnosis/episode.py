@@ -57,7 +57,7 @@ class Episode:
         """Average a quantity of the points over each patch, [..., M, 3] -> [..., K, 3]."""
         share = np.zeros((self.patches, len(self.patch)))
         share[self.patch, np.arange(len(self.patch))] = 1
-        return np.einsum("km,...mc->...kc", share / share.sum(1, keepdims=True), values)
+        return np.asarray((share / share.sum(1, keepdims=True)) @ values)
 
     @property
     def seen_patches(self) -> np.ndarray:
