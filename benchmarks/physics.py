@@ -33,11 +33,14 @@ from plop.diagnosis.identify import NAMES, identify, spacing_for
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
+from plop.errors import PlopError
 from plop.physics.base_io import base_from_dict, base_to_dict
+from plop.physics.config import EngineConfig
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw
+from plop.physics.response import slowdown
 from plop.physics.scene import Scene, simulate_episode
 from plop.physics.scenes import find_scene
 
@@ -49,6 +52,8 @@ FITTED, REFERENCE, EPISODES, SEARCHED, PARTICLES = 6, 12, 8, 4, 570
 """Episodes without anything hidden that the engine is fitted to, and all of them (the others tell how far it is off
 in motions that it has not seen); episodes to explain, and those of them in which a signal is measured; particles of
 the diagnosing engine."""
+SLOWER = 16.0
+"""How many times more time steps than without an effect a scaled amplitude may take."""
 SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
 
 
@@ -160,6 +165,8 @@ def _hidden(plan: Plan, scene: Scene, jobs: int) -> tuple[list[Effect], float | 
     plain = simulated(scene, plan.seed, SEARCHED, [], jobs)
 
     def signal(effect: Effect) -> float:
+        if slowdown(effect, SCENE.material, EngineConfig(dx_m=SCENE.dx_m)) > SLOWER:
+            raise PlopError("The amplitude takes too many time steps.", where=effect.name)
         return _rms(simulated(scene, plan.seed, SEARCHED, [effect], jobs), plain) / FLOOR_M
 
     found = [at_signal(types[name], dict(values), plan.snr, signal) for name, values in plan.hidden]

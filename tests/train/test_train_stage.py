@@ -59,7 +59,7 @@ def test_the_log_tells_what_the_issue_asks_for(trained):
 
 def test_the_model_says_of_what_it_is_a_model(trained):
     about = json.loads((trained[0] / "model.json").read_text())["training"]
-    assert about["environment"] and len(about["size_m"]) == 3 and 0.01 < min(about["size_m"])
+    assert about["environment"] and len(about["size_m"]) == 3 and min(about["size_m"]) > 0.01
 
 
 class _Stopped(Exception):
