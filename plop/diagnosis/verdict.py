@@ -20,6 +20,8 @@ library does, a neighbour can do as well."""
 SECOND_LEAST = 0.1
 """Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
 is wrong with it resembles other laws."""
+AT_BOUND = "a parameter is at its bound"
+"""Why a law is not named whose fitted amplitude is at the end of its range."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Finding:
         if self.gain <= ERRORS_LEAST * self.gain_error:
             found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
         if self.at_bound:
-            found.append("a parameter is at its bound")
+            found.append(AT_BOUND)
         if self.steady is not None and self.steady <= GAIN_LEAST / 2:
             found.append("one episode alone carries it")
         if self.contrast is not None and not self.differs:
@@ -151,8 +153,17 @@ def judge(
         facts = {**facts, "alternatives": others}
         return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
     if decoys or size.stands_out:
-        return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
+        return Verdict("NONE OF THESE", [], _none_text(first), facts)
     return _nothing(facts)
+
+
+def _none_text(first: Finding | None) -> str:
+    """Say that nothing of the library explains the error; name the law that would if its range went further."""
+    if first is None or first.reasons() != [AT_BOUND]:
+        return "Something is missing that the library does not hold."
+    return (f"Something is missing that the library does not hold, or holds too weakly: {first.name} comes nearest, "
+            f"at the end of its range ({parameters_text(first)}), with {100 * first.gain:.0f} % of the held-out "
+            "error.")  # fmt: skip
 
 
 def _may_be_chance(size: ErrorSize) -> bool:

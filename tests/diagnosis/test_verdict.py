@@ -194,6 +194,12 @@ def test_a_parameter_at_its_bound_is_never_named():
     assert told([finding(**WEAK)], [], at_bound("stiffness"), [], **FACTS).named == []
 
 
+def test_what_would_be_named_if_its_range_went_further_is_told():
+    verdict = told([at_bound()], [], None, [], **FACTS)
+    assert verdict.kind == "NONE OF THESE" and "tilt comes nearest, at the end of its range" in verdict.text
+    assert "tilt" not in told([finding(p=0.5)], [], None, [], **FACTS).text
+
+
 def test_a_second_does_not_inherit_what_the_first_may_not_have():
     assert told([finding("drag", gain=0.9), finding()], [], None, [], **FACTS).named == []
 
