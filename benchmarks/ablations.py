@@ -25,6 +25,7 @@ from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopModel
 from plop.dynamics.model_io import load_model
+from plop.dynamics.rollout import predict
 from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -36,7 +37,6 @@ from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
 from plop.render.scene import render_scene
 from stages.contract import Input, Output
-from stages.rollout.predict import predict
 from stages.train.stage import STAGE as TRAIN
 from stages.train.stage import TrainConfig
 

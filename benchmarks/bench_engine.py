@@ -21,6 +21,7 @@ def cases() -> dict[str, Callable[[], float]]:
         "engine_5k_cpu_particle_steps_per_s": lambda: rate(5_000, threads=1, clock=time.process_time),
         "engine_time_per_particle_40k_over_5k": growth,
         "engine_5k_cut_of_1_s_s": cut_seconds,
+        "engine_time_per_tracer_over_particle": tracer_share,
     }
 
 
@@ -74,3 +75,31 @@ def cut_seconds() -> float:
     started = time.perf_counter()
     _run(5_000, 1.0, 1, cut=True)
     return time.perf_counter() - started
+
+
+def tracer_share() -> float:
+    """Processor time a step that a tracer on the surface takes, over that of a particle, median of three."""
+    shares = []
+    for _ in range(3):
+        (alone, few), (larger, many), (followed, _) = _step_ns(600), _step_ns(4600), _step_ns(600, tracers=4000)
+        shares.append((followed - alone) / 4000 / ((larger - alone) / (many - few)))
+    return float(np.median(shares))
+
+
+def _step_ns(count: int, tracers: int = 0) -> tuple[float, int]:
+    """Processor time of a step of a block at rest [ns], and its particles."""
+    from plop.physics.config import EngineConfig
+    from plop.physics.material import Material
+    from plop.physics.particles import Particles
+    from plop.physics.solver import simulate
+
+    positions, volumes = _box(count, 0.0074)
+    draw = np.random.default_rng(0)
+    points = draw.uniform(positions.min(0), positions.max(0), (tracers, 3))
+    points[:, 2] = positions[:, 2].max()
+    particles = Particles(np.concatenate([positions, points]), np.concatenate([volumes, np.zeros(tracers)]))
+    config = EngineConfig(dx_m=0.0148)
+    simulate(particles, Material(), None, np.array([0, 0.01]), config)
+    started = time.process_time()
+    run = simulate(particles, Material(), None, np.array([0, 0.3]), config)
+    return (time.process_time() - started) / run.steps * 1e9, len(positions)

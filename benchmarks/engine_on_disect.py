@@ -52,9 +52,7 @@ def thin_out(case: Case, every: int) -> Case:
     """Compare every n-th point only."""
     material, count = case.tracers.start, case.observed.shape[1]
     keep = np.r_[np.arange(material), material + np.arange(0, count, every)]
-    body = case.particles
-    less = replace(body, positions=body.positions[keep], volumes=body.volumes[keep], sides=body.sides[keep])
-    return replace(case, particles=less, observed=case.observed[:, ::every])
+    return replace(case, particles=case.particles.select(keep), observed=case.observed[:, ::every])
 
 
 def score(case: Case, sequence: MeshSequence, material: Material, spacing_m: float) -> dict[str, float]:

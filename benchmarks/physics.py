@@ -27,7 +27,7 @@ from benchmarks.physics_rounds import next_round
 from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import write_results
-from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.diagnose import SLOWER, diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.identify import NAMES, identify, spacing_for
 from plop.diagnosis.responses import Job
@@ -52,8 +52,6 @@ FITTED, REFERENCE, EPISODES, SEARCHED, PARTICLES = 6, 12, 8, 4, 570
 """Episodes without anything hidden that the engine is fitted to, and all of them (the others tell how far it is off
 in motions that it has not seen); episodes to explain, and those of them in which a signal is measured; particles of
 the diagnosing engine."""
-SLOWER = 16.0
-"""How many times more time steps than without an effect a scaled amplitude may take."""
 SCENE = replace(Scene.read(find_scene(Path("block.toml"))), name="bench")
 
 
@@ -165,7 +163,7 @@ def _hidden(plan: Plan, scene: Scene, jobs: int) -> tuple[list[Effect], float | 
     plain = simulated(scene, plan.seed, SEARCHED, [], jobs)
 
     def signal(effect: Effect) -> float:
-        if slowdown(effect, SCENE.material, EngineConfig(dx_m=SCENE.dx_m)) > SLOWER:
+        if slowdown(effect, scene.material, EngineConfig(dx_m=scene.dx_m)) > SLOWER:
             raise PlopError("The amplitude takes too many time steps.", where=effect.name)
         return _rms(simulated(scene, plan.seed, SEARCHED, [effect], jobs), plain) / FLOOR_M
 

@@ -28,6 +28,7 @@ from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopModel
 from plop.dynamics.model_io import load_model
 from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.rollout import predict
 from plop.dynamics.sides import advance_sides
 from plop.gaussians.state import Gaussians
 from plop.geometry.tool import ToolGeometry
@@ -136,14 +137,11 @@ def track_of(episode: Episode) -> Track:
                  torch.stack(sides), actions, Neighbourhood.of(means[0]))  # fmt: skip
 
 
-@torch.no_grad()
 def predicted(model: PlopModel, episode: Episode) -> np.ndarray:
     """Roll the model out from the first frame; the followed points, [T, M, 3] [m]."""
-    state, found = at_rest(gaussians_of(episode.points[0])), [episode.points[0]]
-    for action in actions_of(episode).steps():
-        state = model.step(state, action)
-        found.append(state.gaussians.means.double().numpy())
-    return np.stack(found)
+    start = at_rest(gaussians_of(episode.points[0]))
+    states = predict(model, start, actions_of(episode).steps(), episode.name, seed=0)
+    return np.stack([state.gaussians.means.double().numpy() for state, _ in states])
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
@@ -13,6 +12,7 @@ from plop.dynamics.episodes import Actions
 from plop.dynamics.followed import followed
 from plop.dynamics.interface import at_rest
 from plop.dynamics.model_io import read_facts
+from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.models import effects_of, engine_of, innermost, load_model
 from plop.recordings.recording import Recording
@@ -29,6 +29,9 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
 
     Returns:
         Their predicted places, [T, M, 3] [m].
+
+    Raises:
+        PlopError: The model diverges.
     """
     engine = engine_of(model_folder)
     if engine is not None and read_facts(innermost(model_folder)).get("kind") == "engine":
@@ -38,10 +41,5 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     model, first = load_model(model_folder), read_splat(splat_path)
     with Recording(recording_path) as recording:
         actions = Actions.of(recording)
-    state, found = at_rest(first), [episode.points[0]]
-    generator = torch.Generator().manual_seed(0)
-    with torch.no_grad():
-        for frame in range(len(actions) - 1):
-            state = model.step(state, actions.step(frame), generator=generator)
-            found.append(followed(first, state.gaussians, episode.points[0]))
-    return np.stack(found)
+    states = predict(model, at_rest(first), actions.steps(), episode.name, seed=0)
+    return np.stack([followed(first, state.gaussians, episode.points[0]) for state, _ in states])

@@ -150,13 +150,15 @@ def _moved(candidates: list[Candidate], fitted: Mapping[str, np.ndarray]) -> lis
 
 
 def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Diagnosis:
-    scores = one_per_effect(state.scores())
+    scores = state.judged()
     sham = sham_gains(state.screen, seed=seed, count=shams)
     findings = [state.finding(score, sham) for score in scores]
     base = state.base_finding(sham)
-    left = state.left(scores[0]) if scores else None
-    alike = [s.candidate.effect for s in confounded(state.screen, scores[0], scores)] if scores else []
-    second = state.beyond(scores[0], sham) if scores else None
+    # what has the same amplitude in the reference is not judged, but the best of what differs
+    first = next((s for s, f in zip(scores, findings, strict=True) if f.differs), scores[0] if scores else None)
+    left = None if first is None else state.left(first)
+    alike = [] if first is None else [s.candidate.effect for s in confounded(state.screen, first, scores)]
+    second = None if first is None else state.beyond(first, sham)
     verdict = judge(findings, alike, base, list(sensors), state.size, left=left, second=second)
     clear = {f.name: f.contrast.least for f in findings if f.contrast is not None}
     limits = detection_limits(state.screen, scores, sham, state.response_rms_m, clear)

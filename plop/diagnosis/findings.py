@@ -15,7 +15,7 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
 from plop.diagnosis.profile import Profile
 from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, solve
-from plop.diagnosis.screen import Score, Screen
+from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
 from plop.diagnosis.verdict import Finding
@@ -67,6 +67,16 @@ class State:
     def scores(self) -> list[Score]:
         """Score all candidates, best first."""
         return self.screen.scores(self.response_rms_m)
+
+    def judged(self) -> list[Score]:
+        """Score every effect, best first, by its best setting; none gains from more of it than its range allows."""
+        return one_per_effect(sorted(map(self._inside, self.scores()), key=lambda score: -score.gain))
+
+    def _inside(self, score: Score) -> Score:
+        found = _parameters(score.candidate.columns, score.fit, self.profiles)
+        if not any(parameter["at_bound"] for parameter in found.values()):
+            return score
+        return self.screen.held(score, np.array([parameter["value"] for parameter in found.values()]))
 
     def response_rms_m(self, key: str) -> float:
         """RMS displacement by one unit of a column over all episodes [m]."""

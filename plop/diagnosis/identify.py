@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
+from trimesh.triangles import area, mass_properties
 
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
@@ -61,11 +62,9 @@ def spacing_for(episodes: list[Episode], particles: int = PARTICLES) -> float:
     """
     found = []
     for episode in episodes:
-        corner = episode.vertices[episode.faces]
-        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
-        volume = abs(float(np.einsum("fi,fi->", normal, corner[:, 0]))) / 3
-        area = float(np.linalg.norm(normal, axis=1).sum())
-        found.append(max(np.roots([particles, 0, -area / 2, -volume]).real.tolist()))
+        triangles = episode.vertices[episode.faces]
+        volume, surface = abs(mass_properties(triangles).volume), float(area(triangles).sum())
+        found.append(max(np.roots([particles, 0, -surface / 2, -volume]).real.tolist()))
     return round(float(np.median(found)), 5)
 
 

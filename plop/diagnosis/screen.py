@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,9 +105,18 @@ class Screen:
         The parts of the object in each episode are what counts as independent; episodes are strata, because
         some motions show an effect and others cannot.
         """
-        before, after = self.held_out_blocks(less), self.held_out_blocks(more)
-        spread = (before - after).var(1, ddof=1).sum() * before.shape[1]
-        return float(np.sqrt(spread) / max(before.sum(), 1e-30))
+        return _gain_error(self.held_out_blocks(less), self.held_out_blocks(more))
+
+    def held(self, score: Score, values: np.ndarray) -> Score:
+        """Score a candidate at given amplitudes [C] instead of the fitted ones; everything else is refitted."""
+        null, own = score.rows[: -len(values)], score.rows[-len(values) :]
+        taken = [replace(e, residual=e.residual - values @ e.matrix[own]) for e in self.episodes]
+        rest = Screen(taken, self.keys, [])
+        after, error = (
+            held_out_energy(rest.grams, null),
+            _gain_error(self.held_out_blocks(null), rest.held_out_blocks(null)),
+        )
+        return replace(score, gain=gain(score.before, after), gain_error=error, after=after)
 
     def held_out_blocks(self, columns: np.ndarray) -> np.ndarray:
         """Sum of squares left in each part of each episode when the columns were fitted to the others, [E, BLOCKS]."""
@@ -132,6 +141,12 @@ class Screen:
                         for r, e in zip(response, self.episodes, strict=True)]  # fmt: skip
         flat = np.concatenate(response)
         return flat / max(float(np.linalg.norm(flat)), 1e-30)
+
+
+def _gain_error(before: np.ndarray, after: np.ndarray) -> float:
+    """Standard error of a gain, from the sums of squares in each part of each episode, [E, BLOCKS]."""
+    spread = (before - after).var(1, ddof=1).sum() * before.shape[1]
+    return float(np.sqrt(spread) / max(before.sum(), 1e-30))
 
 
 def one_per_effect(scores: list[Score]) -> list[Score]:

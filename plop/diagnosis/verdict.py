@@ -21,7 +21,7 @@ SECOND_LEAST = 0.1
 """Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
 is wrong with it resembles other laws."""
 AT_BOUND = "a parameter is at its bound"
-"""Why a law is not named whose fitted amplitude is at the end of its range."""
+"""Why a law is named only as a part whose fitted amplitude is at the end of its range."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,11 @@ class Finding:
 
     def passes(self) -> bool:
         """Tell whether all conditions for being named hold."""
-        clear = self.differs and (self.steady is None or self.steady > GAIN_LEAST / 2)
-        return (self.p is not None and self.p <= P_LARGEST and self.gain > GAIN_LEAST
-                and self.gain > ERRORS_LEAST * self.gain_error and not self.at_bound and clear)  # fmt: skip
+        return not self.reasons()
+
+    def ends(self) -> bool:
+        """Tell whether only the end of its range is against it."""
+        return self.reasons() == [AT_BOUND]
 
     def reasons(self) -> list[str]:
         """Say which conditions fail."""
@@ -117,9 +119,7 @@ def judge(
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
         return Verdict("SENSOR", sensors, text, facts)
     if base is not None and base.passes():
-        laws = [f for f in findings if f.kind == "physics" and not f.at_bound and f.differs]
-        rival = max(laws, key=lambda f: f.alone, default=None)
-        found = _base_or(base, rival, named[0] if named else None, facts)
+        found = _base_or(base, findings, named[0] if named else None, facts)
         closed = size.closed_by_base
         if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
             if size.beyond_chance:
@@ -132,38 +132,39 @@ def judge(
     first = next((f for f in findings if f.differs), None)
     if first is not None and first.kind == "decoy" and named and named[0].name in confounds:
         first = named[0]  # a decoy that cannot be told from it is no reason to refuse it
-    if named and first is not None and first.name == named[0].name:
-        best = named[0]
-        more = second[0] if second is not None and second[0].passes() and second[0].gain > SECOND_LEAST else None
-        if more is not None and second is not None:
-            left = second[1]
-            facts = {**facts, "left": left}
-        share = size.closed(left)
-        partly = share is not None and share < PARTLY_SHARE
+    if first is not None and (first in named or (first.ends() and first.kind != "decoy" and size.stands_out)):
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
-        others = [name for name in confounds if name not in (best.name, more and more.name) and name in possible]
-        if partly and _may_be_chance(size):
-            return _nothing(facts)
-        if more is not None and not others:
-            text = _both_text(best, more, partly, share)
-            return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
-        kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
-        if best.kind == "base" and not others:
-            return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
-        facts = {**facts, "alternatives": others}
-        return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
+        return _law(first, [name for name in confounds if name in possible], second, left, size, facts)
     if decoys or size.stands_out:
-        return Verdict("NONE OF THESE", [], _none_text(first), facts)
+        return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return _nothing(facts)
 
 
-def _none_text(first: Finding | None) -> str:
-    """Say that nothing of the library explains the error; name the law that would if its range went further."""
-    if first is None or first.reasons() != [AT_BOUND]:
-        return "Something is missing that the library does not hold."
-    return (f"Something is missing that the library does not hold, or holds too weakly: {first.name} comes nearest, "
-            f"at the end of its range ({parameters_text(first)}), with {100 * first.gain:.0f} % of the held-out "
-            "error.")  # fmt: skip
+def _law(
+    best: Finding, alike: list[str], second: tuple[Finding, float] | None, left: float | None, size: ErrorSize,
+    facts: dict[str, Any],
+) -> Verdict:  # fmt: skip
+    """Name the best law: alone, with the one beside it, or with those that cannot be told from it.
+
+    A law at the end of its range is a part at most: how much more of it there is, nobody knows.
+    """
+    more = second[0] if second is not None and second[0].passes() and second[0].gain > SECOND_LEAST else None
+    if more is not None and second is not None:
+        left = second[1]
+        facts = {**facts, "left": left}
+    share = size.closed(left)
+    partly = best.at_bound or (share is not None and share < PARTLY_SHARE)
+    others = [name for name in alike if name not in (best.name, more and more.name)]
+    if partly and _may_be_chance(size):
+        return _nothing(facts)
+    if more is not None and not others:
+        text = _both_text(best, more, partly, share)
+        return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
+    kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
+    if best.kind == "base" and not others and not best.at_bound:
+        return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
+    facts = {**facts, "alternatives": others}
+    return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
 
 
 def _may_be_chance(size: ErrorSize) -> bool:
@@ -178,28 +179,41 @@ def _nothing(facts: dict[str, Any]) -> Verdict:
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
 
 
-def _base_or(base: Finding, rival: Finding | None, beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:
-    """Decide between a changed base parameter and a law; None where a law explains much beyond the parameter.
+def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:
+    """Decide between the base parameters fitted along and what explains more by itself; None where laws decide.
 
-    A law that explains as much by itself as the parameter does, within two standard errors, cannot be told from it.
+    What explains as much by itself as the parameter does, within two standard errors, cannot be told from it.
 
     Args:
-        base: Change of the base's own parameters, which is significant.
-        rival: The law that explains most when the base's parameters are left as they are.
-        beyond: The best law that passes beyond the parameters, if any.
+        base: Change of the base's own parameters that are fitted along, which is significant.
+        findings: Laws, and the base's other parameters.
+        beyond: The best finding that passes beyond the parameters, if any.
         facts: Evidence.
     """
-    margin = 0.0 if rival is None else ERRORS_LEAST * rival.alone_error
-    if rival is not None and rival.alone > base.gain + margin:
-        text = _effect_text("EFFECT", replace(rival, gain=rival.alone), [], None)
-        return None if beyond is not None else Verdict("EFFECT", [rival.name], text, facts)
+    rivals = [f for f in findings if f.kind != "decoy" and not f.at_bound and f.differs]
+    rivals = sorted((f for f in rivals if f.alone > base.gain - _margin(f)), key=lambda f: -f.alone)
+    better = next((f for f in rivals if f.alone > base.gain + _margin(f)), None)
+    if better is not None and beyond is not None:
+        return None
+    if better is not None:
+        better = replace(better, gain=better.alone)
+        if better.kind == "base":
+            return Verdict("BASE PARAMETER", [better.name], _base_text(better), facts)
+        return Verdict("EFFECT", [better.name], _effect_text("EFFECT", better, [], None), facts)
     if beyond is not None and beyond.gain * (1 - base.gain) > base.gain / 2:
         return None
-    if rival is not None and rival.alone > base.gain - margin:
-        text = (f"{base.name} of the base, or {rival.name}, which these motions cannot tell apart; "
-                f"{parameters_text(base)}; or {parameters_text(rival)}.")  # fmt: skip
-        return Verdict("CONFOUNDED", [base.name, rival.name], text, {**facts, "alternatives": [rival.name]})
-    return Verdict("BASE PARAMETER", [base.name], _base_text(base), facts)
+    law = next((f for f in rivals if f.kind == "physics"), None)
+    if law is not None:
+        text = (f"{base.name} of the base, or {law.name}, which these motions cannot tell apart; "
+                f"{parameters_text(base)}; or {parameters_text(law)}.")  # fmt: skip
+        return Verdict("CONFOUNDED", [base.name, law.name], text, {**facts, "alternatives": [law.name]})
+    also = [f.name for f in rivals]
+    return Verdict("BASE PARAMETER", [base.name], _base_text(base, also), {**facts, "alternatives": also})
+
+
+def _margin(finding: Finding) -> float:
+    """How much more or less than the base's parameters a finding may explain by itself by chance."""
+    return ERRORS_LEAST * finding.alone_error
 
 
 def parameters_text(finding: Finding) -> str:
@@ -218,7 +232,7 @@ def _effect_text(kind: str, best: Finding, others: list[str], share: float | Non
     closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
     start = {"EFFECT": "Missing: ", "PARTLY": "Partly ", "CONFOUNDED": ""}[kind]
     what = best.name + (f", or {' or '.join(others)}, which these motions cannot tell apart" if others else "")
-    return f"{start}{what}; {parameters_text(best)}; {gained}{closed}."
+    return f"{start}{what}; {parameters_text(best)}{_end_text(best)}; {gained}{closed}."
 
 
 def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) -> str:
@@ -226,7 +240,8 @@ def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) 
     start = "Partly" if partly else "Missing:"
     shares = (f"the first explains {100 * best.gain:.0f} % of the held-out error, the second {100 * more.gain:.0f} % "
               "of what it leaves")  # fmt: skip
-    return (f"{start} {best.name} and {more.name}; {parameters_text(best)}; {parameters_text(more)}; {shares}{closed}. "
+    first = parameters_text(best) + _end_text(best)
+    return (f"{start} {best.name} and {more.name}; {first}; {parameters_text(more)}; {shares}{closed}. "
             f"Add {best.name}, then diagnose again.")  # fmt: skip
 
 
@@ -236,5 +251,10 @@ def _partly_base_text(base: Finding, others: list[str]) -> str:
             "law of the library explains it.")  # fmt: skip
 
 
-def _base_text(base: Finding) -> str:
-    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}."
+def _base_text(base: Finding, also: list[str] | None = None) -> str:
+    alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
+    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}.{alike}"
+
+
+def _end_text(finding: Finding) -> str:
+    return ", the end of its range: there may be more of it" if finding.at_bound else ""

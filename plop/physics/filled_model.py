@@ -97,19 +97,9 @@ class FilledEngineModel:
         if means is None:  # split or merged: compare places with the nearest former Gaussian
             _, nearest = cKDTree(before).query(now)
             keep = np.concatenate([np.arange(filling), filling + nearest])
-            known, before = _selected(known, keep), before[nearest]
+            known, before = known.select(keep), before[nearest]
         shift = now - before
         distance, nearest = cKDTree(before).query(known.positions[:filling], k=min(8, len(before)))
         weight = 1 / (distance + 1e-4)
         inner = (weight[..., None] * shift[nearest]).sum(1) / weight.sum(1)[:, None]
         return replace(known, positions=known.positions + np.concatenate([inner, shift]))
-
-
-def _selected(particles: Particles, rows: np.ndarray) -> Particles:
-    def one(values: np.ndarray | None) -> np.ndarray | None:
-        return None if values is None else np.asarray(values)[rows]
-
-    memory = None if particles.memory is None else {key: value[rows] for key, value in particles.memory.items()}
-    return Particles(particles.positions[rows], particles.volumes[rows], one(particles.velocities), one(particles.F),
-                     one(particles.sides), one(particles.radii), one(particles.affine), one(particles.passed),
-                     memory)  # fmt: skip

@@ -55,3 +55,15 @@ class Particles:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def select(self, index: np.ndarray) -> Particles:
+        """Take a subset of the particles with everything that belongs to them."""
+
+        def taken(values: np.ndarray | None) -> np.ndarray | None:
+            return None if values is None else np.asarray(values)[index]
+
+        memory = None if self.memory is None else {name: values[index] for name, values in self.memory.items()}
+        return Particles(
+            self.positions[index], self.volumes[index], taken(self.velocities), taken(self.F), taken(self.sides),
+            taken(self.radii), taken(self.affine), taken(self.passed), memory,
+        )  # fmt: skip

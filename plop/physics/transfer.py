@@ -256,18 +256,6 @@ def g2p(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
 
 
 @njit(fastmath=True)
-def all_filled(velocity, q, corner, plane, row):
-    """Tell whether there is material of field q at all of 3x3x3 nodes."""
-    for i in range(3):
-        for j in range(3):
-            node = corner + i * plane + j * row
-            for k in range(3):
-                if velocity[node + k, q, 3] == _ZERO:
-                    return False
-    return True
-
-
-@njit(fastmath=True)
 def gather_filled(velocity, v, c, p, q, corner, plane, row, fx, fy, fz, dx):
     """`gather` for tracer p, whose own motion of the step before stands in where there is no material."""
     wx, wy, wz = spline(fx), spline(fy), spline(fz)
@@ -319,10 +307,7 @@ def carry(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
         for p in range(bounds[chunk], bounds[chunk + 1]):
             bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
             corner = bx * plane + by * row + bz
-            if all_filled(velocity, side[p], corner, plane, row):
-                sums = gather(velocity, side[p], corner, plane, row, fx, fy, fz)
-            else:
-                sums = gather_filled(velocity, v, c, p, side[p], corner, plane, row, fx, fy, fz, dx)
+            sums = gather_filled(velocity, v, c, p, side[p], corner, plane, row, fx, fy, fz, dx)
             move(x, v, c, f, p, dt, inv_dx, *sums)
             vx, vy, vz = sums[0], sums[1], sums[2]
             fastest = max(fastest, vx * vx + vy * vy + vz * vz)

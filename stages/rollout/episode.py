@@ -13,6 +13,7 @@ import numpy as np
 
 from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import DynamicsModel, at_rest
+from plop.dynamics.rollout import predict
 from plop.errors import PlopError
 from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat, write_splat
@@ -27,7 +28,6 @@ from plop.render.scene import render_scene
 from plop.render.video import VideoWriter
 from plop.render.view_file import ViewWriter
 from stages.contract import Output
-from stages.rollout.predict import predict
 
 if TYPE_CHECKING:
     from stages.rollout.stage import RolloutConfig

@@ -64,7 +64,7 @@ def test_cameras_see_the_error_above_their_floor(inputs, sinking, tmp_path):
 def test_another_object_is_refused_unless_asked_for(inputs, sinking, tmp_path):
     facts = json.loads((inputs["model"].path / "model.json").read_text())
     for change, words in (({"environment": "sponge"}, "different objects"),
-                          ({"environment": "box", "size_m": [0.5, 0.06, 0.03]}, "different size")):  # fmt: skip
+                          ({"environment": "box", "size_m": [0.09, 0.06, 0.03]}, "different size")):  # fmt: skip
         (tmp_path / "model.json").write_text(json.dumps(facts | {"training": change}))
         other = {**inputs, "model": Input(tmp_path)}
         config = CompareConfig(frames=0, pictures=False)

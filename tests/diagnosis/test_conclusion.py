@@ -67,15 +67,27 @@ def test_the_same_in_the_reference_is_not_missing():
     assert contrast is not None and contrast.p > 0.1
 
 
-def test_an_amplitude_outside_its_range_is_not_named():
+def test_an_amplitude_outside_its_range_is_named_as_a_part_at_most():
     narrow = [candidate(c.effect, low=0.0, high=0.1) if c.effect == "tilt" else c for c in CANDIDATES]
     found = conclude(episodes(13, {"tilt": 0.3}), episodes(14), narrow)
     value = finding(found, "tilt").parameters["a"]
     assert value["at_bound"] and value["value"] == 0.1
-    assert "tilt" not in found.verdict.named
+    assert (found.verdict.kind, found.verdict.named) == ("PARTLY", ["tilt"])
+    wide = conclude(episodes(13, {"tilt": 0.3}), episodes(14), CANDIDATES)
+    assert 0.1 < finding(found, "tilt").gain < 0.8 * finding(wide, "tilt").gain, "no more of it than its range allows"
     below = [candidate(c.effect, low=0.0) if c.effect == "tilt" else c for c in CANDIDATES]
     found = conclude(episodes(13, {"tilt": -0.3}), episodes(14), below)
     assert finding(found, "tilt").parameters["a"]["at_bound"] and "tilt" not in found.verdict.named
+    assert finding(found, "tilt").gain <= 0
+
+
+def test_a_law_that_would_need_more_than_its_range_does_not_stand_before_one_that_fits():
+    tilt, fibres = key("tilt"), key("fibres")
+    alike = [replace(e, responses={**e.responses, fibres: e.responses[tilt] + e.responses[fibres] / 2})
+             for e in episodes(13, {"tilt": 0.3})]  # fmt: skip
+    narrow = [candidate(c.effect, low=0.0, high=0.02) if c.effect == "tilt" else c for c in CANDIDATES]
+    found = conclude(alike, episodes(14), narrow)
+    assert found.findings[0].name == "fibres" and found.findings[0].gain > finding(found, "tilt").gain
 
 
 def test_confounded_laws_come_with_the_motion_that_tells_them_apart():

@@ -188,16 +188,45 @@ def test_a_decoy_that_cannot_be_told_from_a_law_does_not_hide_it():
     assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
 
 
-def test_a_parameter_at_its_bound_is_never_named():
-    assert told([at_bound()], [], None, [], **FACTS).named == []
+def test_a_law_at_the_end_of_its_range_is_a_part_at_most():
+    verdict = told([at_bound()], [], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt"]) and "the end of its range" in verdict.text
+    verdict = told([at_bound(), finding("fibres")], ["fibres"], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt", "fibres"])
+    more = finding("viscosity", gain=0.5)
+    verdict = told([at_bound()], [], None, [], **FACTS, second=(more, 1.1))
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["tilt", "viscosity"])
+    assert told([at_bound("damping")], [], None, [], **FACTS).kind == "PARTLY"
+
+
+@pytest.mark.parametrize(
+    "changes", [{"p": 0.5}, {"gain": 0.04}, {"gain_error": 0.4}, {"contrast": SAME}, {"steady": 0.0}]
+)
+def test_a_law_at_the_end_of_its_range_needs_everything_else(changes):
+    assert told([replace(at_bound(), **changes)], [], None, [], **FACTS).kind == "NONE OF THESE"
+
+
+def test_a_law_at_the_end_of_its_range_is_not_named_where_the_error_does_not_stand_out():
+    assert told([at_bound()], [], None, [], **QUIET).kind == "NOTHING DETECTABLE"
+    assert told([at_bound("drag")], [], None, [], **FACTS).named == []
     assert told([finding(), at_bound("fibres")], ["fibres"], None, [], **FACTS).named == ["tilt"]
     assert told([finding(**WEAK)], [], at_bound("stiffness"), [], **FACTS).named == []
 
 
-def test_what_would_be_named_if_its_range_went_further_is_told():
-    verdict = told([at_bound()], [], None, [], **FACTS)
-    assert verdict.kind == "NONE OF THESE" and "tilt comes nearest, at the end of its range" in verdict.text
-    assert "tilt" not in told([finding(p=0.5)], [], None, [], **FACTS).text
+def test_of_two_base_parameters_the_one_that_explains_more_by_itself_is_named():
+    """Beside stiffness, which is always fitted along, another parameter has less left to explain."""
+    base = finding("stiffness", gain=0.45, alone=0.45)
+    damping = finding("damping", gain=0.3, alone=0.62, alone_error=0.03)
+    verdict = told([damping], [], base, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["damping"])
+    verdict = told([replace(damping, **WEAK)], [], base, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["damping"])
+    verdict = told([replace(damping, gain=0.1, alone=0.47)], [], base, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
+    assert "A change of damping would explain as much" in verdict.text
+    assert verdict.evidence["alternatives"] == ["damping"]
+    verdict = told([replace(damping, gain=0.1, alone=0.3)], [], base, [], **FACTS)
+    assert verdict.named == ["stiffness"] and verdict.evidence["alternatives"] == []
 
 
 def test_a_second_does_not_inherit_what_the_first_may_not_have():
