@@ -7,8 +7,10 @@ import json
 import os
 import time
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
+from plop.artifacts.whole_file import write_text
 from plop.errors import PlopError
 
 SETTLED_AFTER_S = 2.0
@@ -85,11 +87,6 @@ class DigestCache:
         """Write the cache; a cache that cannot be written is no error."""
         if not self._changed:
             return
-        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.tmp")
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            draft.write_text(json.dumps(self._known), encoding="utf-8")
-            os.replace(draft, self.path)
+        with suppress(OSError):
+            write_text(self.path, json.dumps(self._known))
             self._changed = False
-        except OSError:
-            draft.unlink(missing_ok=True)

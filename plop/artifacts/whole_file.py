@@ -10,6 +10,11 @@ from pathlib import Path
 from typing import Any
 
 
+def scratch_of(path: Path) -> Path:
+    """Name under which this process writes a file until it is whole; two processes may write the same file."""
+    return path.with_name(f"{path.name}.{os.getpid()}.tmp")
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """Give a scratch name beside `path` to write to, which takes the final name when the block ends well.
@@ -21,7 +26,7 @@ def whole(path: Path) -> Iterator[Path]:
         path: The file; its folder is made when it does not exist.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    scratch = path.with_name(f"{path.name}.{os.getpid()}.tmp")  # two processes may write the same file
+    scratch = scratch_of(path)
     try:
         yield scratch
         os.replace(scratch, path)

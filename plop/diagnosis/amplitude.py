@@ -19,6 +19,8 @@ RESPONSE_ERROR = 0.25
 """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
 episodes, so that no scatter between them tells. A round figure from runs where the truth is known, which
 docs/results-physics.md gives."""
+STRONGEST_RESPONSE = 1 + float(norm.ppf(0.975)) * RESPONSE_ERROR
+"""How much stronger than the engine's a response may be, at most, for an amplitude to count as inside its range."""
 
 
 def amplitude_of(

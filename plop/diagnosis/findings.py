@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.amplitude import amplitude_of
+from plop.diagnosis.amplitude import STRONGEST_RESPONSE, amplitude_of
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.error_size import ErrorSize
@@ -69,14 +69,16 @@ class State:
         return self.screen.scores(self.response_rms_m)
 
     def judged(self) -> list[Score]:
-        """Score every effect, best first, by its best setting; none gains from more of it than its range allows."""
+        """Score every effect, best first, by its best setting inside its range."""
         return one_per_effect(sorted(map(self._inside, self.scores()), key=lambda score: -score.gain))
 
     def _inside(self, score: Score) -> Score:
-        found = _parameters(score.candidate.columns, score.fit, self.profiles)
-        if not any(parameter["at_bound"] for parameter in found.values()):
+        """Take away what a law gains from an amplitude beyond its range, unless the engine may respond too weakly."""
+        columns = score.candidate.columns
+        if not any(parameter["at_bound"] for parameter in _parameters(columns, score.fit, self.profiles).values()):
             return score
-        return self.screen.held(score, np.array([parameter["value"] for parameter in found.values()]))
+        ends = STRONGEST_RESPONSE * np.array([(column.low, column.high) for column in columns]).T
+        return self.screen.held(score, np.clip(score.values, *ends))
 
     def response_rms_m(self, key: str) -> float:
         """RMS displacement by one unit of a column over all episodes [m]."""

@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.artifacts.whole_file import scratch_of
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 
@@ -36,7 +37,7 @@ class TrajectoryWriter:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._temporary = self.path.with_name(self.path.name + ".tmp")
+        self._temporary = scratch_of(self.path)
         self._file = h5py.File(self._temporary, "w", track_order=False)
         self._file.attrs["schema"] = TRAJECTORY_SCHEMA
         self._file.attrs["units"] = "m"

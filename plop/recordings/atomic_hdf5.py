@@ -13,11 +13,12 @@ from pathlib import Path
 
 import h5py
 
+from plop.artifacts.whole_file import scratch_of
 from plop.errors import PlopError
 
 
 class AtomicHdf5:
-    """Write `<path>.tmp`, rename it on `commit`, leave nothing on `discard`.
+    """Write under a scratch name, rename it on `commit`, leave nothing on `discard`.
 
     Args:
         path: Where the file goes; its folder is made.
@@ -28,7 +29,7 @@ class AtomicHdf5:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._scratch = self.path.with_name(self.path.name + ".tmp")
+        self._scratch = scratch_of(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._disk = _PatientFile(self._scratch)

@@ -16,7 +16,7 @@ from plop.recordings.recording import RECORDING_SCHEMA, Mesh
 class RecordingWriter:
     """Write one recording; use as a context manager.
 
-    The file is written as `<path>.tmp` and renamed on leaving the context without an error;
+    The file is written under a scratch name and renamed on leaving the context without an error;
     after an error nothing stays behind. The same calls give the same bytes.
 
     Args:

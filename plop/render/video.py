@@ -11,11 +11,12 @@ from typing import Self
 import imageio_ffmpeg
 import numpy as np
 
+from plop.artifacts.whole_file import scratch_of
 from plop.errors import PlopError
 
 # One thread and no metadata: the same frames give the same bytes.
 _STEADY = ["-threads", "1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-map_metadata", "-1",
-           "-crf", "18", "-movflags", "+faststart"]  # fmt: skip
+           "-crf", "18", "-movflags", "+faststart", "-f", "mp4"]  # fmt: skip
 
 
 class VideoWriter:
@@ -29,7 +30,7 @@ class VideoWriter:
     def __init__(self, path: Path, *, rate_hz: float) -> None:
         self.path = path
         self.rate_hz = rate_hz
-        self._scratch = path.with_name(f"{path.stem}.tmp{path.suffix}")
+        self._scratch = scratch_of(path)
         self._size: tuple[int, int] | None = None
         self._pipe: Generator[None, np.ndarray | None, None] | None = None
 

@@ -20,6 +20,7 @@ from typing import Self
 import h5py
 import numpy as np
 
+from plop.artifacts.whole_file import scratch_of
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.recordings.recording import View
@@ -33,7 +34,7 @@ class ViewWriter:
     def __init__(self, path: Path, *, name: str, environment: str, frames: int) -> None:
         self.path = path
         self.frames = frames
-        self._scratch = path.with_name(path.name + ".tmp")
+        self._scratch = scratch_of(path)
         self._file = h5py.File(self._scratch, "w")
         self._file.attrs.update(schema=VIEW_FILE_SCHEMA, name=name, environment=environment, units="m")
 

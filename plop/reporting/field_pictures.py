@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from plop.artifacts.whole_file import whole
 from plop.diagnosis.carrier import Carrier
 from plop.diagnosis.error_fields import rms_seen
 from plop.diagnosis.field_file import StoredField
@@ -137,6 +138,5 @@ def _bars(
 
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG, whole or not at all, the same bytes each time."""
-    scratch = path.with_name(path.name + ".tmp")
-    figure.savefig(scratch, format="png", dpi=110, metadata={"Software": None})
-    scratch.replace(path)
+    with whole(path) as scratch:
+        figure.savefig(scratch, format="png", dpi=110, metadata={"Software": None})

@@ -10,6 +10,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from plop.artifacts.whole_file import scratch_of
+
 
 @dataclass
 class Edits:
@@ -37,7 +39,7 @@ def pass_on(source: Path, target: Path, edits: Edits) -> None:
         edits: Empty: the file is hard-linked, or copied where the file system cannot link.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    scratch = target.with_name(target.name + ".tmp")
+    scratch = scratch_of(target)
     scratch.unlink(missing_ok=True)
     if edits:
         shutil.copyfile(source, scratch)

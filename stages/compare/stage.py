@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import inf
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_ranges
@@ -45,6 +47,8 @@ class CompareConfig:
     """Compare although the model was made for another object."""
     pictures: bool = True
     """Draw pictures."""
+    jobs: int = dataclasses.field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
@@ -64,22 +68,36 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
         check_same_object(inputs["model"].path, recordings.environment, episodes,
                           about=made.environment if made is not None else None,
                           fix="Choose a model of this object, or set compare.other_object.")  # fmt: skip
-    (out.path / "fields").mkdir(exist_ok=True)
+    for folder in ("fields", *(["pictures"] if config.pictures else [])):
+        (out.path / folder).mkdir(exist_ok=True)
     fields, cameras = [], []
-    for done, episode in enumerate(episodes):
-        path, fit = recordings.path(episode.name), init / episode.name
-        predicted = predict_episode(inputs["model"].path, path, fit / "object.ply", episode)
-        field = error_field(episode, predicted)
-        write_field(out.path / "fields" / f"{episode.name}.npz", stored_field(field))
-        cameras += camera_rows(path, fit, field, _shown(len(episode.times), config.frames)) if config.frames else []
+    tasks = (delayed(_compare)(inputs["model"].path, recordings.path(e.name), init / e.name, e, config, out.path)
+             for e in episodes)  # fmt: skip
+    for field, seen in Parallel(n_jobs=config.jobs, return_as="generator")(tasks):
         fields.append(field)
-        out.progress(done + 1, len(episodes), episode.name, rms_mm=1000 * float(np.sqrt((field.error_m**2).mean())))
+        cameras += seen
+        rms_mm = 1000 * float(np.sqrt((field.error_m**2).mean()))
+        out.progress(len(fields), len(episodes), field.name, rms_mm=rms_mm)
     found: dict[str, list[dict[str, Any]]] = tables(fields) | {"camera": camera_table(cameras)}
     facts = _facts(recordings, episodes, fields, found, cameras, left_out)
     write_json(out.path / "compare.json", facts, sort_keys=False)
     if config.pictures:
-        _draw(out.path / "pictures", fields, found)
+        draw_tables(out.path / "pictures" / "tables.png", found)
     return _summary(fields, found, left_out)
+
+
+def _compare(
+    model: Path, recording: Path, fit: Path, episode: Episode, config: CompareConfig, folder: Path
+) -> tuple[ErrorField, list[dict[str, Any]]]:
+    """Predict one episode, write its field and pictures; the field, and what the cameras see of it."""
+    field = error_field(episode, predict_episode(model, recording, fit / "object.ply", episode))
+    stored = stored_field(field)
+    write_field(folder / "fields" / f"{episode.name}.npz", stored)
+    if config.pictures:
+        draw_over_time(folder / "pictures" / f"{episode.name}_time.png", stored)
+        draw_on_object(folder / "pictures" / f"{episode.name}_object.png", stored)
+    shown = _shown(len(episode.times), config.frames)
+    return field, camera_rows(recording, fit, field, shown) if config.frames else []
 
 
 def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
@@ -142,15 +160,6 @@ def _episode_facts(field: ErrorField) -> dict[str, Any]:
         "error_mm": mm(field.over_time()), "persistence_mm": mm(field.over_time("persistence_m")),
         "rigid_mm": mm(field.over_time("rigid_m")),
     }  # fmt: skip
-
-
-def _draw(folder: Path, fields: list[ErrorField], found: dict[str, list[dict[str, Any]]]) -> None:
-    folder.mkdir(exist_ok=True)
-    for field in fields:
-        stored = stored_field(field)
-        draw_over_time(folder / f"{field.name}_time.png", stored)
-        draw_on_object(folder / f"{field.name}_object.png", stored)
-    draw_tables(folder / "tables.png", found)
 
 
 def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], left_out: dict[str, str]) -> Summary:

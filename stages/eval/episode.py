@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
+from plop.artifacts.whole_file import whole
 from plop.errors import PlopError
 from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
@@ -100,9 +101,8 @@ def score_episode(
                 pictures[frame.index] = _picture(frame, config.method, camera, times[frame.index])
             progress(frame.index + 1, frames, name)
         rows = [row | job.result() | material.score(row["frame"], row["method"]) for row, job in jobs]
-    scratch = paths.picture.with_suffix(".tmp.png")
-    Image.fromarray(sheet(list(pictures.values()))).save(scratch)
-    scratch.replace(paths.picture)
+    with whole(paths.picture) as scratch:
+        Image.fromarray(sheet(list(pictures.values()))).save(scratch, format="PNG")
     return rows
 
 

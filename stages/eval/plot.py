@@ -7,6 +7,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from plop.artifacts.whole_file import whole
+
 TITLES = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "hd_mm": "HD [mm]", "psnr_db": "PSNR [dB]", "ssim": "SSIM [-]",
           "j_score": "J [-]"}  # fmt: skip
 _STYLES = (("tab:blue", "-", 3), ("tab:gray", "--", 2), ("tab:orange", ":", 1))
@@ -35,6 +37,5 @@ def plot_over_time(path: Path, rows: list[dict[str, Any]], environment: str) -> 
         panel.grid(alpha=0.3)
     figure.axes[0].legend()
     figure.suptitle(f"{environment}: {len(episodes)} episode(s), one line each")
-    scratch = path.with_suffix(".tmp.png")
-    figure.savefig(scratch, dpi=110, metadata={"Software": None})
-    scratch.replace(path)
+    with whole(path) as scratch:
+        figure.savefig(scratch, format="png", dpi=110, metadata={"Software": None})

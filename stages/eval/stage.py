@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from math import inf
 from pathlib import Path
 
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
-from plop.metrics.lpips import Unavailable, load_lpips
+from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import environment_report, summary_table, write_csv
+from stages.side_by_side import each_piece
 
 
 @dataclass(frozen=True)
@@ -38,8 +40,10 @@ class EvalConfig:
     """Renderer of the baselines; see rollout."""
     picture_camera: str = ""
     """Camera of the pictures; when empty, the one whose measured image changes most."""
-    threads: int = 0
-    """Frames scored at the same time; 0 is one per core."""
+    threads: int = field(default=0, metadata={"in_fingerprint": False})
+    """Frames of an episode that are scored at the same time; 0 is one per core."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
@@ -53,19 +57,13 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
-    lpips = load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
+    lpips = _lpips(config)
     for folder in ("episodes", "pictures"):
         (out.path / folder).mkdir(parents=True, exist_ok=True)
-    rows: list[dict] = []
-    for done, name in enumerate(names):
-        path = out.path / "episodes" / f"{name}.json"
-        if not out.is_done(name):
-            paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
-            scored = score_episode(recordings, name, paths, config, lpips, out.progress)
-            write_json(path, scored, sort_keys=False)
-            out.mark_done(name)
-        rows += json.loads(path.read_text())
-        out.progress(done + 1, len(names), name)
+    for _, error in each_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs):
+        if error is not None:
+            raise error
+    rows = [row for name in names for row in json.loads((out.path / "episodes" / f"{name}.json").read_text())]
     report = environment_report(rows, recordings.environment, config)
     if isinstance(lpips, Unavailable):
         report["unavailable"]["lpips"] = lpips.reason
@@ -73,6 +71,16 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     write_csv(out.path / "scores.csv", rows)
     plot_over_time(out.path / "over_time.png", rows, recordings.environment)
     return _summary(report)
+
+
+def _lpips(config: EvalConfig) -> Lpips | Unavailable:
+    return load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
+
+
+def _score(recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output) -> None:
+    paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
+    scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
+    write_json(out.path / "episodes" / f"{name}.json", scored, sort_keys=False)
 
 
 def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:

@@ -7,7 +7,8 @@ difference (where the model is wrong) and the innovation per camera (how wrong, 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from math import inf
 from pathlib import Path
 
@@ -26,10 +27,10 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
-from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.side_by_side import each_piece
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,10 @@ class FilterConfig:
     """Cameras that are not used, e.g. one that is out of order."""
     device: str = "auto"
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
-@deterministic()
 def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     """Filter the chosen episodes.
 
@@ -81,37 +83,37 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     })  # fmt: skip
     recordings = RecordingSet.load(inputs["recordings"].path)
     chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}[config.split]
+    model = inputs["model"].path if "model" in inputs else None
+    work = partial(_filter_episode, recordings, inputs["init"].path, model, config)
+    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
+    for _, error in each_piece(work, chosen, out, jobs=jobs):
+        if error is not None:
+            raise error
+    rows = [{"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))} for name in chosen]
+    figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
+    return Summary(figures={"episodes": len(rows), **figures}, table=rows)
+
+
+@deterministic()
+def _filter_episode(
+    recordings: RecordingSet, init: Path, model_folder: Path | None, config: FilterConfig, name: str, out: Output
+) -> None:  # fmt: skip
+    splat = init / name / "object.ply"
+    if not splat.is_file():
+        raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
+                        found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
     device = chosen_device(config.device)
     model: DynamicsModel = ConstantVelocity()
-    if "model" in inputs:
-        model = load_model(inputs["model"].path, device)
+    if model_folder is not None:
+        model = load_model(model_folder, device)
         device = device_of(model)
     update = UpdateConfig(
         iterations=config.iterations, views=config.views, cells_across=config.cells_across,
         isometry=config.isometry, weights=RenderWeights(depth=config.depth_weight),
     )  # fmt: skip
-    rows = []
-    for number, name in enumerate(chosen):
-        if not out.is_done(name):
-            splat = inputs["init"].path / name / "object.ply"
-            _filter_episode(recordings.path(name), splat, model, update, config, out, number, len(chosen), device)
-            out.mark_done(name)
-        rows.append({"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))})
-    figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
-    return Summary(figures={"episodes": len(rows), **figures}, table=rows)
-
-
-def _filter_episode(
-    recording_path: Path, splat: Path, model: DynamicsModel, update: UpdateConfig, config: FilterConfig,
-    out: Output, number: int, total: int, device: torch.device,
-) -> None:  # fmt: skip
-    if not splat.is_file():
-        raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
-                        found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
-    name = recording_path.stem
     generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
-    with Recording(recording_path) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
+    with recordings.open(name) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
         first = settled(read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update,
                         config.settle)  # fmt: skip
@@ -120,7 +122,7 @@ def _filter_episode(
             _store(writer, step)
             frames.append({"frame": step.frame, "time_s": float(recording.time_s[step.frame]),
                            "cameras": step.innovation})  # fmt: skip
-            out.progress(number + (step.frame + 1) / len(recording), total, name, gaussians=len(step.updated.side))
+            out.progress(step.frame + 1, len(recording), name, gaussians=len(step.updated.side))
     innovation = {"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}
     write_text(out.path / f"{name}.json", json.dumps(innovation))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ from PIL import Image
 
 from plop.artifacts.whole_file import whole, write_json
 from plop.checked_settings import check_choices, check_ranges
+from plop.device import chosen_device
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Progress, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.fit_init.episode import EpisodeFit, fit_episode
-from stages.fit_init.optimise import Report
+from stages.side_by_side import each_piece
 
 FILLINGS = ("solid", "paper", "none")
 BACKGROUNDS = ("measured", "black")
@@ -93,6 +95,8 @@ class FitInitConfig:
     """Seed of the order of views and of the filling."""
     device: str = "auto"
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
 def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
@@ -105,26 +109,15 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     """
     _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    clouds = inputs["clouds"].path if "clouds" in inputs else None
     names = [name for name in recordings.names if Path(name).match(config.episodes)]
     if not names:
         raise PlopError("No episode was chosen.", where=recordings.folder, expected=", ".join(recordings.names),
                         found=f"episodes = {config.episodes!r}")  # fmt: skip
-    scores: dict[str, dict[str, Any]] = {}
-    skipped: dict[str, PlopError] = {}
-    for index, name in enumerate(names):
-        if not out.is_done(name):
-            report = _reporter(out.progress, index, len(names), name, config.steps)
-            try:
-                with recordings.open(name) as recording:
-                    cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
-                    _write_episode(out.path / name, fit_episode(recording, cloud, config, report))
-            except PlopError as error:
-                skipped[name] = error
-                continue
-            out.mark_done(name)
-        scores[name] = json.loads((out.path / name / "fit.json").read_text())
-        out.progress(index + 1, len(names), name)
+    clouds = inputs["clouds"].path if "clouds" in inputs else None
+    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
+    found = dict(each_piece(partial(_fit, recordings, clouds, config), names, out, jobs=jobs))
+    skipped = {name: error for name in names if (error := found[name]) is not None}
+    scores = {name: json.loads((out.path / name / "fit.json").read_text()) for name in names if name not in skipped}
     if not scores:
         raise next(iter(skipped.values()))
     reasons = {name: error.problem for name, error in skipped.items()}
@@ -133,13 +126,13 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     return _summary(scores, skipped)
 
 
-def _reporter(progress: Progress, index: int, total: int, name: str, steps: int) -> Report:
-    """Turn steps within an episode into progress over all episodes."""
-
+def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, name: str, out: Output) -> None:
     def report(step: int, figures: dict[str, float]) -> None:
-        progress(index + step / max(steps, 1), total, name, **figures)
+        out.progress(step, max(config.steps, 1), name, **figures)
 
-    return report
+    with recordings.open(name) as recording:
+        cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
+        _write_episode(out.path / name, fit_episode(recording, cloud, config, report))
 
 
 def _check(config: FitInitConfig) -> None:

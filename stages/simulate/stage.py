@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from plop.physics.effects.effect import Effect
@@ -19,6 +20,7 @@ from plop.render.rig import camera_names
 from plop.render.settings import CameraSettings, check_cameras, refuse_wrong
 from plop.sensors.faults import Faults, parse_faults
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.side_by_side import each_piece
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 
@@ -52,6 +54,8 @@ class SimulateConfig(CameraSettings):
     """Write the episodes as DROID raw episodes, too, below droid/."""
     seed: int = 0
     """Seed of texture and noise; added to the scene's, it draws motions and hidden effects."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
@@ -69,14 +73,16 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     refuse_wrong({"snr": config.snr < 0, "episodes": config.episodes < 0, "colour_noise": config.colour_noise < 0,
                   "arm_m": not 0 <= config.arm_m < 1}, config, "simulate")  # fmt: skip
     scene = read_scene(inputs["scene"].path, config)
-    effects = library([inputs["effect_file"].path] if "effect_file" in inputs else [])
+    files = [inputs["effect_file"].path] if "effect_file" in inputs else []
+    effects = library(files)
     wishes = parse_hidden(config.hide, effects)
     faults = parse_faults(config.fault, camera_names(config.cameras))
     pieces = Pieces(out, scene)
     hidden = pieces.hidden(effects, lambda: _choose(scene, wishes, effects, config, out))
-    for k in range(scene.episodes):
-        if not out.is_done(scene.episode_name(k)):
-            _episode(scene, k, hidden, faults, config, out, pieces)
+    work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
+    for _, error in each_piece(work, pieces.names, out, jobs=config.jobs):
+        if error is not None:
+            raise error
     recordings = RecordingSet(out.path, scene.name, *split_names(pieces.names, config.test))
     recordings.save()
     rms, floor = pieces.rms_m(), noise_floor_m(config)
@@ -108,19 +114,20 @@ def _choose(
 
 
 def _episode(
-    scene: Scene, k: int, hidden: list[Effect], faults: Faults, config: SimulateConfig, out: Output, pieces: Pieces
-) -> None:
-    """Simulate and record one episode, and keep how far the hidden effects moved it."""
-    name, total = scene.episode_name(k), scene.episodes
-    out.progress(k, total, f"{name}: simulating")
+    scene: Scene, values: dict[str, dict[str, float]], files: list[Path], faults: Faults, config: SimulateConfig,
+    name: str, out: Output,
+) -> None:  # fmt: skip
+    """Simulate and record one episode, and keep how far the hidden effects, given by their values, moved it."""
+    pieces, known = Pieces(out, scene), library(files)
+    k, hidden = pieces.names.index(name), [known[key](**given) for key, given in values.items()]
+    out.progress(0, 1, f"{name}: simulating")
     sequence = simulate_episode(scene, k, hidden)
     pieces.keep_response(k, sequence, hidden)
     disturbances = Disturbances(faults, config.colour_noise, config.arm_m)
     for share in record(out.path / "episodes" / f"{name}.h5", sequence, config, disturbances):
-        out.progress(k + share, total, name)
+        out.progress(share, 1, name)
     if config.droid:
-        write_droid(out.path / "droid", pieces.folder / "droid", k, sequence, config, disturbances)
-    out.mark_done(name)
+        write_droid(out.path / "droid", pieces.folder / "droid" / name, k, sequence, config, disturbances)
 
 
 def _find_raw(name: str, path: Path) -> Path:

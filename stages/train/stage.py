@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
@@ -29,10 +31,14 @@ from plop.geometry.extent import box_edges_m
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.side_by_side import each_piece
 from stages.train.objective import LossWeights
 from stages.train.optimise import Schedule, optimise
 from stages.train.processes import Processes
 from stages.train.tracks import Track, load_track, track_episode
+
+_TRACK = "track-"
+"""Beginning of a track's name among the finished pieces."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +113,8 @@ class TrainConfig:
     """Gradient steps a frame of the filter that makes the tracks."""
     device: str = "auto"
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Tracks that are made at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
 @deterministic()
@@ -201,30 +209,27 @@ def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out:
     """Follow the object through the training episodes that have no track yet; gives the tracks' mean errors."""
     folder = out.path / "tracks"
     folder.mkdir(exist_ok=True)
-    update = UpdateConfig(iterations=config.filter_iterations, weights=_render_weights(config))
-    total = len(recordings.train)
-    for number, name in enumerate(recordings.train):
-        if out.is_done(f"track-{name}"):
-            continue
-        splat = init / name / "object.ply"
-        if not splat.is_file():
-            raise PlopError(
-                "An episode has no fitted Gaussians.",
-                where=splat,
-                expected="object.ply of `plop fit-init`",
-                found="no file",
-                fix="Run `plop fit-init` on the same recordings.",
-            )
-
-        def on_frame(done: int, frames: int, number: int = number, name: str = name) -> None:
-            out.progress(number + done / frames, total, f"track {name}")
-
-        error = track_episode(recordings.path(name), splat, folder / f"{name}.h5", update, on_frame,
-                              chosen_device(config.device))  # fmt: skip
-        (folder / f"{name}.json").write_text(json.dumps(error))
-        out.mark_done(f"track-{name}")
+    pieces = [_TRACK + name for name in recordings.train]
+    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
+    for _, error in each_piece(partial(_make_track, recordings, init, config), pieces, out, jobs=jobs):
+        if error is not None:
+            raise error
     errors = [json.loads((folder / f"{name}.json").read_text()) for name in recordings.train]
-    return {f"track_{key}": sum(e[key] for e in errors) / total for key in ("depth_mm", "l1")}
+    return {f"track_{key}": sum(e[key] for e in errors) / len(errors) for key in ("depth_mm", "l1")}
+
+
+@deterministic()
+def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece: str, out: Output) -> None:
+    name = piece.removeprefix(_TRACK)
+    splat = init / name / "object.ply"
+    if not splat.is_file():
+        raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
+                        found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
+    update = UpdateConfig(iterations=config.filter_iterations, weights=_render_weights(config))
+    error = track_episode(recordings.path(name), splat, out.path / "tracks" / f"{name}.h5", update,
+                          lambda done, frames: out.progress(done, frames, f"track {name}"),
+                          chosen_device(config.device))  # fmt: skip
+    write_json(out.path / "tracks" / f"{name}.json", error)
 
 
 def _model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:

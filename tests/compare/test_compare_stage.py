@@ -37,7 +37,7 @@ def sinking(monkeypatch):
 
 
 def test_tables_fields_and_pictures(inputs, sinking, tmp_path):
-    summary = run(inputs, CompareConfig(frames=2), Output(tmp_path))
+    summary = run(inputs, CompareConfig(jobs=1, frames=2), Output(tmp_path))
     facts = json.loads((tmp_path / "compare.json").read_text())
     assert facts["schema"] == 1 and facts["held_out"] == ["box_001"]
     assert [row["episode"] for row in facts["tables"]["episode"]] == ["box_000", "box_001"]
@@ -54,7 +54,7 @@ def test_tables_fields_and_pictures(inputs, sinking, tmp_path):
 
 
 def test_cameras_see_the_error_above_their_floor(inputs, sinking, tmp_path):
-    run(inputs, CompareConfig(frames=1, pictures=False, episodes="box_000"), Output(tmp_path))
+    run(inputs, CompareConfig(jobs=1, frames=1, pictures=False, episodes="box_000"), Output(tmp_path))
     rows = json.loads((tmp_path / "compare.json").read_text())["tables"]["camera"]
     assert [row["camera"] for row in rows] == [f"cam_0{k}" for k in range(4)]
     assert max(row["depth_mm"] - row["depth_mm_floor"] for row in rows) > 0.3
@@ -67,10 +67,10 @@ def test_another_object_is_refused_unless_asked_for(inputs, sinking, tmp_path):
                           ({"environment": "box", "size_m": [0.09, 0.06, 0.03]}, "different size")):  # fmt: skip
         (tmp_path / "model.json").write_text(json.dumps(facts | {"training": change}))
         other = {**inputs, "model": Input(tmp_path)}
-        config = CompareConfig(frames=0, pictures=False)
+        config = CompareConfig(jobs=1, frames=0, pictures=False)
         with pytest.raises(PlopError, match=words):
             run(other, config, Output(tmp_path))
-        run(other, CompareConfig(frames=0, pictures=False, other_object=True), Output(tmp_path))
+        run(other, CompareConfig(jobs=1, frames=0, pictures=False, other_object=True), Output(tmp_path))
 
 
 def test_unlike_conventions_are_refused(inputs, sinking, tmp_path):
@@ -78,7 +78,7 @@ def test_unlike_conventions_are_refused(inputs, sinking, tmp_path):
     with h5py.File(broken["recordings"].path / "episodes" / "box_000.h5", "r+") as file:
         file.attrs["units"] = "mm, s"
     with pytest.raises(PlopError, match="another convention") as caught:
-        run(broken, CompareConfig(), Output(tmp_path))
+        run(broken, CompareConfig(jobs=1), Output(tmp_path))
     assert caught.value.found == "mm, s"
 
 
@@ -90,12 +90,12 @@ def test_tracks_of_other_recordings_are_refused(inputs, sinking, tmp_path):
              "init": Input(inputs["init"].path, of("fit-init", "bb", "aa")),
              "tracks": Input(inputs["tracks"].path, of("filter", "cc", "00"))}  # fmt: skip
     with pytest.raises(PlopError, match="different recordings") as caught:
-        run(known, CompareConfig(), Output(tmp_path))
+        run(known, CompareConfig(jobs=1), Output(tmp_path))
     assert caught.value.where == "compare.tracks"
 
 
-@pytest.mark.parametrize("config", [CompareConfig(split="tset"), CompareConfig(episodes="x*"),
-                                    CompareConfig(frames=-1)])  # fmt: skip
+@pytest.mark.parametrize("config", [CompareConfig(jobs=1, split="tset"), CompareConfig(episodes="x*"),
+                                    CompareConfig(jobs=1, frames=-1)])  # fmt: skip
 def test_settings_without_sense_are_named(inputs, tmp_path, config):
     with pytest.raises(PlopError):
         run(inputs, config, Output(tmp_path))

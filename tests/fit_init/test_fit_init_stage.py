@@ -88,7 +88,7 @@ class Killed(Exception):
 
 def test_a_killed_run_keeps_its_finished_episodes(fitted, tmp_path):
     folder, _ = fitted
-    quick = replace(SMALL, steps=20)
+    quick = replace(SMALL, steps=20, jobs=1)
     write_set(tmp_path / "set", {"a": {}, "b": {}}, cameras=ring(4, 48))
 
     def stop(done, total, label="", **figures):

@@ -65,7 +65,7 @@ def inputs(tmp_path_factory):
             patch.setattr(compare_stage, "predict_episode", predict)
             out = folder / f"compare_{k}"
             out.mkdir()
-            compare_stage.run(measured, CompareConfig(frames=1, pictures=False), Output(out))
+            compare_stage.run(measured, CompareConfig(jobs=1, frames=1, pictures=False), Output(out))
             found[f"comparisons.{k}"] = with_manifest(out, "compare", f"cmp{k}", recordings="rec", model=f"model{k}")
             (folder / f"model_{k}").mkdir()
             effects = [{"effect": "viscosity", "parameters": {"viscosity_pa_s": parameter(40.0, "Pa s")}}] * k

@@ -85,7 +85,7 @@ def test_a_drawn_effect_is_found_in_the_answer_only(scene, plain, tmp_path):
 
 
 def test_a_killed_run_goes_on_to_the_same_result(scene, tmp_path, monkeypatch):
-    config = replace(SMALL, hide=("tilt=1", "viscosity=5"), episodes=2)
+    config = replace(SMALL, hide=("tilt=1", "viscosity=5"), episodes=2, jobs=1)
     simulate(scene, tmp_path / "whole", config)
     record = stage.record
 
