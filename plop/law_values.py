@@ -25,6 +25,16 @@ class NumberOfLaw(Protocol):
     def default(self) -> float: ...  # noqa: D102
 
 
+def short_number(value: float) -> str:
+    """Write three significant digits, without an exponent where that is readable: 1790, 0.0123, 1.2e+07."""
+    return f"{float(f'{value:.3g}'):g}"
+
+
+def with_unit(number: str, unit: str | None) -> str:
+    """Write a number's unit behind it; pure numbers, whose unit is "-" or nothing, stay alone."""
+    return number if unit in (None, "", "-") else f"{number} {unit}"
+
+
 def checked_values(
     what: str, law: str, numbers: Iterable[NumberOfLaw], given: Mapping[str, float], *, units: str
 ) -> dict[str, float]:

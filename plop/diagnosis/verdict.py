@@ -9,6 +9,7 @@ import numpy as np
 
 from plop.diagnosis.contrast import P_LARGEST, Contrast
 from plop.diagnosis.error_size import ErrorSize
+from plop.law_values import short_number, with_unit
 
 GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
@@ -221,8 +222,8 @@ def parameters_text(finding: Finding) -> str:
 
     def one(name: str, p: dict[str, Any]) -> str:
         known = np.isfinite([p["low"], p["high"]]).all()
-        interval = f" ({p['low']:.3g} to {p['high']:.3g})" if known else ""
-        return f"{name} = {p['value']:.3g}{interval} {p['unit']}"
+        interval = f" ({short_number(p['low'])} to {short_number(p['high'])})" if known else ""
+        return with_unit(f"{name} = {short_number(p['value'])}{interval}", p["unit"])
 
     return ", ".join(one(name, p) for name, p in finding.parameters.items())
 

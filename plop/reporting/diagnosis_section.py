@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from plop.law_values import with_unit
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.html import interval, number, short, table, text
 
@@ -58,7 +59,7 @@ def parameters_text(parameters: dict[str, dict[str, Any]]) -> str:
         known = p.get("low") is not None and p.get("high") is not None
         span = f" ({short(p['low'])} to {short(p['high'])})" if known else " (no interval)"
         bound = ", at its bound" if p.get("at_bound") else ""
-        parts.append(f"{text(name)} = {short(p['value'])}{span} {text(p.get('unit') or '')}{bound}".strip())
+        parts.append(text(with_unit(f"{name} = {short(p['value'])}{span}", p.get("unit"))) + bound)
     return "<br>".join(parts)
 
 
@@ -79,7 +80,7 @@ def _limits(found: dict[str, Any]) -> str:
     for effect, limit in found.get("limits", {}).items():
         least = limit.get("amplitude")
         size = limit.get("displacement_m")
-        seen = f"{limit.get('parameter', '')} {short(least)} {limit.get('unit', '')}"
+        seen = with_unit(f"{limit.get('parameter', '')} {short(least)}", limit.get("unit"))
         cells = [text(effect), text(seen) if least is not None else "cannot be seen in these recordings",
                  number(None if size is None else 1000 * size, 3)]  # fmt: skip
         rows.append((float("inf") if size is None else size, cells))

@@ -10,6 +10,7 @@ import numpy as np
 from plop.diagnosis.diagnose import Diagnosis
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.verdict import Finding
+from plop.law_values import short_number, with_unit
 from plop.physics.effects.library import EffectType
 
 SCHEMA = 1
@@ -60,12 +61,13 @@ def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
     """Give the head of the ranking as rows for the terminal."""
     rows = []
     for row in [*facts["ranking"][:most], facts["base"]]:
-        first = next(iter(row["parameters"].items()), ("", {"value": float("nan"), "unit": ""}))
+        nothing = ("", {"value": float("nan"), "unit": ""})
+        first: tuple[str, dict[str, Any]] = next(iter(row["parameters"].items()), nothing)
         rows.append({
             "effect": row["effect"], "gain_percent": round(100 * row["gain"], 1),
             "error_percent": round(100 * row["gain_error"], 1), "p": row["p"],
             "moves_mm": None if row["size_mm"] is None else round(row["size_mm"], 3),
-            "parameter": f"{first[0]} = {first[1]['value']:.3g} {first[1]['unit']}",
+            "parameter": with_unit(f"{first[0]} = {short_number(first[1]['value'])}", first[1]["unit"]),
             "verdict": "named" if row["effect"] in facts["verdict"]["named"] else (row["reasons"] or ["passes"])[0],
         })  # fmt: skip
     return rows

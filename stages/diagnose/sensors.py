@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from joblib import Parallel, delayed
+
+from plop.law_values import with_unit
 from plop.recordings.set import RecordingSet
 from plop.sensors.estimate import estimate_sensors, pool
 from plop.sensors.faults import FAULTS
@@ -12,7 +15,7 @@ from stages.contract import Output
 
 
 def sensor_findings(
-    recordings: RecordingSet, names: list[str], without: tuple[str, ...], out: Output
+    recordings: RecordingSet, names: list[str], without: tuple[str, ...], out: Output, *, jobs: int
 ) -> list[dict[str, Any]]:
     """Estimate every camera's faults and keep the significant ones.
 
@@ -21,15 +24,18 @@ def sensor_findings(
         names: Episodes to look at.
         without: Cameras that are left out anyway.
         out: Receives progress.
+        jobs: Processes; -1 is one a core.
 
     Returns:
         One entry a fault: {"camera", "fault", "text", "z", "values": {parameter: {"value", "low", "high", "unit"}},
         "alternatives": faults that would explain it as well}.
     """
     per_episode: list[list[SensorFinding]] = []
-    for done, name in enumerate(names):
-        per_episode.append(estimate_sensors(recordings.path(name)))
-        out.progress(done + 1, len(names), f"sensors of {name}")
+    for found in Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(estimate_sensors)(recordings.path(name)) for name in names
+    ):
+        per_episode.append(found)
+        out.progress(len(per_episode), len(names), f"sensors of {names[len(per_episode) - 1]}")
     return [_entry(finding.camera, fault) for finding in pool(per_episode) for fault in finding.found
             if finding.camera not in without]  # fmt: skip
 
@@ -39,7 +45,7 @@ def _entry(camera: str, fault: FaultEstimate) -> dict[str, Any]:
     values: dict[str, dict[str, Any]] = {key: {"value": value, "low": value - 1.96 * fault.standard_errors[key],
                     "high": value + 1.96 * fault.standard_errors[key], "unit": units[key]}
               for key, value in fault.values.items()}  # fmt: skip
-    shown = ", ".join(f"{key} = {v['value']:.3g} ({v['low']:.3g} to {v['high']:.3g}) {v['unit']}"
+    shown = ", ".join(with_unit(f"{key} = {v['value']:.3g} ({v['low']:.3g} to {v['high']:.3g})", v["unit"])
                       for key, v in values.items() if abs(v["value"]) > 0)  # fmt: skip
     other = f", or {', '.join(fault.alternatives)}" if fault.alternatives else ""
     return {"camera": camera, "fault": fault.fault, "text": f"{fault.fault}{other} of {camera}: {shown}", "z": fault.z,

@@ -91,7 +91,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
 def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:
     if not config.sensors:
         return []
-    return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out)
+    return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out, jobs=config.jobs)
 
 
 def _names(recordings: RecordingSet, split: str) -> list[str]:
