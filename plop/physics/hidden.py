@@ -22,7 +22,7 @@ _RANDOM_SNR = (0.5, 2.0)
 
 def choose(
     scene: Scene, wishes: Sequence[Wish], *, snr: float, noise_floor_m: float, effects: dict[str, EffectType],
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None, jobs: int = 1,
 ) -> list[Effect]:  # fmt: skip
     """Draw what is to be drawn and scale amplitudes to the wanted signal.
 
@@ -36,13 +36,14 @@ def choose(
         noise_floor_m: What counts as noise [m].
         effects: All effects there are.
         progress: Called with the share that is done.
+        jobs: See Response.
 
     Raises:
         PlopError: No amplitude in its range gives the wanted signal.
     """
     coarser = min(_COARSER, min(scene.shape.size_m) / 3 / scene.spacing_m)
     coarse = replace(scene, spacing_m=coarser * scene.spacing_m, dx_m=coarser * scene.dx_m)
-    response = Response(coarse)
+    response = Response(coarse, jobs=jobs)
     chosen: list[Effect] = []
     for number, wish in enumerate(wishes):
         random = np.random.default_rng([scene.seed, number, 20])

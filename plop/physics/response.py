@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from joblib import Parallel, delayed
 
 from plop.errors import PlopError
 from plop.physics.config import EngineConfig
@@ -21,8 +24,14 @@ _SLOWER = 8.0
 class Response:
     """Displacement that effects cause in the episodes of a scene; runs without effect are kept."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+    def __init__(self, scene: Scene, *, jobs: int = 1) -> None:
+        """Take a scene.
+
+        Args:
+            scene: What is simulated.
+            jobs: Processes; effects of the user's files are known in this one only.
+        """
+        self.scene, self.jobs = scene, jobs
         self._base: dict[int, np.ndarray] = {}
 
     def affordable(self, wish: Wish) -> float:
@@ -35,7 +44,10 @@ class Response:
     def rms_m(self, *effects: Effect) -> float:
         """Root mean square over all surface points and frames of one episode of each kind [m]."""
         kinds = min(self.scene.episodes, len(self.scene.motions))
-        squares = [self.squares(k, simulate_episode(self.scene, k, effects).vertices) for k in range(kinds)]
+        wanted = [(k, effects) for k in range(kinds)] + [(k, ()) for k in range(kinds) if k not in self._base]
+        found = Parallel(n_jobs=self.jobs)(delayed(_vertices)(self.scene, k, given) for k, given in wanted)
+        self._base |= {k: vertices for (k, given), vertices in zip(wanted, found, strict=True) if not given}
+        squares = [self.squares(k, found[k]) for k in range(kinds)]
         return float(np.sqrt(sum(total for total, _ in squares) / sum(count for _, count in squares)))
 
     def squares(self, k: int, vertices: np.ndarray) -> tuple[float, int]:
@@ -48,6 +60,10 @@ class Response:
         if k not in self._base:
             self._base[k] = simulate_episode(self.scene, k).vertices
         return float(((vertices - self._base[k]) ** 2).sum()), vertices.shape[0] * vertices.shape[1]
+
+
+def _vertices(scene: Scene, k: int, effects: Sequence[Effect]) -> np.ndarray:
+    return simulate_episode(scene, k, effects).vertices
 
 
 def slowdown(effect: Effect, material: Material, config: EngineConfig) -> float:

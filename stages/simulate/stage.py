@@ -78,7 +78,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     wishes = parse_hidden(config.hide, effects)
     faults = parse_faults(config.fault, camera_names(config.cameras))
     pieces = Pieces(out, scene)
-    hidden = pieces.hidden(effects, lambda: _choose(scene, wishes, effects, config, out))
+    hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
     work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
     for _, error in each_piece(work, pieces.names, out, jobs=config.jobs):
         if error is not None:
@@ -107,9 +107,11 @@ def noise_floor_m(config: SimulateConfig) -> float:
 
 
 def _choose(
-    scene: Scene, wishes: list[Wish], effects: dict[str, EffectType], config: SimulateConfig, out: Output
-) -> list[Effect]:
+    inputs: Inputs, scene: Scene, wishes: list[Wish], effects: dict[str, EffectType], config: SimulateConfig,
+    out: Output,
+) -> list[Effect]:  # fmt: skip
     return choose(scene, wishes, snr=config.snr, noise_floor_m=noise_floor_m(config), effects=effects,
+                  jobs=1 if "effect_file" in inputs else config.jobs,
                   progress=lambda share: out.progress(0, scene.episodes, f"amplitude {share:.0%}"))  # fmt: skip
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from plop.errors import PlopError
 from plop.physics import hidden
 from plop.physics.effects.library import library
-from plop.physics.response import scaled_to
+from plop.physics.response import Response, scaled_to
 from plop.physics.scene import Scene
+from plop.physics.scenes import find_scene
 from plop.physics.sealed import open_answer, seal_answer
 from plop.physics.wish import parse_hidden
 
@@ -64,6 +68,13 @@ def test_the_amplitude_gives_the_wanted_signal(curve):
     assert curve.asked <= 9
 
 
+def test_the_number_of_processes_changes_no_digit():
+    scene = replace(Scene.read(find_scene(Path("block.toml"))), spacing_m=0.009, dx_m=0.018, episodes=2)
+    (wish,) = parse_hidden(["viscosity=20"])
+    found = [[Response(scene, jobs=jobs).rms_m(wish.scaled(1.0)) for _ in range(2)] for jobs in (1, 2)]
+    assert found[0] == found[1] and found[0][0] == found[0][1] > 1e-5
+
+
 def test_a_signal_out_of_reach_is_not_claimed():
     (wish,) = parse_hidden(["viscosity"])
     weak = Curve(gain=1e-8)
@@ -73,7 +84,7 @@ def test_a_signal_out_of_reach_is_not_claimed():
 class EveryEffect:
     """A response in proportion to the factor, for any effect."""
 
-    def __init__(self, scene):
+    def __init__(self, scene, *, jobs):
         self.scene = scene
 
     def affordable(self, wish):
