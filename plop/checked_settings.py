@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from plop.errors import PlopError
 
@@ -36,3 +37,23 @@ def check_choices(config: object, stage: str, choices: Mapping[str, Sequence[str
         if getattr(config, name) not in known:
             raise PlopError("This setting is unknown.", where=f"{stage}.{name}", expected=" or ".join(known),
                             found=str(getattr(config, name)))  # fmt: skip
+
+
+class HasJobs(Protocol):
+    """Settings of a stage that works in several processes."""
+
+    @property
+    def jobs(self) -> int:
+        """Processes; -1 is one a core."""
+        ...
+
+
+def check_jobs(config: HasJobs, stage: str) -> None:
+    """Refuse no processes at all.
+
+    Raises:
+        PlopError: `jobs` is 0.
+    """
+    if config.jobs == 0:
+        raise PlopError("A setting is out of range.", where=f"{stage}.jobs", expected="1 or more; -1 is one a core",
+                        found="0", fix="Leave it out to use all cores.")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from stages import PIPELINE
 from stages.contract import Input, Output
 
 STAGES = {ref.name: ref for ref in PIPELINE}
+PROCESSES = ["compare", "diagnose", "eval", "filter", "fit-init", "identify", "simulate", "train"]
 WRONG = [
     ("calibrate", "check_frames", 0), ("calibrate", "refine_scan", "sometimes"),
     ("fuse", "frame", -1), ("fuse", "method", "voxels"), ("fuse", "min_points", 0),
@@ -20,6 +22,7 @@ WRONG = [
     ("filter", "settle", -1), ("filter", "views", 0), ("filter", "split", "validation"),
     ("rollout", "min_inside", 2.0), ("eval", "emd_every", -1), ("eval", "lpips_net", "resnet"),
     ("identify", "iterations", -1),
+    *((name, "jobs", 0) for name in PROCESSES),
 ]  # fmt: skip
 
 
@@ -38,3 +41,8 @@ def test_a_training_without_steps_is_refused(tmp_path: Path):
     stage = STAGES["train"].load()
     with pytest.raises(PlopError, match="nothing to train"):
         stage.run({}, stage.config(track_steps=0, image_steps=0), Output(tmp_path))
+
+
+def test_every_stage_with_processes_is_among_them():
+    found = [name for name, ref in STAGES.items() if "jobs" in {field.name for field in fields(ref.load().config)}]
+    assert sorted(found) == PROCESSES

@@ -13,7 +13,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_ranges
+from plop.checked_settings import check_jobs, check_ranges
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.camera_errors import camera_rows, camera_table
 from plop.diagnosis.episode import Episode
@@ -57,9 +57,10 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     Raises:
         PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
     """
+    check_jobs(config, "compare")
+    check_ranges(config, "compare", {"frames": (0, inf)})
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_conventions(inputs, recordings)
-    check_ranges(config, "compare", {"frames": (0, inf)})
     names = _names(recordings, config)
     init = inputs["init"].path
     episodes, left_out = tracked_episodes(recordings, init, inputs["tracks"].path, names, seed=config.seed)

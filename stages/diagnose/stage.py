@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
+from plop.checked_settings import check_jobs
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode
@@ -59,6 +60,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
             effects that cannot be used, or an engine that follows nothing.
     """
     started = time.perf_counter()
+    check_jobs(config, "diagnose")
     recordings = RecordingSet.load(inputs["recordings"].path)
     _check(inputs, config, recordings)
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()

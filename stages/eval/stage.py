@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_choices, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
@@ -53,6 +53,7 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
         PlopError: The rollouts do not belong to these recordings or fits, or hold nothing.
     """
     check_choices(config, "eval", {"lpips_net": ("alex", "vgg")})
+    check_jobs(config, "eval")
     check_ranges(config, "eval", {"emd_every": (0, inf), "threads": (0, 4096)})
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path

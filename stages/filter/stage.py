@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from plop.artifacts.whole_file import write_text
-from plop.checked_settings import check_choices, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
 from plop.dynamics.episodes import measured_views
@@ -77,6 +77,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
         PlopError: The split is unknown, or an episode has no fitted Gaussians.
     """
     check_choices(config, "filter", {"split": ("train", "test", "all")})
+    check_jobs(config, "filter")
     check_ranges(config, "filter", {
         "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf),
         "depth_weight": (0, inf), "settle": (0, inf),

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from plop.artifacts.whole_file import whole, write_json
-from plop.checked_settings import check_choices, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.device import chosen_device
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
@@ -137,6 +137,7 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
 
 def _check(config: FitInitConfig) -> None:
     check_choices(config, "fit-init", {"filling": FILLINGS, "background": BACKGROUNDS})
+    check_jobs(config, "fit-init")
     check_ranges(config, "fit-init", {
         "count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
         "held_out": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100), "depth_unit_m": (1e-6, 1e6),

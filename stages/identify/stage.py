@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_ranges
+from plop.checked_settings import check_jobs, check_ranges
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.same_object import size_m
 from plop.diagnosis.sets import tracked_episodes
@@ -98,6 +98,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
 
 
 def _check(config: IdentifyConfig) -> None:
+    check_jobs(config, "identify")
     check_ranges(config, "identify", {"iterations": (0, inf), "spacing_m": (0, 0.1)})
     unknown = [name for name in config.fit if name not in PARAMETERS]
     if unknown or not config.fit or config.start not in STARTS or config.split not in ("train", "test", "all"):

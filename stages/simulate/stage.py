@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from plop.checked_settings import check_jobs
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
 from plop.physics.hidden import choose
@@ -69,6 +70,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     Raises:
         PlopError: A scene, effect or fault that cannot be used, a tool that never touches, or an unstable run.
     """
+    check_jobs(config, "simulate")
     check_cameras(config, "simulate")
     refuse_wrong({"snr": config.snr < 0, "episodes": config.episodes < 0, "colour_noise": config.colour_noise < 0,
                   "arm_m": not 0 <= config.arm_m < 1}, config, "simulate")  # fmt: skip

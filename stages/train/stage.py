@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_ranges
+from plop.checked_settings import check_jobs, check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
 from plop.dynamics.filtering import UpdateConfig
@@ -147,6 +147,7 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
 
 def _check(config: TrainConfig) -> None:
     weights = ("track", "image", "rigid", "rotation", "isometry", "ssim", "l1", "depth", "mask")
+    check_jobs(config, "train")
     check_ranges(config, "train", {
         "track_steps": (0, inf), "image_steps": (0, inf), "batch": (1, inf), "horizon": (1, inf),
         "learning_rate": (0, 1), "averaging": (0, 1), "noise_m": (0, 1), "validate_every": (1, inf),
