@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,6 +41,16 @@ class EngineBase:
         return EngineConfig(dx_m=CELLS * self.spacing_m, table_cone=self.table_cone)  # type: ignore[arg-type]
 
 
+@lru_cache(maxsize=64)
+def _filling(vertices: bytes, faces: bytes, spacing_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """See `fill_surface`: a diagnosis fills the same few objects hundreds of times."""
+    places = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3)
+    found = fill_surface(*places, spacing_m)
+    for values in found:
+        values.flags.writeable = False
+    return found
+
+
 def filled_particles(
     base: EngineBase, surface: tuple[np.ndarray, np.ndarray], points: np.ndarray, table_z_m: float | None,
     effects: Sequence[Effect] = (),
@@ -57,7 +68,8 @@ def filled_particles(
         table_z_m: Height of the table [m]; None when there is none.
         effects: Laws that have acted before the first frame, too.
     """
-    filled, volumes, radii = fill_surface(*surface, base.spacing_m)
+    vertices, faces = (np.ascontiguousarray(part, kind) for part, kind in zip(surface, (float, np.int64), strict=True))
+    filled, volumes, radii = _filling(vertices.tobytes(), faces.tobytes(), base.spacing_m)
     wanted = np.concatenate([filled, points])
     none = np.zeros(len(points))
     particles = Particles(wanted, np.concatenate([volumes, none]), radii=np.concatenate([radii, none]))
