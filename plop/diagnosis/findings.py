@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -78,7 +79,9 @@ class State:
         if not any(parameter["at_bound"] for parameter in _parameters(columns, score.fit, self.profiles).values()):
             return score
         ends = STRONGEST_RESPONSE * np.array([(column.low, column.high) for column in columns]).T
-        return self.screen.held(score, np.clip(score.values, *ends))
+        values = np.clip(score.values, *ends)
+        sizes = [abs(v) * self.response_rms_m(c.key) for v, c in zip(values, columns, strict=True)]
+        return replace(self.screen.held(score, values), size_m=float(np.hypot.reduce(sizes)))
 
     def response_rms_m(self, key: str) -> float:
         """RMS displacement by one unit of a column over all episodes [m]."""
