@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -33,6 +33,18 @@ def short_number(value: float) -> str:
 def with_unit(number: str, unit: str | None) -> str:
     """Write a number's unit behind it; pure numbers, whose unit is "-" or nothing, stay alone."""
     return number if unit in (None, "", "-") else f"{number} {unit}"
+
+
+def parameter_text(name: str, found: Mapping[str, Any]) -> str:
+    """Write a fitted number with interval and unit; an infinite interval is left out.
+
+    Args:
+        name: Of the number.
+        found: {"value", "low", "high", "unit"}.
+    """
+    known = np.isfinite([found["low"], found["high"]]).all()
+    interval = f" ({short_number(found['low'])} to {short_number(found['high'])})" if known else ""
+    return with_unit(f"{name} = {short_number(found['value'])}{interval}", found["unit"])
 
 
 def checked_values(

@@ -7,7 +7,7 @@ where artifacts live, what they are called or who runs it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,10 @@ class Output:
     cache: Path | None = None
     """Folder that all runs of the stage share, for pieces named by everything that decides them; it may vanish between
     runs. None: pieces stay in the scratch folder."""
+
+    def telling(self, progress: Progress) -> Output:
+        """Give the same place; somebody else is told about progress."""
+        return replace(self, progress=progress)
 
     def is_done(self, piece: str) -> bool:
         """Tell whether a piece of the work (an episode, say) was finished by an earlier, killed run."""

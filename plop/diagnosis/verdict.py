@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from plop.diagnosis.contrast import P_LARGEST, Contrast
 from plop.diagnosis.error_size import ErrorSize
-from plop.law_values import short_number, with_unit
+from plop.law_values import parameter_text
 
 GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
@@ -219,13 +217,7 @@ def _margin(finding: Finding) -> float:
 
 def parameters_text(finding: Finding) -> str:
     """Write parameters with intervals and units."""
-
-    def one(name: str, p: dict[str, Any]) -> str:
-        known = np.isfinite([p["low"], p["high"]]).all()
-        interval = f" ({short_number(p['low'])} to {short_number(p['high'])})" if known else ""
-        return with_unit(f"{name} = {short_number(p['value'])}{interval}", p["unit"])
-
-    return ", ".join(one(name, p) for name, p in finding.parameters.items())
+    return ", ".join(parameter_text(name, p) for name, p in finding.parameters.items())
 
 
 def _effect_text(kind: str, best: Finding, others: list[str], share: float | None) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
-from plop.law_values import with_unit
+from plop.law_values import parameter_text
 from plop.recordings.set import RecordingSet
 from plop.sensors.estimate import estimate_sensors, pool
 from plop.sensors.faults import FAULTS
@@ -45,8 +45,7 @@ def _entry(camera: str, fault: FaultEstimate) -> dict[str, Any]:
     values: dict[str, dict[str, Any]] = {key: {"value": value, "low": value - 1.96 * fault.standard_errors[key],
                     "high": value + 1.96 * fault.standard_errors[key], "unit": units[key]}
               for key, value in fault.values.items()}  # fmt: skip
-    shown = ", ".join(with_unit(f"{key} = {v['value']:.3g} ({v['low']:.3g} to {v['high']:.3g})", v["unit"])
-                      for key, v in values.items() if abs(v["value"]) > 0)  # fmt: skip
+    shown = ", ".join(parameter_text(key, v) for key, v in values.items() if abs(v["value"]) > 0)
     other = f", or {', '.join(fault.alternatives)}" if fault.alternatives else ""
     return {"camera": camera, "fault": fault.fault, "text": f"{fault.fault}{other} of {camera}: {shown}", "z": fault.z,
             "values": values, "alternatives": list(fault.alternatives)}  # fmt: skip

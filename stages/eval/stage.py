@@ -13,11 +13,11 @@ from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
+from plop.side_by_side import every_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import environment_report, summary_table, write_csv
-from stages.side_by_side import each_piece
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,7 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     lpips = _lpips(config)
     for folder in ("episodes", "pictures"):
         (out.path / folder).mkdir(parents=True, exist_ok=True)
-    for _, error in each_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs):
-        if error is not None:
-            raise error
+    every_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs)
     rows = [row for name in names for row in json.loads((out.path / "episodes" / f"{name}.json").read_text())]
     report = environment_report(rows, recordings.environment, config)
     if isinstance(lpips, Unavailable):

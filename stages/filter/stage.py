@@ -29,8 +29,8 @@ from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from plop.side_by_side import every_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
-from stages.side_by_side import each_piece
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     model = inputs["model"].path if "model" in inputs else None
     work = partial(_filter_episode, recordings, inputs["init"].path, model, config)
     jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    for _, error in each_piece(work, chosen, out, jobs=jobs):
-        if error is not None:
-            raise error
+    every_piece(work, chosen, out, jobs=jobs)
     rows = [{"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))} for name in chosen]
     figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
     return Summary(figures={"episodes": len(rows), **figures}, table=rows)

@@ -17,9 +17,9 @@ from plop.device import chosen_device
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
 from plop.recordings.set import RecordingSet
+from plop.side_by_side import each_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.fit_init.episode import EpisodeFit, fit_episode
-from stages.side_by_side import each_piece
 
 FILLINGS = ("solid", "paper", "none")
 BACKGROUNDS = ("measured", "black")

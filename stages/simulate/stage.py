@@ -20,8 +20,8 @@ from plop.render.recorder import Disturbances, record
 from plop.render.rig import camera_names
 from plop.render.settings import CameraSettings, check_cameras, refuse_wrong
 from plop.sensors.faults import Faults, parse_faults
+from plop.side_by_side import every_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
-from stages.side_by_side import each_piece
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 
@@ -82,9 +82,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     pieces = Pieces(out, scene)
     hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
     work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
-    for _, error in each_piece(work, pieces.names, out, jobs=config.jobs):
-        if error is not None:
-            raise error
+    every_piece(work, pieces.names, out, jobs=config.jobs)
     recordings = RecordingSet(out.path, scene.name, *split_names(pieces.names, config.test))
     recordings.save()
     rms, floor = pieces.rms_m(), noise_floor_m(config)

@@ -30,8 +30,8 @@ from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from plop.side_by_side import every_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
-from stages.side_by_side import each_piece
 from stages.train.objective import LossWeights
 from stages.train.optimise import Schedule, optimise
 from stages.train.processes import Processes
@@ -212,9 +212,7 @@ def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out:
     folder.mkdir(exist_ok=True)
     pieces = [_TRACK + name for name in recordings.train]
     jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    for _, error in each_piece(partial(_make_track, recordings, init, config), pieces, out, jobs=jobs):
-        if error is not None:
-            raise error
+    every_piece(partial(_make_track, recordings, init, config), pieces, out, jobs=jobs)
     errors = [json.loads((folder / f"{name}.json").read_text()) for name in recordings.train]
     return {f"track_{key}": sum(e[key] for e in errors) / len(errors) for key in ("depth_mm", "l1")}
 

@@ -14,21 +14,57 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs
 
 from plop.artifacts.whole_file import write_text
 from plop.errors import PlopError
-from stages.contract import Output, Progress
 
-Work = Callable[[str, Output], None]
+Progress = Callable[..., None]
+"""`progress(done, total, label="", **figures)`."""
+
+
+class Finishable(Protocol):
+    """Where pieces are written, and who is told about progress: a stage's output."""
+
+    @property
+    def progress(self) -> Progress:
+        """Who is told."""
+        ...
+
+    def telling(self, progress: Progress) -> Self:
+        """The same place; somebody else is told."""
+        ...
+
+    def is_done(self, piece: str) -> bool:
+        """Tell whether an earlier run finished a piece."""
+        ...
+
+    def mark_done(self, piece: str) -> None:
+        """Record that a piece is whole."""
+        ...
+
+
+Out = TypeVar("Out", bound=Finishable)
+Work = Callable[[str, Out], None]
 """`work(name, out)`: carries out one piece; its progress counts from 0 to 1 of that piece."""
 _EVERY_S = 0.3
 """How often progress is passed on [s]."""
 
 
-def each_piece(work: Work, names: Sequence[str], out: Output, *, jobs: int) -> Iterator[tuple[str, PlopError | None]]:
+def every_piece(work: Work[Out], names: Sequence[str], out: Out, *, jobs: int) -> None:
+    """Carry out the pieces that are not done yet; see `each_piece`.
+
+    Raises:
+        PlopError: The first that a piece raised; those finished before stay finished.
+    """
+    for _, error in each_piece(work, names, out, jobs=jobs):
+        if error is not None:
+            raise error
+
+
+def each_piece(work: Work[Out], names: Sequence[str], out: Out, *, jobs: int) -> Iterator[tuple[str, PlopError | None]]:
     """Carry out the pieces that are not done yet, and mark them done.
 
     Args:
@@ -49,13 +85,18 @@ def each_piece(work: Work, names: Sequence[str], out: Output, *, jobs: int) -> I
             yield name, _carried_out(work, name, out, _shifted(out.progress, done, len(names), name))
         return
     with _gathered(out.progress, len(names) - len(left), names) as folder:
-        tasks = (delayed(_in_process)(work, name, out.path, out.cache, folder / str(k)) for k, name in enumerate(left))
+        silent = out.telling(_nobody)
+        tasks = (delayed(_in_process)(work, name, silent, folder / str(k)) for k, name in enumerate(left))
         yield from Parallel(n_jobs=count, return_as="generator_unordered")(tasks)
 
 
-def _carried_out(work: Work, name: str, out: Output, progress: Progress) -> PlopError | None:
+def _nobody(done: float, total: float, label: str = "", **figures: Any) -> None:
+    """Tell nobody: what tells somebody does not reach another process."""
+
+
+def _carried_out(work: Work[Out], name: str, out: Out, progress: Progress) -> PlopError | None:
     try:
-        work(name, Output(out.path, progress, out.cache))
+        work(name, out.telling(progress))
     except PlopError as error:
         return error
     out.mark_done(name)
@@ -72,9 +113,7 @@ def _shifted(progress: Progress, done: float, total: int, name: str) -> Progress
     return told
 
 
-def _in_process(
-    work: Work, name: str, path: Path, cache: Path | None, notes: Path
-) -> tuple[str, PlopError | None]:  # fmt: skip
+def _in_process(work: Work[Out], name: str, out: Out, notes: Path) -> tuple[str, PlopError | None]:
     """Carry out a piece where only a file tells others about its progress."""
     _end_with_parent()
     last = 0.0
@@ -85,7 +124,7 @@ def _in_process(
             last = time.monotonic()
             write_text(notes, json.dumps([part / whole, label or name, figures]))
 
-    return name, _carried_out(work, name, Output(path, told, cache), told)
+    return name, _carried_out(work, name, out, told)
 
 
 @cache
