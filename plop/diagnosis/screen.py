@@ -112,10 +112,8 @@ class Screen:
         null, own = score.rows[: -len(values)], score.rows[-len(values) :]
         taken = [replace(e, residual=e.residual - values @ e.matrix[own]) for e in self.episodes]
         rest = Screen(taken, self.keys, [])
-        after, error = (
-            held_out_energy(rest.grams, null),
-            _gain_error(self.held_out_blocks(null), rest.held_out_blocks(null)),
-        )
+        after = held_out_energy(rest.grams, null)
+        error = _gain_error(self.held_out_blocks(null), rest.held_out_blocks(null))
         return replace(score, gain=gain(score.before, after), gain_error=error, after=after)
 
     def held_out_blocks(self, columns: np.ndarray) -> np.ndarray:
