@@ -15,7 +15,6 @@ from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import pose_from_euler_xyz, transform_points
 from plop.recordings.droid_writer import RawCamera, write_droid_episode
 from plop.recordings.recording import MaskLabel, Mesh
-from stages.ingest.depth_points import pixel_rays
 
 TABLE_Z = 0.02
 BLOCK = np.array([[0.46, -0.05, TABLE_Z], [0.54, 0.05, TABLE_Z + 0.06]])
@@ -76,7 +75,7 @@ class Scene:
             _add(scene, transform_points(world_from_tool, tool.vertices), tool.faces)
         camera = self.camera(world_from_cam)
         fine = camera.resized(camera.width * rays_per_side, camera.height * rays_per_side)
-        directions = pixel_rays(fine) @ world_from_cam[:3, :3].T
+        directions = fine.pixel_directions() @ world_from_cam[:3, :3].T
         origin = np.broadcast_to(world_from_cam[:3, 3], directions.shape)
         hits = scene.cast_rays(o3d.core.Tensor(np.concatenate([origin, directions], -1).astype(np.float32)), nthreads=1)
         depth = np.where(np.isfinite(hits["t_hit"].numpy()), hits["t_hit"].numpy(), 0)

@@ -48,6 +48,18 @@ class Camera:
         pixels = points[:, :2] / safe[:, None] * [self.intrinsics[0, 0], self.intrinsics[1, 1]]
         return pixels + self.intrinsics[:2, 2], depth
 
+    def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Give directions through image coordinates [px], any shape [...] -> [..., 3], in the camera's axes.
+
+        They have length 1 along the optical axis: times the depth they are points.
+        """
+        k = self.intrinsics
+        return np.stack([(columns - k[0, 2]) / k[0, 0], (rows - k[1, 2]) / k[1, 1], np.ones_like(rows)], axis=-1)
+
+    def pixel_directions(self) -> np.ndarray:
+        """Give the directions through the middles of all pixels, shape [H, W, 3], see `directions`."""
+        return self.directions(*np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5))
+
     def back_project(self, depth_m: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
         """Turn a depth image into world points, one per measured pixel, in row-major order.
 

@@ -16,6 +16,7 @@ from plop.geometry.cameras import Camera
 from plop.geometry.rigid import transform_points
 from plop.recordings.mesh_sequence import MeshSequence
 from plop.recordings.recording import MaskLabel
+from plop.render.rays import pixel_rays, window
 from plop.render.texture import SolidTexture
 
 _CREASE_COS = np.cos(np.radians(40.0))
@@ -89,7 +90,7 @@ class MeshRenderer:
         if frame != self._frame:
             self._build(frame)
         rays, empty = self._prepared(camera)
-        rows, columns = _window(camera, self._moving)
+        rows, columns = window(camera, self._moving)
         rgb, depth, mask = empty.rgb.copy(), empty.depth_m.copy(), empty.mask.copy()
         if rows.start < rows.stop and columns.start < columns.stop:
             part = self._cast(rays[rows, columns])
@@ -144,7 +145,7 @@ class MeshRenderer:
         """Give a camera's rays and its view of the bare table, made once."""
         key = repr((camera.width, camera.height, camera.intrinsics.tolist(), camera.world_from_cam.tolist()))
         if key not in self._static:
-            rays = _rays(camera, self.supersample)
+            rays = pixel_rays(camera, self.supersample)
             scene = self._scene
             self._scene = o3d.t.geometry.RaycastingScene()
             self._add_table(self._scene)
@@ -173,29 +174,6 @@ def _add(scene: o3d.t.geometry.RaycastingScene, vertices: np.ndarray, faces: np.
     positions = o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32))
     indices = o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32))
     return int(scene.add_triangles(positions, indices))
-
-
-def _rays(camera: Camera, side: int) -> np.ndarray:
-    """Give rays [H, W, side * side, 6] whose direction has length 1 along the optical axis, so that t is depth."""
-    offset = (np.arange(side) + 0.5) / side
-    axes = (np.arange(camera.height), np.arange(camera.width), offset, offset)
-    y, x, sub_y, sub_x = np.meshgrid(*axes, indexing="ij")
-    k = camera.intrinsics
-    local = np.stack([(x + sub_x - k[0, 2]) / k[0, 0], (y + sub_y - k[1, 2]) / k[1, 1], np.ones_like(sub_x)], axis=-1)
-    rays = np.empty((camera.height, camera.width, side * side, 6), np.float32)
-    rays[..., :3] = camera.world_from_cam[:3, 3]
-    rays[..., 3:] = local.reshape(camera.height, camera.width, side * side, 3) @ camera.world_from_cam[:3, :3].T
-    return rays
-
-
-def _window(camera: Camera, points: np.ndarray) -> tuple[slice, slice]:
-    """Give the rows and columns that can show anything but the table: the box around the projected vertices."""
-    pixels, depth = camera.project(points)
-    if (depth < 1e-3).any():
-        return slice(0, camera.height), slice(0, camera.width)
-    low = np.clip(np.floor(pixels.min(0)) - 1, 0, [camera.width, camera.height]).astype(int)
-    high = np.clip(np.ceil(pixels.max(0)) + 1, 0, [camera.width, camera.height]).astype(int)
-    return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def _corner_smoothing(rest: np.ndarray, faces: np.ndarray, is_cut: np.ndarray) -> csr_matrix:

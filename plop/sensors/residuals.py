@@ -91,7 +91,7 @@ class _Setting:
         """Compare depth at pixels [N] with expected true depth [N] of a surface with normals [N, 3] in the camera."""
         recorded = self.sighting.view.depth_m[rows, columns].astype(np.float64)
         right, down = 2 * (columns + 0.5) / self.camera.width - 1, 2 * (rows + 0.5) / self.camera.height - 1
-        rays = pixel_rays(self.camera, rows, columns)
+        rays = self.camera.directions(columns + 0.5, rows + 0.5)
         facing = (normals * rays).sum(1)
         keep = (np.abs(facing) > GRAZING * np.linalg.norm(rays, axis=1)) & (depth > 0) & (recorded > 0)
         keep &= np.abs(recorded - depth) < GATE * depth
@@ -140,17 +140,11 @@ def _setting(scene: CameraScene, sighting: Sighting, deviation: np.ndarray) -> _
     return _Setting(sighting, camera, factor, offset, now, rate)
 
 
-def pixel_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Rays through the centres of pixels in the camera's axes, length 1 along the optical axis, shape [N, 3]."""
-    k = camera.intrinsics
-    return np.stack([(columns + 0.5 - k[0, 2]) / k[0, 0], (rows + 0.5 - k[1, 2]) / k[1, 1], np.ones(len(rows))], -1)
-
-
 def _table(scene: CameraScene, setting: _Setting) -> Rows:
     view, camera = setting.sighting.view, setting.camera
     clear = cv2.erode((view.mask == MaskLabel.BACKGROUND).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     rows, columns = np.nonzero(clear & (view.depth_m > 0))
-    rays = pixel_rays(camera, rows, columns)
+    rays = camera.directions(columns + 0.5, rows + 0.5)
     rotation, eye = camera.world_from_cam[:3, :3], camera.world_from_cam[:3, 3]
     down = rays @ rotation[2]
     depth = (float(scene.table_z_m or 0.0) - eye[2]) / np.where(np.abs(down) < 1e-6, np.nan, down)
@@ -188,7 +182,7 @@ def _cast(tool: ToolTrack, setting: _Setting, rows: np.ndarray, columns: np.ndar
     tool_from_cam = invert_rigid(setting.world_from_tool) @ setting.camera.world_from_cam
     rays = np.empty((len(rows), 6), np.float32)
     rays[:, :3] = tool_from_cam[:3, 3]
-    rays[:, 3:] = pixel_rays(setting.camera, rows, columns) @ tool_from_cam[:3, :3].T
+    rays[:, 3:] = setting.camera.directions(columns + 0.5, rows + 0.5) @ tool_from_cam[:3, :3].T
     hits = tool.caster.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
     depth = hits["t_hit"].numpy().astype(np.float64)
     return np.where(np.isfinite(depth), depth, 0), hits["primitive_normals"].numpy() @ tool_from_cam[:3, :3]
@@ -212,7 +206,7 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
     far = behind[rows, columns].astype(np.float64)
     high = _heights(camera, rows, columns, far) > floor_m + reach * far / camera.intrinsics[0, 0]
     rows, columns, far = rows[high], columns[high], far[high]
-    points = pixel_rays(camera, rows, columns) * far[:, None]
+    points = camera.directions(columns + 0.5, rows + 0.5) * far[:, None]
     moved = setting.move(points, on_tool=True)
     focal = np.array([camera.intrinsics[0, 0], camera.intrinsics[1, 1]])
     flow = (
@@ -227,7 +221,7 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
 
 
 def _heights(camera: Camera, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    points = pixel_rays(camera, rows, columns) * depth[:, None]
+    points = camera.directions(columns + 0.5, rows + 0.5) * depth[:, None]
     return points @ camera.world_from_cam[2, :3] + camera.world_from_cam[2, 3]
 
 

@@ -19,6 +19,7 @@ from stages.fit_init.inside import paper_filler, solid_filler, typical_spacing
 from stages.fit_init.optimise import Fill, Report, fit
 from stages.fit_init.shell import Surface, seed_gaussians, seen_by, surface_from_cloud, surface_from_views
 from stages.fit_init.tool_splats import tool_gaussians
+from stages.fit_init.virtual_views import virtual_views
 
 if TYPE_CHECKING:
     from stages.fit_init.stage import FitInitConfig
@@ -118,7 +119,8 @@ def fit_object(
     seeds = seeds.with_(sh=torch.cat([seeds.sh, higher], dim=1))
     prepare = target_over_measured if config.background == "measured" else target_from_view
     device = chosen_device(config.device)
-    targets = [(view.camera, prepare(view, device=device)) for view in views]
+    shown = [*views, *virtual_views(views, config.virtual_views)]
+    targets = [(view.camera, prepare(view, device=device)) for view in shown]
     filler: Fill | None = None
     if config.filling == "solid":
         filler = solid_filler(views, inner_count, cells=config.fill_cells, floor_z_m=table_z_m,

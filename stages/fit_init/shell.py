@@ -12,12 +12,15 @@ from plop.errors import PlopError
 from plop.gaussians.nearest import nearest_distance
 from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians
+from plop.geometry.depth_planes import pixel_planes
 from plop.geometry.rigid import matrix_to_quat
 from plop.recordings.recording import View
 from plop.render.sh import C0
 
 MAX_POINTS = 40_000
 """Points of a cloud that are looked at; more are thinned evenly."""
+_FACING_LEAST = 0.1
+"""Cosine between surface and line of sight below which a pixel shows an edge rather than a surface."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ def surface_from_cloud(path: Path) -> Surface:
 
 
 def surface_from_views(views: list[View]) -> Surface:
-    """Turn depth images into a surface; normals follow from neighbouring pixels.
+    """Turn depth images into a surface; normals are those of `pixel_planes`.
 
     Args:
         views: Measured frames of the object; those without depth add nothing.
@@ -80,24 +83,9 @@ def surface_from_views(views: list[View]) -> Surface:
 
 
 def _surface_of_view(view: View) -> Surface:
-    camera, height, width = view.camera, view.camera.height, view.camera.width
-    depth = np.nan_to_num(view.depth_m, nan=0.0, posinf=0.0, neginf=0.0)
-    measured = (depth > 0) & view.object_mask
-    grid = np.full((height, width, 3), np.nan)
-    grid[measured] = camera.back_project(depth, measured)
-    across, down = np.full_like(grid, np.nan), np.full_like(grid, np.nan)
-    across[:, 1:-1] = grid[:, 2:] - grid[:, :-2]
-    down[1:-1] = grid[2:] - grid[:-2]
-    normals = np.cross(down, across)
-    length = np.linalg.norm(normals, axis=-1)
-    good = np.isfinite(length) & (length > 0)
-    toward = camera.world_from_cam[:3, 3] - grid[good]
-    normals = normals[good] / length[good, None]
-    # A pixel across an edge gives a normal that looks away from the camera, or almost.
-    facing = (normals * toward).sum(1) / np.linalg.norm(toward, axis=1)
-    keep = np.abs(facing) > 0.1
-    normals = normals * np.sign(facing)[:, None]
-    return Surface(grid[good][keep], normals[keep], view.rgb[good][keep] / 255)
+    planes = pixel_planes(view.camera, view.depth_m, view.object_mask)
+    keep = planes.facing > _FACING_LEAST
+    return Surface(view.camera.back_project(view.depth_m, keep), planes.normals[keep], view.rgb[keep] / 255)
 
 
 def _thin(surface: Surface) -> Surface:

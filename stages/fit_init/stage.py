@@ -39,6 +39,8 @@ class FitInitConfig:
     """Optimisation steps, one view each."""
     held_out: int = 1
     """Cameras that only score: those that see least that no other camera sees; at least two always train."""
+    virtual_views: int = 16
+    """Views between the cameras, drawn from what they measured, that train too; 0 for none, as in the paper."""
     filling: str = "solid"
     """Inside: "solid" fills evenly, "paper" as in Sec. III-C, "none"."""
     fill_at: float = 0.5
@@ -140,7 +142,8 @@ def _check(config: FitInitConfig) -> None:
     check_jobs(config, "fit-init")
     check_ranges(config, "fit-init", {
         "count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
-        "held_out": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100), "depth_unit_m": (1e-6, 1e6),
+        "held_out": (0, 1000), "virtual_views": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100),
+        "depth_unit_m": (1e-6, 1e6),
         "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6),
     })  # fmt: skip
 
@@ -169,7 +172,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=3,
+    version=4,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={

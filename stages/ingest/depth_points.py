@@ -8,17 +8,9 @@ from plop.geometry.cameras import Camera
 from plop.geometry.rigid import transform_points
 
 
-def pixel_rays(camera: Camera) -> np.ndarray:
-    """Directions through pixel centres with z = 1, camera frame, shape [H, W, 3]."""
-    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    x = (columns - camera.intrinsics[0, 2]) / camera.intrinsics[0, 0]
-    y = (rows - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1]
-    return np.stack([x, y, np.ones_like(x)], axis=-1)
-
-
 def world_points(camera: Camera, depth_m: np.ndarray) -> np.ndarray:
     """World point of every pixel, shape [H, W, 3] [m]; the camera's centre where depth is not measured."""
-    return transform_points(camera.world_from_cam, pixel_rays(camera) * np.nan_to_num(depth_m)[..., None])
+    return transform_points(camera.world_from_cam, camera.pixel_directions() * np.nan_to_num(depth_m)[..., None])
 
 
 def estimate_table_z(points: np.ndarray, workspace: np.ndarray, *, bin_m: float = 0.004) -> float | None:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.recordings.recording import MaskLabel, Mesh
-from stages.ingest.depth_points import pixel_rays, world_points
+from stages.ingest.depth_points import world_points
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class GeometricMasker:
         """Cast a ray through every pixel centre; depth of the tool along the optical axis, 0 = no hit."""
         cam_from_tool = camera.cam_from_world @ world_from_tool
         rotation, shift = cam_from_tool[:3, :3], cam_from_tool[:3, 3]
-        rays = pixel_rays(camera)
+        rays = camera.pixel_directions()
         origin = np.broadcast_to(-rotation.T @ shift, rays.shape)
         packed = np.concatenate([origin, rays @ rotation], axis=-1).astype(np.float32)
         hits = self._tool.cast_rays(o3d.core.Tensor.from_numpy(packed), nthreads=1)["t_hit"].numpy()

@@ -55,7 +55,7 @@ def test_looking_only_where_something_moves_changes_no_pixel(monkeypatch: pytest
 
     sequence, camera = box_sequence(), camera_aslant()
     quick = MeshRenderer(sequence, FLAT).render(2, camera)
-    monkeypatch.setattr(mesh_raycast, "_window", lambda c, points: (slice(0, c.height), slice(0, c.width)))
+    monkeypatch.setattr(mesh_raycast, "window", lambda c, points: (slice(0, c.height), slice(0, c.width)))
     full = MeshRenderer(sequence, FLAT).render(2, camera)
     for field in ("rgb", "depth_m", "mask"):
         np.testing.assert_array_equal(getattr(quick, field), getattr(full, field))

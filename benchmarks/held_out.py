@@ -1,0 +1,75 @@
+"""How well Gaussians fitted to five views show the sixth: `python -m benchmarks.held_out --data <DiSECt folder>`.
+
+Renders the first frame of part recordings 004 and 005 of the nine environments, fits them with the defaults of
+`plop fit-init`, with and without virtual views, and writes docs/results/held_out.json (merged with what is there).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from joblib import Parallel, delayed
+
+from benchmarks.__main__ import machine
+from plop.recordings.disect import read_disect
+from plop.recordings.recording import Recording
+from plop.recordings.resample import resampled
+from plop.render.recorder import record
+from plop.render.settings import CameraSettings
+from stages.fit_init.episode import fit_episode
+from stages.fit_init.stage import FitInitConfig
+
+RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "held_out.json"
+ENVIRONMENTS = [
+    f"{shape}_{stuff}" for shape in ("cylinder", "prism", "sphere") for stuff in ("foam", "jelly", "polymer")
+]
+PARTS = ("part_004", "part_005")
+KEPT = ("psnr_db", "psnr_black_db", "depth_error_mm", "coverage", "held_out")
+
+
+def held_out_score(data: Path, episode: str, config: FitInitConfig) -> dict[str, Any]:
+    """Render an episode's first frame, fit it, and score the view that the fit has not met."""
+    torch.set_num_threads(1)
+    sequence = read_disect(data / f"{episode}.usd")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{episode}.h5"
+        for _ in record(path, resampled(sequence, sequence.times[:2]), CameraSettings()):
+            pass
+        with Recording(path) as recording:
+            started = time.perf_counter()
+            score = fit_episode(recording, None, config, lambda step, figures: None).score
+    return {key: score[key] for key in KEPT} | {"seconds": round(time.perf_counter() - started, 1)}
+
+
+def main() -> None:
+    """Fit what is not in the result file yet, and write it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, required=True, help="Folder with the DiSECt recordings.")
+    parser.add_argument("--jobs", type=int, default=-1, help="Processes.")
+    parser.add_argument("environments", nargs="*", default=ENVIRONMENTS)
+    options = parser.parse_args()
+    default = FitInitConfig()
+    settings = {count: replace(default, virtual_views=count) for count in (0, default.virtual_views)}
+    wanted = [(f"{name}_{part}", count) for name in options.environments for part in PARTS for count in settings]
+    scores = Parallel(n_jobs=options.jobs)(
+        delayed(held_out_score)(options.data, episode, settings[count]) for episode, count in wanted
+    )
+    found = json.loads(RESULT.read_text())["episodes"] if RESULT.is_file() else {}
+    for (episode, count), score in zip(wanted, scores, strict=True):
+        found.setdefault(episode, {})[f"virtual_views {count}"] = score
+        sys.stdout.write(f"{episode} {count}: {score['psnr_db']:.2f} dB, {score['depth_error_mm']:.2f} mm\n")
+    facts = {"command": "python -m benchmarks.held_out --data <DiSECt folder>", "machine": machine(),
+             "seeds": [default.seed], "steps": default.steps, "episodes": dict(sorted(found.items()))}  # fmt: skip
+    RESULT.write_text(json.dumps(facts, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

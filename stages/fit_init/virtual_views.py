@@ -1,0 +1,249 @@
+"""Views that no camera took, drawn from what the cameras measured: depth-image-based rendering.
+
+A fit of a few views bends the surface its own way where another camera would look: outlines reach beyond the object
+and colours of overlapping Gaussians come apart. What stands in the gaps between cameras is known all the same: every
+measured pixel is a small flat piece of the surface, with its colour.
+
+Source: McMillan 1997, "An Image-Based Approach to Three-Dimensional Computer Graphics" (3D warping); colours are mixed
+by how squarely a camera looks at the surface (Debevec, Taylor and Malik 1996, view-dependent texture mapping).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import open3d as o3d
+from scipy.ndimage import binary_dilation, binary_erosion, map_coordinates, minimum_filter
+
+from plop.geometry.cameras import Camera, look_at
+from plop.geometry.depth_planes import PixelPlanes, pixel_planes
+from plop.recordings.recording import MaskLabel, View
+from plop.render.rays import pixel_rays, window
+from stages.fit_init.shell import carved
+
+SIDE = 3
+"""Rays along each side of a pixel."""
+FACING_LEAST = 0.25
+"""Cosine below which a camera looks along a surface rather than at it."""
+_SAME_SHARE = 0.04
+"""Difference in depth under which two views show the same point, as a share of the object's size."""
+_OUTSIDE = 0.05
+"""Of a mask of 0 and 1 between pixel centres: below, a point lies beyond the object's outline."""
+_LAYERS = 4
+"""Pieces of surface behind one another that are looked at before a ray is given up."""
+_MIXED = 1e-3
+"""Weight of a colour that background is mixed into, as on an outline."""
+_SAMPLES = 32
+"""Places along a ray at which it is asked whether the object could be there."""
+_STEEPEST_DEG = 80.0
+"""Virtual cameras do not look down more steeply."""
+
+
+def virtual_views(views: Sequence[View], count: int) -> list[View]:
+    """Draw the object from places spread evenly between the lowest and the highest of its cameras.
+
+    Pixels where nothing was measured, and which may yet show the object, are UNKNOWN. The tool is not drawn: views
+    show what is behind it as far as others saw it.
+
+    Args:
+        views: What was measured at one instant, at least two of them with depth; others add outlines only.
+        count: Views wanted.
+
+    Returns:
+        `count` views, or none where fewer than two have measured depth.
+    """
+    measured = [view for view in views if ((view.depth_m > 0) & view.object_mask).any()]
+    if count < 1 or len(measured) < 2:
+        return []
+    drawn = _Drawn.of(measured, views)
+    return [drawn.view(camera) for camera in _cameras(drawn, measured, count)]
+
+
+def _cameras(drawn: _Drawn, views: list[View], count: int) -> list[Camera]:
+    """Place cameras on a spiral around the object, as far from it as the real ones are on average."""
+    middle = drawn.corners.mean(0)
+    offsets = np.array([view.camera.world_from_cam[:3, 3] for view in views]) - middle
+    distance = np.linalg.norm(offsets, axis=1)
+    heights = np.clip(offsets[:, 2] / distance, *np.sin(np.radians([-_STEEPEST_DEG, _STEEPEST_DEG])))
+    steps = (np.arange(count) + 0.5) / count
+    up = heights.min() + (heights.max() - heights.min()) * steps
+    turn = np.arange(count) * np.pi * (3 - 5**0.5)  # the golden angle: no two cameras above each other
+    aside = np.sqrt(1 - up**2)
+    toward = np.stack([np.cos(turn) * aside, np.sin(turn) * aside, up], axis=1)
+    like = views[0].camera
+    return [Camera(f"virtual_{k:02d}", like.width, like.height, like.intrinsics,
+                   look_at(middle + distance.mean() * direction, middle, np.array([0.0, 0.0, 1.0])))
+            for k, direction in enumerate(toward)]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """One view, ready to say what it shows at a point."""
+
+    view: View
+    near_m: np.ndarray
+    """Least depth of the object in each pixel and its neighbours, [H, W] [m]; infinite where there is none."""
+    possible: np.ndarray
+    """1 where the object may be, 0 where the background shows, [H, W]."""
+    pure: np.ndarray
+    """1 where the object shows, [H, W]."""
+
+    @classmethod
+    def of(cls, view: View) -> _Sight:
+        depth = np.where(view.object_mask & (view.depth_m > 0), view.depth_m, np.inf)
+        return cls(view, minimum_filter(depth, 3), (view.mask != MaskLabel.BACKGROUND).astype(np.float64),
+                   view.object_mask.astype(np.float64))  # fmt: skip
+
+    def shows(
+        self, points: np.ndarray, normals: np.ndarray, tolerance_m: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Look at points [N, 3] of a surface with normals [N, 3].
+
+        Returns:
+            Whether the view contradicts them (it sees past or through), bool [N]; colours [N, 3], 0..255; weights [N],
+            0 where it does not see them.
+        """
+        camera = self.view.camera
+        pixel, depth = camera.project(points)
+        place = (pixel - 0.5).T[::-1]
+        row, column = np.clip(np.floor(np.clip(pixel.T[::-1], -1e6, 1e6)), 0,
+                              [[camera.height - 1], [camera.width - 1]]).astype(int)  # fmt: skip
+        inside = (np.abs(pixel / [camera.width, camera.height] - 0.5) < 0.5).all(1) & (depth > 0)
+        past = map_coordinates(self.possible, place, order=1, mode="nearest") < _OUTSIDE
+        through = depth < np.where(np.isinf(self.near_m), 0, self.near_m)[row, column] - tolerance_m
+        seen = inside & self.view.object_mask[row, column]
+        seen &= np.abs(self.view.depth_m[row, column] - depth) < tolerance_m
+        toward = camera.world_from_cam[:3, 3] - points
+        facing = (toward * normals).sum(1) / np.linalg.norm(toward, axis=1)
+        mixed = map_coordinates(self.pure, place, order=1, mode="nearest") < 0.99
+        weight = seen * np.clip(facing, 0.02, 1) ** 3 * np.where(mixed, _MIXED, 1.0)
+        colour = np.stack([map_coordinates(self.view.rgb[..., k].astype(np.float64), place, order=1, mode="nearest")
+                           for k in range(3)], axis=1)  # fmt: skip
+        return inside & (past | through), colour, weight
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """The measured surface, ready to be drawn."""
+
+    scene: o3d.t.geometry.RaycastingScene
+    """One small square a measured pixel."""
+    corners: np.ndarray
+    """Of the box around it, [2, 3] [m]."""
+    pixel_m: float
+    """Typical width of a pixel on it [m]."""
+    sights: list[_Sight]
+    shrunk: list[View]
+    """The views with outlines a pixel further in: a ray that passes within a pixel of the object is free of it."""
+    background: np.ndarray
+    """Mean colour of what is behind the object, [3], 0..255."""
+
+    @classmethod
+    def of(cls, measured: list[View], views: Sequence[View]) -> _Drawn:
+        planes = [pixel_planes(view.camera, view.depth_m, view.object_mask) for view in measured]
+        squares = np.concatenate([_squares(view.camera, plane) for view, plane in zip(measured, planes, strict=True)])
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        first = 4 * np.arange(len(squares))[:, None]
+        faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]], axis=1).reshape(-1, 3)
+        scene.add_triangles(o3d.core.Tensor.from_numpy(squares.reshape(-1, 3).astype(np.float32)),
+                            o3d.core.Tensor.from_numpy(faces.astype(np.uint32)))  # fmt: skip
+        points = np.concatenate([plane.points[plane.facing > FACING_LEAST] for plane in planes])
+        widths = [np.median(view.depth_m[view.object_mask & (view.depth_m > 0)]) / view.camera.intrinsics[0, 0]
+                  for view in measured]  # fmt: skip
+        behind = np.concatenate([view.rgb[view.mask == MaskLabel.BACKGROUND] for view in views])
+        background = behind.mean(0) if len(behind) else np.full(3, 128.0)
+        return cls(scene, np.stack([points.min(0), points.max(0)]), float(np.median(widths)),
+                   [_Sight.of(view) for view in views], [_shrunk(view) for view in views], background)  # fmt: skip
+
+    @property
+    def tolerance_m(self) -> float:
+        """Difference in depth under which two views show the same point [m]."""
+        return _SAME_SHARE * float(np.ptp(self.corners, axis=0).max())
+
+    def view(self, camera: Camera) -> View:
+        """Draw one view."""
+        box = np.stack(np.meshgrid(*self.corners.T, indexing="ij"), axis=-1).reshape(-1, 3)
+        rows, columns = window(camera, box)
+        rays = pixel_rays(camera, SIDE)[rows, columns]
+        shape = rays.shape[:3]
+        depth, colour = self._hits(rays.reshape(-1, 6).astype(np.float64))
+        depth, colour = depth.reshape(shape), colour.reshape(*shape, 3)
+        hit = np.isfinite(depth)
+        middle = SIDE * SIDE // 2
+        free = ~hit[..., middle]
+        free[free] = self._free(rays[..., middle, :][free].astype(np.float64))
+        # a ray that hits nothing shows the background, where the pixel or one beside it is known to
+        known = (hit | binary_dilation(free, np.ones((3, 3)))[..., None]).all(-1)
+        part = np.where(hit[..., middle], MaskLabel.OBJECT, MaskLabel.BACKGROUND)
+        mask = np.full((camera.height, camera.width), MaskLabel.BACKGROUND, np.uint8)
+        mask[rows, columns] = np.where(known & (hit[..., middle] | free), part, MaskLabel.UNKNOWN)
+        rgb = np.broadcast_to(self.background, (camera.height, camera.width, 3)).copy()
+        rgb[rows, columns] = np.where(hit[..., None], colour, self.background).mean(2)
+        metres = np.zeros(mask.shape, np.float32)
+        metres[rows, columns] = np.where(hit[..., middle], depth[..., middle], 0)
+        return View(camera, rgb.round().astype(np.uint8), metres, mask)
+
+    def _hits(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Depth [N] (infinite where nothing is known to be hit) and colour [N, 3] along rays [N, 6]."""
+        depth, colour = np.full(len(rays), np.inf), np.zeros((len(rays), 3))
+        start, open_ = np.zeros(len(rays)), np.arange(len(rays))
+        for _ in range(_LAYERS):
+            origin = rays[open_, :3] + start[open_, None] * rays[open_, 3:]
+            cast = np.concatenate([origin, rays[open_, 3:]], axis=1).astype(np.float32)
+            hits = self.scene.cast_rays(o3d.core.Tensor.from_numpy(cast), nthreads=1)
+            far = hits["t_hit"].numpy().astype(np.float64) + start[open_]
+            normals = hits["primitive_normals"].numpy().astype(np.float64)
+            front = np.isfinite(far) & ((normals * rays[open_, 3:]).sum(1) < 0)
+            open_, far, normals = open_[front], far[front], normals[front]
+            points = rays[open_, :3] + far[:, None] * rays[open_, 3:]
+            wrong, mixed, weight = self._looked_at(points, normals)
+            right = ~wrong & (weight > 0)
+            depth[open_[right]] = far[right]
+            colour[open_[right]] = mixed[right] / weight[right, None]
+            start[open_] = far + 0.1 * self.pixel_m
+            open_ = open_[wrong]
+        return depth, colour
+
+    def _looked_at(self, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Ask all views: whether one contradicts [N], the weighted sum of colours [N, 3], the sum of weights [N]."""
+        wrong, mixed, total = np.zeros(len(points), bool), np.zeros((len(points), 3)), np.zeros(len(points))
+        for sight in self.sights:
+            against, colour, weight = sight.shows(points, normals, self.tolerance_m)
+            wrong |= against
+            mixed += weight[:, None] * colour
+            total += weight
+        return wrong, mixed, total
+
+    def _free(self, rays: np.ndarray) -> np.ndarray:
+        """Tell along which rays [N, 6] the object cannot be, because views see through or past every place there."""
+        with np.errstate(divide="ignore"):
+            ends = (self.corners[:, None] - rays[:, :3]) / rays[:, 3:]
+        near, far = ends.min(0).max(1), ends.max(0).min(1)
+        free = near >= far  # passes the box around everything that was measured
+        inside = np.flatnonzero(~free)
+        along = near[inside, None] + (far - near)[inside, None] * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        points = rays[inside, None, :3] + along[..., None] * rays[inside, None, 3:]
+        empty = carved(points.reshape(-1, 3), self.shrunk, -self.pixel_m)
+        free[inside] = empty.reshape(along.shape).all(1)
+        return free
+
+
+def _squares(camera: Camera, planes: PixelPlanes) -> np.ndarray:
+    """Corners of each pixel's piece of surface, counter-clockwise seen from the camera, [N, 4, 3] [m]."""
+    rows, columns = np.nonzero(planes.facing > FACING_LEAST)
+    points, normals = planes.points[rows, columns], planes.normals[rows, columns]
+    eye, rotation = camera.world_from_cam[:3, 3], camera.world_from_cam[:3, :3]
+    corners = []
+    for right, down in ((0, 0), (0, 1), (1, 1), (1, 0)):
+        directions = camera.directions(columns + right, rows + float(down)) @ rotation.T
+        depth = ((points - eye) * normals).sum(1) / (directions * normals).sum(1)
+        corners.append(eye + depth[:, None] * directions)
+    return np.stack(corners, axis=1)
+
+
+def _shrunk(view: View) -> View:
+    """Take a pixel off the object where it borders on the background."""
+    kept = binary_erosion(view.mask != MaskLabel.BACKGROUND, np.ones((3, 3)), border_value=1)
+    return replace(view, mask=np.where(kept, view.mask, MaskLabel.BACKGROUND).astype(np.uint8))
