@@ -37,6 +37,8 @@ from plop.recordings.disect import list_disect, read_disect
 from plop_cli.execute import versions
 
 NOISE_M = 3e-4
+PARTICLES = 750
+"""Particles of the engine: fewer than `plop identify` takes, for the time."""
 SETS = ("set_1", "set_2", "set_3", "set_4")
 OTHER = "prism_foam"
 """Another material of the same shape and tool: recordings of `disect` against the base of the jelly."""
@@ -54,7 +56,7 @@ def first_guess(reference: list[Episode]) -> EngineBase:
     """Start the fit of the engine; stiffness is roughly what the recordings state."""
     material = Material(youngs_modulus_pa=8e3, poisson=0.45, density_kg_m3=1000, damping_per_s=5.0,
                         table_friction=0.2, tool_friction=0.05)  # fmt: skip
-    return EngineBase(material, spacing_for(reference), settled=False, table_cone="pyramid")
+    return EngineBase(material, spacing_for(reference, PARTICLES), settled=False, table_cone="pyramid")
 
 
 def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:

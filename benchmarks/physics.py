@@ -26,7 +26,7 @@ from benchmarks.physics_response import response_error
 from benchmarks.physics_rounds import next_round
 from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
-from benchmarks.physics_tables import write_results
+from benchmarks.physics_tables import RESULT, write_results
 from plop.diagnosis.diagnose import SLOWER, diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.identify import NAMES, identify, spacing_for
@@ -75,18 +75,26 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=240, help="Stop starting runs after so many minutes.")
     parser.add_argument("--jobs", type=int, default=-1, help="Processes.")
     parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics"), help="Where runs are kept.")
+    parser.add_argument("--result", default=RESULT, help="Name of the file in results/ and of the tables' markers.")
+    parser.add_argument("--particles", type=int, default=PARTICLES, help="Of the diagnosing engine.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
     parser.add_argument("--summary", action="store_true", help="Run nothing.")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + (0 if options.summary else 60 * options.minutes)
     if time.monotonic() < deadline:
-        setting = Setting(Measured(reference(options.jobs)), fitted_engine(options.work, options.jobs))
+        engine = fitted_engine(options.work, options.jobs, options.particles)
+        setting = Setting(Measured(reference(options.jobs)), engine)
         for plan in PLAN:
             run_missing([plan], setting, options.work, options.jobs, deadline)
             if plan.set in ("single", "null") and time.monotonic() < deadline:
                 _add_sindy(plan, setting.engine, options.work, options.jobs)
-    write_results(finished(PLAN, options.work), options.out, command="make bench-physics")
+    kept = options.work / "base.json"
+    engine = json.loads(kept.read_text()) if kept.is_file() else {}
+    command = "make bench-physics"
+    if options.result != RESULT:
+        command = f"python -m benchmarks.physics --particles {options.particles} --work W --result {options.result}"
+    write_results(finished(PLAN, options.work), options.out, command=command, engine=engine, result=options.result)
 
 
 def run_missing(plans: list[Plan], setting: Setting, work: Path, jobs: int, deadline: float) -> None:
@@ -121,17 +129,26 @@ def reference(jobs: int, scene: Scene = SCENE) -> list[Episode]:
     return simulated(scene, 0, REFERENCE, [], jobs)
 
 
-def fitted_engine(work: Path, jobs: int) -> EngineBase:
-    """Fit the diagnosing engine to the first of the reference episodes, once."""
+def fitted_engine(work: Path, jobs: int, particles: int = PARTICLES) -> EngineBase:
+    """Fit the diagnosing engine to the first of the reference episodes, once.
+
+    Raises:
+        PlopError: The folder holds runs of an engine of another number of particles.
+    """
     path = work / "base.json"
     if not path.is_file():
         episodes = reference(jobs)[:FITTED]
         material = replace(SCENE.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0,
                            density_kg_m3=1000.0, table_friction=0.4, tool_friction=0.2, toughness_j_m2=0.0)  # fmt: skip
-        start = EngineBase(material, spacing_for(episodes, PARTICLES))
+        start = EngineBase(material, spacing_for(episodes, particles))
         base, found = identify(episodes, start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
-        path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m}))
-    return base_from_dict(json.loads(path.read_text())["engine"])
+        path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m,
+                                    "particles": particles}))  # fmt: skip
+    kept = json.loads(path.read_text())
+    if kept.get("particles", particles) != particles:
+        raise PlopError("The folder holds runs of another engine.", where=path, expected=f"{particles} particles",
+                        found=f"{kept['particles']}", fix="Choose another --work.")  # fmt: skip
+    return base_from_dict(kept["engine"])
 
 
 def _add_sindy(plan: Plan, base: EngineBase, work: Path, jobs: int) -> None:

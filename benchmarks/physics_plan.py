@@ -48,6 +48,7 @@ TURNED = {
 MORE_PAIRS = (("stiffening", "swelling"), ("adhesion", "tilt"), ("relaxation", "tilt"), ("plasticity", "swelling"),
               ("softening", "table_friction"), ("fibres", "swelling"))  # fmt: skip
 MORE_OUTSIDE = ("relaxation", "adhesion", "stiffening", "fibres", "tilt", "swelling")
+FRESH_OUTSIDE = ("plasticity", "table_friction", "toughness", "fibres", "tilt", "relaxation")
 MORE_BASE = {"stiffness": {"d_ln_e": -0.5}, "damping": {"d_per_s": 60.0}}
 
 
@@ -112,9 +113,17 @@ def _designed() -> list[Plan]:
     return _mixed([singles, nulls, base, pairs, outside], [4, 2, 1, 1, 1])
 
 
-PLAN = [*_designed(), *_plan()]
+def _fresh() -> list[Plan]:
+    """Runs that were first made after the diagnosis and the finer engine were fixed."""
+    return [Plan(f"outside-fresh-{name}", "outside", 2800 + k, ((name, _values(TURNED[name][0])),), (name,), 3.0)
+            for k, name in enumerate(FRESH_OUTSIDE)]  # fmt: skip
 
-REASONS = frozenset({"snr4-relaxation", "snr2-softening", "pair-more-relaxation-tilt", "base-more-damping"})
-"""Runs for whose sake the rules of the verdict were changed last: laws at the end of their range, base parameters."""
+
+PLAN = [*_designed(), *_fresh(), *_plan()]
+
+REASONS = frozenset({"snr4-relaxation", "snr2-softening", "pair-more-relaxation-tilt", "base-more-damping",
+                     "null-more-2", "pair-more-adhesion-tilt"})  # fmt: skip
+"""Runs for whose sake the rules of the verdict were changed last: laws at the end of their range, base parameters, laws
+that one episode alone carries."""
 DEVELOPED = REASONS | {plan.name for plan in _plan()}
 """Runs whose recordings were looked at while the rules of the verdict were being changed; the others' never were."""

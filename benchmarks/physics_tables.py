@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.physics_compared import compared
 from benchmarks.physics_plan import DEVELOPED
 from plop_cli.execute import versions
 
+RESULT = "physics"
+"""Name of the file of the benchmark's own result."""
 _NAMING = ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER")
 
 
@@ -125,11 +128,26 @@ def sensor_faults_missed(out: Path) -> dict[str, Any]:
     return wilson(cameras - round(sum(rate["rate"] * rate["n"] for rate in rates)), cameras)
 
 
-def write_results(rows: list[dict[str, Any]], out: Path, *, command: str) -> None:
-    """Write results/physics.json and the tables of results-physics.md between their markers."""
-    path = out / "results" / "physics.json"
+def write_results(
+    rows: list[dict[str, Any]], out: Path, *, command: str, engine: dict[str, Any] | None = None, result: str = RESULT
+) -> None:  # fmt: skip
+    """Write results/<result>.json and the tables of results-physics.md between their markers.
+
+    Markers are called rates, runs and confusion; those of another result than RESULT begin with its name and a hyphen.
+    Where both results are there, those of the runs that both made stand side by side under "compared".
+
+    Args:
+        rows: Of the runs.
+        out: Folder with results-physics.md and results/.
+        command: That made them.
+        engine: What diagnosed them; as it was written before when empty.
+        result: Name of the file.
+    """
+    path = out / "results" / f"{result}.json"
     kept = json.loads(path.read_text()) if path.is_file() else {}
     fresh = [r for r in rows if r["name"] not in DEVELOPED]
+    if engine:
+        kept["engine"] = engine
     facts = {**kept, "command": command, "versions": versions(), "seeds": sorted({r["seed"] for r in rows}),
              "sets": {**summary(rows), "sensor": {"called_physics": sensor_faults_missed(out)}},
              "sets_after_rules_were_fixed": summary(fresh), "confusion": confusion(rows),
@@ -140,7 +158,13 @@ def write_results(rows: list[dict[str, Any]], out: Path, *, command: str) -> Non
     if page.is_file():
         text = page.read_text()
         rates = _rates(facts["sets"], facts["sets_after_rules_were_fixed"])
-        for name, table in {"rates": rates, "runs": _runs(rows), "confusion": _confused(facts)}.items():
+        tables = {"rates": rates, "runs": _runs(rows), "confusion": _confused(facts)}
+        prefix = "" if result == RESULT else f"{result}-"
+        tables = {f"{prefix}{name}": table for name, table in tables.items()}
+        main = out / "results" / f"{RESULT}.json"
+        if prefix and main.is_file():
+            tables["compared"] = compared(json.loads(main.read_text())["runs"], facts["runs"])
+        for name, table in tables.items():
             begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
             if begin in text and end in text:
                 text = text[: text.index(begin) + len(begin)] + "\n" + table + "\n" + text[text.index(end) :]
@@ -155,7 +179,11 @@ def _shown(rate: dict[str, Any] | None) -> str:
 
 def _kept(row: dict[str, Any]) -> dict[str, Any]:
     """Leave out of a run what its folder keeps in full: the page's file stays small enough to be read."""
-    return {key: value for key, value in row.items() if key not in ("judged", "limits_mm", "parameters", "ranking")}
+    kept = {key: value for key, value in row.items() if key not in ("judged", "limits_mm", "parameters", "ranking")}
+    named = row["named"][0] if row["named"] else None
+    if row["set"] == "single" and named in row["hidden"]:
+        kept["amplitude_off"] = _amplitude_error(row["hidden"][named], row["parameters"].get(named, {}))[0]
+    return kept
 
 
 def _rates(sets: dict[str, Any], fresh: dict[str, Any]) -> str:

@@ -17,7 +17,7 @@ from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.table import Measured, RunJobs, Table
-from plop.diagnosis.verdict import Finding, Verdict, judge
+from plop.diagnosis.verdict import Finding, Verdict, first_of, judge
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
@@ -154,8 +154,7 @@ def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Di
     sham = sham_gains(state.screen, seed=seed, count=shams)
     findings = [state.finding(score, sham) for score in scores]
     base = state.base_finding(sham)
-    # what has the same amplitude in the reference is not judged, but the best of what differs
-    first = next((s for s, f in zip(scores, findings, strict=True) if f.differs), scores[0] if scores else None)
+    first = scores[first_of(findings) or 0] if scores else None
     left = None if first is None else state.left(first)
     alike = [] if first is None else [s.candidate.effect for s in confounded(state.screen, first, scores)]
     second = None if first is None else state.beyond(first, sham)

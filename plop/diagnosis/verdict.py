@@ -54,6 +54,11 @@ class Finding:
         """Tell whether its amplitude is another than in the reference."""
         return self.contrast is None or self.contrast.p <= P_LARGEST
 
+    @property
+    def carried(self) -> bool:
+        """Tell whether one episode alone carries it."""
+        return self.steady is not None and self.steady <= GAIN_LEAST / 2
+
     def passes(self) -> bool:
         """Tell whether all conditions for being named hold."""
         return not self.reasons()
@@ -73,7 +78,7 @@ class Finding:
             found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
         if self.at_bound:
             found.append(AT_BOUND)
-        if self.steady is not None and self.steady <= GAIN_LEAST / 2:
+        if self.carried:
             found.append("one episode alone carries it")
         if self.contrast is not None and not self.differs:
             distance = f"{self.contrast.errors:.1f} standard errors, p = {self.contrast.p:.2f}"
@@ -92,6 +97,18 @@ class Verdict:
     text: str
     """One sentence."""
     evidence: dict[str, Any] = field(default_factory=dict)
+
+
+def first_of(findings: list[Finding]) -> int | None:
+    """Choose the finding that is judged: the best one that is new and that more than one episode shows.
+
+    What has the same amplitude in the reference is not new, whatever it explains here; what one episode alone
+    carries says nothing about the others.
+
+    Returns:
+        Its place; None when there is none.
+    """
+    return next((k for k, f in enumerate(findings) if f.differs and not f.carried), None)
 
 
 def judge(
@@ -127,8 +144,8 @@ def judge(
                 return _nothing(facts)
         if found is not None:
             return found
-    # what has the same amplitude in the reference is not new, whatever it explains here
-    first = next((f for f in findings if f.differs), None)
+    chosen = first_of(findings)
+    first = None if chosen is None else findings[chosen]
     if first is not None and first.kind == "decoy" and named and named[0].name in confounds:
         first = named[0]  # a decoy that cannot be told from it is no reason to refuse it
     if first is not None and (first in named or (first.ends() and first.kind != "decoy" and size.stands_out)):
@@ -154,13 +171,13 @@ def _law(
     share = size.closed(left)
     partly = best.at_bound or (share is not None and share < PARTLY_SHARE)
     others = [name for name in alike if name not in (best.name, more and more.name)]
-    if partly and _may_be_chance(size):
+    if partly and (_may_be_chance(size) or (best.kind == "base" and not size.beyond_chance)):
         return _nothing(facts)
     if more is not None and not others:
         text = _both_text(best, more, partly, share)
         return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
     kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
-    if best.kind == "base" and not others and not best.at_bound:
+    if best.kind == "base" and not others and not partly:
         return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
     facts = {**facts, "alternatives": others}
     return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)

@@ -52,7 +52,7 @@ class IdentifyConfig:
     start: str = "auto"
     """Object at the first frame: "settled" under its weight, "unloaded" and about to sag, or "auto": what fits."""
     spacing_m: float = 0.0
-    """Distance of the particles [m]; 0 chooses about 750 of them."""
+    """Distance of the particles [m]; 0 chooses about 1300 of them."""
     iterations: int = 5
     """Most Gauss-Newton steps."""
     split: str = "all"

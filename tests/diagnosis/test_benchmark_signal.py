@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 
+from benchmarks.physics import fitted_engine
 from benchmarks.physics_plan import PLAN, SNRS
 from benchmarks.physics_rounds import named_effects
 from benchmarks.physics_signal import CLOSE, at_signal
@@ -77,3 +81,9 @@ def test_the_plan_has_each_effect_at_each_signal_and_no_seed_twice():
     for snr in SNRS:
         wanted = {p.hidden[0][0] for p in PLAN if p.set == "single" and p.snr == snr}
         assert wanted == {name for name, kind in TYPES.items() if kind.kind == "physics"}
+
+
+def test_runs_of_two_engines_do_not_mix(tmp_path: Path):
+    (tmp_path / "base.json").write_text(json.dumps({"engine": {}, "particles": 570}))
+    with pytest.raises(PlopError, match="another engine"):
+        fitted_engine(tmp_path, 1, 1300)

@@ -11,7 +11,7 @@ import pytest
 
 from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.error_size import ErrorSize, exceeded_within, exchanged
-from plop.diagnosis.verdict import Finding, Verdict, judge, parameters_text
+from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 
@@ -275,3 +275,21 @@ def test_a_law_that_explains_much_beyond_the_base_parameter_is_named():
     assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
     verdict = told([finding(gain=0.2, alone=0.3)], [], finding("stiffness", gain=0.6), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
+
+
+def test_a_law_that_one_episode_alone_carries_does_not_stand_before_one_that_all_show():
+    alone = finding("adhesion", gain=0.7, steady=0.01)
+    verdict = told([alone, finding(gain=0.3)], [], None, [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["tilt"])
+    assert first_of([alone, finding("tilt", contrast=SAME), finding("fibres")]) == 2
+    assert first_of([alone]) is None
+    assert told([alone], [], None, [], **FACTS).kind == "NONE OF THESE"
+
+
+def test_a_base_parameter_that_leaves_most_of_the_gap_needs_an_error_that_stands_out():
+    facts: dict[str, Any] = {"error": 3.2, "floor": 1.2, "left": 2.4, "excess_p": 0.004}
+    assert told([finding("damping")], [], None, [], **facts, excess=2.2).kind == "NOTHING DETECTABLE"
+    verdict = told([finding("damping")], [], None, [], **facts, excess=4.0)
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["damping"])
+    facts["left"] = 1.5
+    assert told([finding("damping")], [], None, [], **facts, excess=2.2).kind == "BASE PARAMETER"
