@@ -26,17 +26,17 @@ def compared(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> str:
 
 
 def _verdict(row: dict[str, Any] | None) -> str:
-    """Write what was named; the share that it closes where something was, and what was named in the next round."""
+    """Write what was named, what was named in the next round, and which share of the gap a law closes.
+
+    A base parameter's is not given: the gap counts from where the base's stiffness is refitted.
+    """
     if row is None:
         return "not run"
     then = f", then {', '.join(row['next_named'])}" if row.get("next_named") else ""
     gap = row["error"] - (row["floor"] or row["error"])
-    share = (
-        f" ({100 * min((row['error'] - row['left']) / gap, 1):.0f} %)"
-        if row["named"] and row["left"] and gap > 0
-        else ""
-    )
-    return f"{row['verdict']} {', '.join(row['named'])}{then}{share}".replace("  ", " ").strip()
+    told = row["named"] and row["left"] and gap > 0 and row["verdict"] != "BASE PARAMETER"
+    share = f" ({100 * min((row['error'] - row['left']) / gap, 1):.0f} %)" if told else ""
+    return f"{row['verdict']} {', '.join(row['named'])}{then}{share}".strip()
 
 
 def _off(row: dict[str, Any] | None) -> str:
