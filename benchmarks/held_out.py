@@ -50,7 +50,7 @@ def held_out_score(data: Path, episode: str, config: FitInitConfig) -> dict[str,
 
 
 def main() -> None:
-    """Fit what is not in the result file yet, and write it."""
+    """Fit, print one line a fit, and write the result file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="Folder with the DiSECt recordings.")
     parser.add_argument("--jobs", type=int, default=-1, help="Processes.")

@@ -75,9 +75,8 @@ class Camera:
             use &= mask
         rows, columns = np.nonzero(use)
         depth = depth_m[rows, columns].astype(np.float64)
-        x = (columns + 0.5 - self.intrinsics[0, 2]) / self.intrinsics[0, 0] * depth
-        y = (rows + 0.5 - self.intrinsics[1, 2]) / self.intrinsics[1, 1] * depth
-        return transform_points(self.world_from_cam, np.stack([x, y, depth], axis=-1))
+        points = self.directions(columns + 0.5, rows + 0.5) * depth[:, None]
+        return transform_points(self.world_from_cam, points)
 
     def resized(self, width: int, height: int) -> Camera:
         """Give the same camera at another resolution, intrinsics scaled to match."""

@@ -52,13 +52,16 @@ def virtual_views(views: Sequence[View], count: int) -> list[View]:
         count: Views wanted.
 
     Returns:
-        `count` views, or none where fewer than two have measured depth.
+        `count` views, or none where fewer than two have measured pieces of surface.
     """
-    measured = [view for view in views if ((view.depth_m > 0) & view.object_mask).any()]
-    if count < 1 or len(measured) < 2:
+    if count < 1:
         return []
-    drawn = _Drawn.of(measured, views)
-    return [drawn.view(camera) for camera in _cameras(drawn, measured, count)]
+    planes = [pixel_planes(view.camera, view.depth_m, view.object_mask) for view in views]
+    measured = [k for k, plane in enumerate(planes) if (plane.facing > FACING_LEAST).any()]
+    if len(measured) < 2:
+        return []
+    drawn = _Drawn.of([views[k] for k in measured], [planes[k] for k in measured], views)
+    return [drawn.view(camera) for camera in _cameras(drawn, [views[k] for k in measured], count)]
 
 
 def _cameras(drawn: _Drawn, views: list[View], count: int) -> list[Camera]:
@@ -84,7 +87,7 @@ class _Sight:
 
     view: View
     near_m: np.ndarray
-    """Least depth of the object in each pixel and its neighbours, [H, W] [m]; infinite where there is none."""
+    """Least depth of the object in each pixel and its neighbours, [H, W] [m]; 0 where there is none."""
     possible: np.ndarray
     """1 where the object may be, 0 where the background shows, [H, W]."""
     pure: np.ndarray
@@ -92,8 +95,8 @@ class _Sight:
 
     @classmethod
     def of(cls, view: View) -> _Sight:
-        depth = np.where(view.object_mask & (view.depth_m > 0), view.depth_m, np.inf)
-        return cls(view, minimum_filter(depth, 3), (view.mask != MaskLabel.BACKGROUND).astype(np.float64),
+        near = minimum_filter(np.where(view.object_mask & (view.depth_m > 0), view.depth_m, np.inf), 3)
+        return cls(view, np.where(np.isinf(near), 0, near), (view.mask != MaskLabel.BACKGROUND).astype(np.float64),
                    view.object_mask.astype(np.float64))  # fmt: skip
 
     def shows(
@@ -112,7 +115,7 @@ class _Sight:
                               [[camera.height - 1], [camera.width - 1]]).astype(int)  # fmt: skip
         inside = (np.abs(pixel / [camera.width, camera.height] - 0.5) < 0.5).all(1) & (depth > 0)
         past = map_coordinates(self.possible, place, order=1, mode="nearest") < _OUTSIDE
-        through = depth < np.where(np.isinf(self.near_m), 0, self.near_m)[row, column] - tolerance_m
+        through = depth < self.near_m[row, column] - tolerance_m
         seen = inside & self.view.object_mask[row, column]
         seen &= np.abs(self.view.depth_m[row, column] - depth) < tolerance_m
         toward = camera.world_from_cam[:3, 3] - points
@@ -141,8 +144,7 @@ class _Drawn:
     """Mean colour of what is behind the object, [3], 0..255."""
 
     @classmethod
-    def of(cls, measured: list[View], views: Sequence[View]) -> _Drawn:
-        planes = [pixel_planes(view.camera, view.depth_m, view.object_mask) for view in measured]
+    def of(cls, measured: list[View], planes: list[PixelPlanes], views: Sequence[View]) -> _Drawn:
         squares = np.concatenate([_squares(view.camera, plane) for view, plane in zip(measured, planes, strict=True)])
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         first = 4 * np.arange(len(squares))[:, None]
@@ -237,7 +239,7 @@ def _squares(camera: Camera, planes: PixelPlanes) -> np.ndarray:
     eye, rotation = camera.world_from_cam[:3, 3], camera.world_from_cam[:3, :3]
     corners = []
     for right, down in ((0, 0), (0, 1), (1, 1), (1, 0)):
-        directions = camera.directions(columns + right, rows + float(down)) @ rotation.T
+        directions = camera.directions(columns + right, rows + down) @ rotation.T
         depth = ((points - eye) * normals).sum(1) / (directions * normals).sum(1)
         corners.append(eye + depth[:, None] * directions)
     return np.stack(corners, axis=1)

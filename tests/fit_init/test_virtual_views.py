@@ -77,6 +77,8 @@ def test_without_two_depth_images_there_are_none():
     assert virtual_views(flat, 4) == []
     assert virtual_views([views(3)[0], *flat[1:]], 4) == []
     assert virtual_views(views(3), 0) == []
+    scattered = (np.indices((96, 96)) % 3 == 0).all(0)  # no three neighbours make a plane
+    assert virtual_views([replace(view, depth_m=view.depth_m * scattered) for view in views(3)], 4) == []
 
 
 def test_a_view_that_no_camera_took_is_fitted_better_with_them():
