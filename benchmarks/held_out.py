@@ -1,7 +1,8 @@
 """How well Gaussians fitted to five views show the sixth: `python -m benchmarks.held_out --data <DiSECt folder>`.
 
 Renders the first frame of part recordings 004 and 005 of the nine environments, fits them with the defaults of
-`plop fit-init`, with and without virtual views, and writes docs/results/held_out.json (merged with what is there).
+`plop fit-init`, with and without virtual views, and writes docs/results/held_out.json (merged with what is there) and
+the table of docs/stages/fit-init.md.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from joblib import Parallel, delayed
 
 from benchmarks.__main__ import machine
+from plop.metrics.table import replace_between_markers
 from plop.recordings.disect import read_disect
 from plop.recordings.recording import Recording
 from plop.recordings.resample import resampled
@@ -27,7 +30,8 @@ from plop.render.settings import CameraSettings
 from stages.fit_init.episode import fit_episode
 from stages.fit_init.stage import FitInitConfig
 
-RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "held_out.json"
+_DOCS = Path(__file__).resolve().parent.parent / "docs"
+RESULT, PAGE = _DOCS / "results" / "held_out.json", _DOCS / "stages" / "fit-init.md"
 ENVIRONMENTS = [
     f"{shape}_{stuff}" for shape in ("cylinder", "prism", "sphere") for stuff in ("foam", "jelly", "polymer")
 ]
@@ -47,6 +51,20 @@ def held_out_score(data: Path, episode: str, config: FitInitConfig) -> dict[str,
             started = time.perf_counter()
             score = fit_episode(recording, None, config, lambda step, figures: None).score
     return {key: score[key] for key in KEPT} | {"seconds": round(time.perf_counter() - started, 1)}
+
+
+def table(episodes: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Give the mean of each environment and that of all environments, without and with virtual views."""
+    named: dict[str, list[list[float]]] = {}
+    for episode, scores in sorted(episodes.items()):
+        row = [score[key] for key in ("psnr_db", "depth_error_mm") for _, score in sorted(scores.items())]
+        named.setdefault(episode.rsplit("_part", 1)[0].replace("_", "-"), []).append(row)
+    means = {name: np.mean(rows, axis=0) for name, rows in named.items()}
+    means["**mean**"] = np.mean(list(means.values()), axis=0)
+    lines = ["| environment | PSNR [dB] without virtual views | with | depth error [mm] without | with |",
+             "|---|---|---|---|---|"]  # fmt: skip
+    lines += [f"| {name} | {a:.1f} | {b:.1f} | {c:.2f} | {d:.2f} |" for name, (a, b, c, d) in means.items()]
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -69,6 +87,7 @@ def main() -> None:
     facts = {"command": "python -m benchmarks.held_out --data <DiSECt folder>", "machine": machine(),
              "seeds": [default.seed], "steps": default.steps, "episodes": dict(sorted(found.items()))}  # fmt: skip
     RESULT.write_text(json.dumps(facts, indent=1) + "\n")
+    PAGE.write_text(replace_between_markers(PAGE.read_text(), "held-out", table(found)))
 
 
 if __name__ == "__main__":

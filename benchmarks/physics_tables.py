@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.physics_compared import compared
 from benchmarks.physics_plan import DEVELOPED
+from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions
 
 RESULT = "physics"
@@ -165,9 +166,8 @@ def write_results(
         if prefix and main.is_file():
             tables["compared"] = compared(json.loads(main.read_text())["runs"], facts["runs"])
         for name, table in tables.items():
-            begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
-            if begin in text and end in text:
-                text = text[: text.index(begin) + len(begin)] + "\n" + table + "\n" + text[text.index(end) :]
+            if f"<!-- {name}:begin -->" in text:
+                text = replace_between_markers(text, name, table)
         page.write_text(text)
 
 
