@@ -55,49 +55,61 @@ def _clamped(index: int, count: int) -> int:
 
 
 @kernel
-def _cube(p: int, places: Places, nodes: np.ndarray, weights: np.ndarray, along: np.ndarray) -> None:
-    """Fill a particle's nodes and weights [n^3], and weights and slopes along the axes [2, 3, n]."""
-    offset, n, shift, shape = places
-    fx = _axis(offset[p, 0], n, along[0, 0], along[1, 0])
-    fy = _axis(offset[p, 1], n, along[0, 1], along[1, 1])
-    fz = _axis(offset[p, 2], n, along[0, 2], along[1, 2])
-    k = 0
-    for i in range(n):
-        ix = _clamped(fx + i, shape[0])
-        for j in range(n):
-            row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
-            both = along[0, 0, i] * along[0, 1, j]
-            for m in range(n):
-                nodes[k] = row + _clamped(fz + m, shape[2])
-                weights[k] = both * along[0, 2, m]
-                k += 1
+def _along(p: int, places: Places, weights: np.ndarray, slopes: np.ndarray) -> tuple[int, int, int]:
+    """The first node of a particle along each axis; fills weights and slopes along the axes [3, 4], 0 beyond n."""
+    offset, n = places[0], places[1]
+    fx = _axis(offset[p, 0], n, weights[0], slopes[0])
+    fy = _axis(offset[p, 1], n, weights[1], slopes[1])
+    return fx, fy, _axis(offset[p, 2], n, weights[2], slopes[2])
 
 
 @kernel
 def _gather(part: int, parts: int, features: np.ndarray, places: Places, out: np.ndarray) -> None:
-    offset, n = places[0], places[1]
-    nodes, weights, along = np.empty(n**3, np.int64), np.empty(n**3, out.dtype), np.empty((2, 3, n), out.dtype)
+    offset, n, shift, shape = places
+    weights, slopes = np.zeros((3, 4), out.dtype), np.zeros((3, 4), out.dtype)
     for p in range(part * len(offset) // parts, (part + 1) * len(offset) // parts):
-        _cube(p, places, nodes, weights, along)
-        for k in range(n**3):
-            node, weight = nodes[k], weights[k]
-            for c in range(features.shape[1]):
-                out[p, c] += weight * features[node, c]
+        fx, fy, fz = _along(p, places, weights, slopes)
+        z0, z1 = _clamped(fz, shape[2]), _clamped(fz + 1, shape[2])
+        z2, z3 = _clamped(fz + 2, shape[2]), _clamped(fz + 3, shape[2])
+        for i in range(n):
+            ix = _clamped(fx + i, shape[0])
+            for j in range(n):
+                row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
+                both = weights[0, i] * weights[1, j]
+                # four nodes at a time, whatever n: half the time of a loop over them
+                a, b, c, d = row + z0, row + z1, row + z2, row + z3
+                wa, wb, wc, wd = both * weights[2, 0], both * weights[2, 1], both * weights[2, 2], both * weights[2, 3]
+                for q in range(features.shape[1]):
+                    out[p, q] += wa * features[a, q] + wb * features[b, q] + wc * features[c, q] + wd * features[d, q]
 
 
 @kernel
 def _scatter(
     part: int, parts: int, values: np.ndarray, places: Places, partial: np.ndarray, mass: np.ndarray
 ) -> None:  # fmt: skip
-    offset, n = places[0], places[1]
-    nodes, weights, along = np.empty(n**3, np.int64), np.empty(n**3, mass.dtype), np.empty((2, 3, n), mass.dtype)
+    offset, n, shift, shape = places
+    weights, slopes = np.zeros((3, 4), mass.dtype), np.zeros((3, 4), mass.dtype)
+    sums, total = partial[part], mass[part]
     for p in range(part * len(offset) // parts, (part + 1) * len(offset) // parts):
-        _cube(p, places, nodes, weights, along)
-        for k in range(n**3):
-            node, weight = nodes[k], weights[k]
-            mass[part, node] += weight
-            for c in range(values.shape[1]):
-                partial[part, node, c] += weight * values[p, c]
+        fx, fy, fz = _along(p, places, weights, slopes)
+        z0, z1 = _clamped(fz, shape[2]), _clamped(fz + 1, shape[2])
+        z2, z3 = _clamped(fz + 2, shape[2]), _clamped(fz + 3, shape[2])
+        for i in range(n):
+            ix = _clamped(fx + i, shape[0])
+            for j in range(n):
+                row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
+                both = weights[0, i] * weights[1, j]
+                a, b, c, d = row + z0, row + z1, row + z2, row + z3
+                wa, wb, wc, wd = both * weights[2, 0], both * weights[2, 1], both * weights[2, 2], both * weights[2, 3]
+                total[a] += wa
+                total[b] += wb
+                total[c] += wc
+                total[d] += wd
+                for q in range(values.shape[1]):
+                    sums[a, q] += wa * values[p, q]
+                    sums[b, q] += wb * values[p, q]
+                    sums[c, q] += wc * values[p, q]
+                    sums[d, q] += wd * values[p, q]
 
 
 @kernel
@@ -106,25 +118,25 @@ def _offset_gradient(
     out: np.ndarray,
 ) -> None:  # fmt: skip
     """Derivative of sum_k w_k (values . features_k + constant_k) with respect to the offset."""
-    offset, n = places[0], places[1]
-    nodes, weights, along = np.empty(n**3, np.int64), np.empty(n**3, out.dtype), np.empty((2, 3, n), out.dtype)
+    offset, n, shift, shape = places
+    weights, slopes = np.zeros((3, 4), out.dtype), np.zeros((3, 4), out.dtype)
     for p in range(part * len(offset) // parts, (part + 1) * len(offset) // parts):
-        _cube(p, places, nodes, weights, along)
-        k = 0
+        fx, fy, fz = _along(p, places, weights, slopes)
         for i in range(n):
+            ix = _clamped(fx + i, shape[0])
             for j in range(n):
+                row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
                 total, change = 0 * out[p, 0], 0 * out[p, 0]
                 for m in range(n):
-                    node = nodes[k]
-                    slope = constant[node]
-                    for c in range(values.shape[1]):
-                        slope += values[p, c] * features[node, c]
-                    total += slope * along[0, 2, m]
-                    change += slope * along[1, 2, m]
-                    k += 1
-                out[p, 0] += total * along[1, 0, i] * along[0, 1, j]
-                out[p, 1] += total * along[0, 0, i] * along[1, 1, j]
-                out[p, 2] += change * along[0, 0, i] * along[0, 1, j]
+                    node = row + _clamped(fz + m, shape[2])
+                    told = constant[node]
+                    for q in range(values.shape[1]):
+                        told += values[p, q] * features[node, q]
+                    total += told * weights[2, m]
+                    change += told * slopes[2, m]
+                out[p, 0] += total * slopes[0, i] * weights[1, j]
+                out[p, 1] += total * weights[0, i] * slopes[1, j]
+                out[p, 2] += change * weights[0, i] * weights[1, j]
 
 
 def _places(stencil: Stencil) -> Places:

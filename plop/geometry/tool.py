@@ -55,12 +55,12 @@ class ToolGeometry:
         return pose[:3, :3] @ self.center.to(pose) + pose[:3, 3], pose[:3, :3] @ self.axes.to(pose)
 
     def inside_outline(self, points: Tensor, margin_m: float) -> Tensor:
-        """Tell which points (axes 1, 2; shape [..., 2]) lie inside the outline widened by the margin [m]."""
+        """Tell which points (axes 1 and 2, columns [2, N]) lie inside the outline widened by the margin [m]."""
         corners = self.outline.to(points)
         edge = corners.roll(-1, 0) - corners
         outward = torch.stack([edge[:, 1], -edge[:, 0]], -1) / edge.norm(dim=-1, keepdim=True)
-        distance = points @ outward.T - (corners * outward).sum(-1)
-        return (distance <= margin_m).all(-1)
+        distance = torch.addmm(-(corners * outward).sum(-1, keepdim=True), outward, points)
+        return distance.amax(0) <= margin_m
 
     def surface_points(self, count: int) -> Tensor:
         """Spread points over the surface by area, the same ones each time.
