@@ -19,16 +19,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import plain_json
-from plop.diagnosis.candidates import Candidate, candidates_of
+from plop.diagnosis.candidates import Candidate, Column, candidates_of
 from plop.diagnosis.diagnose import Diagnosis, diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
-from plop.diagnosis.findings import State
-from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for
-from plop.diagnosis.regression import held_out_values
-from plop.diagnosis.responses import Job
+from plop.diagnosis.identify import identify, outliers, spacing_for
+from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.table import Measured
 from plop.physics.base_io import base_from_dict, base_to_dict
 from plop.physics.effects.library import library
 from plop.physics.filled import EngineBase
@@ -37,9 +35,13 @@ from plop.recordings.disect import list_disect, read_disect
 from plop_cli.execute import versions
 
 NOISE_M = 3e-4
-PARTICLES = 750
-"""Particles of the engine: fewer than `plop identify` takes, for the time."""
+FITTED = ("youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s", "toughness_j_m2")
+"""What is fitted. The simulator has no drag on velocities but viscous tetrahedra, friction on the table that is
+limited by a speed as well as by Coulomb's law, and springs that hold the cut until they break."""
 SETS = ("set_1", "set_2", "set_3", "set_4")
+FACTORS = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0)
+"""Multiples of the fitted amplitude among which the other episodes choose the one for an episode: responses are not
+proportional to amplitudes."""
 OTHER = "prism_foam"
 """Another material of the same shape and tool: recordings of `disect` against the base of the jelly."""
 
@@ -53,17 +55,17 @@ def episodes_of(folder: Path, pattern: str) -> list[Episode]:
 
 
 def first_guess(reference: list[Episode]) -> EngineBase:
-    """Start the fit of the engine; stiffness is roughly what the recordings state."""
-    material = Material(youngs_modulus_pa=8e3, poisson=0.45, density_kg_m3=1000, damping_per_s=5.0,
-                        table_friction=0.2, tool_friction=0.05)  # fmt: skip
-    return EngineBase(material, spacing_for(reference, PARTICLES), settled=False, table_cone="pyramid")
+    """Start the fit of the engine near what the recordings state; the tool's friction stays as they state it."""
+    material = Material(youngs_modulus_pa=8e3, poisson=0.45, density_kg_m3=1000, viscosity_pa_s=5.0, table_friction=0.5,
+                        table_slip_m_s=5e-3, tool_friction=0.5, toughness_j_m2=1.0)  # fmt: skip
+    return EngineBase(material, spacing_for(reference), settled=False, table_cone="pyramid")
 
 
 def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:
     """Fit the engine to the reference, once."""
     path = work / "base.json"
     if not path.is_file():
-        base, found = identify(reference, first_guess(reference), NAMES, iterations=5, jobs=jobs)
+        base, found = identify(reference, first_guess(reference), FITTED, iterations=5, jobs=jobs)
         path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m,
                                     "rms_before_mm": 1000 * found.rms_before_m}))  # fmt: skip
     return base_from_dict(json.loads(path.read_text())["engine"])
@@ -81,26 +83,30 @@ def named_candidate(found: Diagnosis) -> Candidate:
 
 
 def before_and_after(found: Diagnosis, measured: list[Episode], base: EngineBase, runs: Runs) -> dict[str, float]:
-    """Simulate each episode with the best effect as fitted to the other episodes.
+    """Simulate each episode with the best effect, at the amplitude with which the others are followed best.
 
     Returns:
         RMS error of the patches in mm, without and with it.
     """
     best = named_candidate(found)
-    table = Table(Measured(measured), base, runs)
-    table.respond(best.columns)
-    state = State([table], [best])
-    values = held_out_values(state.screen.grams, state.screen.columns(best))
-    jobs = [Job(episode, base, tuple(zip(best.columns, row, strict=True)))
-            for episode, row in zip(table.episodes, values, strict=True)]  # fmt: skip
-    sums = {"before": 0.0, "after": 0.0}
-    for k, (episode, answer) in enumerate(zip(table.episodes, runs(jobs), strict=True)):
-        frames = compared_frames(len(episode.times))
-        for name, points in (("before", table.plain[k]), ("after", answer.points)):
-            assert points is not None
-            error = episode.pooled((points - points[:1])[frames]) - episode.motion[frames]
-            sums[name] += float((error**2).sum(-1).mean()) / len(table.episodes)
-    return {key: 1000 * float(np.sqrt(value)) for key, value in sums.items()}
+    trials: list[tuple[tuple[Column, float], ...]] = [()]
+    trials += [tuple((column, factor * column.value) for column in best.columns) for factor in FACTORS]
+    jobs = [[Job(episode, base, trial) for episode in measured] for trial in trials]
+    errors = np.array([[_error(job.episode, answer) for job, answer in zip(row, runs(row), strict=True)]
+                       for row in jobs])  # fmt: skip
+    before, after = errors[0], errors[1:]
+    chosen = [int(np.argmin(after.sum(1) - after[:, k])) for k in range(len(measured))]
+    own = after[chosen, np.arange(len(measured))]
+    return {"before": 1000 * float(np.sqrt(before.mean())), "after": 1000 * float(np.sqrt(own.mean()))}
+
+
+def _error(episode: Episode, answer: Answer) -> float:
+    """Mean squared error of the patches at the compared frames [m^2]; infinite where the engine is unstable."""
+    if answer.points is None:
+        return np.inf
+    frames = compared_frames(len(episode.times))
+    error = episode.pooled((answer.points - answer.points[:1])[frames]) - episode.motion[frames]
+    return float((error**2).sum(-1).mean())
 
 
 def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:

@@ -82,6 +82,10 @@ def diagnose(
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     state = State(tables, candidates)
+    turned = _turned(state)
+    if turned:
+        candidates = [turned.get(c.key, c) for c in candidates]
+        state = _responded(tables, candidates, list(turned))
     best = _best_values(state)
     candidates = _moved(candidates, best)
     state = _responded(tables, candidates, list(best))
@@ -104,6 +108,22 @@ def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType
             ends = sorted((value / STEP, -value / STEP))
             return replace(column, low=max(column.low, ends[0]), high=min(column.high, ends[1]))
     return column
+
+
+def _turned(state: State) -> dict[str, Candidate]:
+    """Give the laws that seem to act the other way than they were tried, to be tried that way, by key.
+
+    What sticks does not respond to more friction, however much it would to less: a response is judged in the
+    direction in which it is needed.
+    """
+    found = {}
+    for score in state.scores():
+        candidate = score.candidate
+        column = candidate.columns[0]
+        signed = len(candidate.columns) == 1 and column.low < 0 < column.high
+        if signed and score.values[0] * column.value < 0:
+            found[candidate.key] = replace(candidate, columns=(replace(column, value=-column.value),))
+    return found
 
 
 def _best_values(state: State, share: float = -np.inf) -> dict[str, np.ndarray]:

@@ -76,7 +76,7 @@ def _gather(part: int, parts: int, features: np.ndarray, places: Places, out: np
             for j in range(n):
                 row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
                 both = weights[0, i] * weights[1, j]
-                # four nodes at a time, whatever n: half the time of a loop over them
+                # four nodes at a time, whatever n: a third less time than a loop over them
                 a, b, c, d = row + z0, row + z1, row + z2, row + z3
                 wa, wb, wc, wd = both * weights[2, 0], both * weights[2, 1], both * weights[2, 2], both * weights[2, 3]
                 for q in range(features.shape[1]):

@@ -34,7 +34,7 @@ class Parameter:
 
     def encode(self, value: float) -> float:
         """Value -> coordinate of the fit."""
-        return float(np.log(value)) if self.logarithmic else value
+        return float(np.log(np.clip(value, self.low, self.high))) if self.logarithmic else value
 
     def decode(self, coordinate: float) -> float:
         """Coordinate of the fit -> value, kept inside the bounds."""
@@ -53,6 +53,7 @@ PARAMETERS = {
         Parameter("table_friction", "-", 0.0, 2.0, 0.03),
         Parameter("tool_friction", "-", 0.0, 2.0, 0.03),
         Parameter("toughness_j_m2", "J/m^2", 0.0, 1e3, 2.0),
+        Parameter("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, logarithmic=True),
     )
 }
 

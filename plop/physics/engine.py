@@ -89,7 +89,8 @@ class Engine:
         self._thickness = np.zeros(4, np.float32) if self._shape is None else self._shape.thickness
         self._elastic = (int(material.law), np.float32(material.shear_pa), np.float32(material.lame_pa),
                          np.float32(material.viscosity_pa_s))  # fmt: skip
-        self._friction = np.array([material.table_friction, material.tool_friction, material.cut_friction], np.float32)
+        self._friction = np.array([material.table_friction, material.tool_friction, material.cut_friction,
+                                   material.table_slip_m_s], np.float32)  # fmt: skip
         self._gravity = np.array(config.gravity_m_s2, np.float32)
         table = -np.inf if config.table_z_m is None else config.table_z_m + 1e-6
         self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)

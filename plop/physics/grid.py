@@ -31,14 +31,23 @@ _TOUCHING = np.float32(0.01)
 
 
 @njit(fastmath=True)
-def coulomb_table(vx, vy, vz, friction, pyramid):
+def rubbed(speed, push, friction, slip):
+    """Give the share of a sliding speed that is left after a push of the table [m/s].
+
+    The coefficient is min(friction, speed / slip), with the speed afterwards, so that no step is too long for it.
+    """
+    return max(slip / max(slip + push, _TINY), _ONE - friction * push / max(speed, _TINY))
+
+
+@njit(fastmath=True)
+def rub_table(vx, vy, vz, friction, slip, pyramid):
     """Keep a velocity above a level table; `pyramid` limits x and y each on its own, not their length."""
     if vz >= _ZERO:
         return vx, vy, vz
-    if not pyramid:
-        return coulomb(vx, vy, vz, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ONE, friction)
-    most = -friction * vz
-    return vx - min(max(vx, -most), most), vy - min(max(vy, -most), most), _ZERO
+    if pyramid:
+        return vx * rubbed(abs(vx), -vz, friction, slip), vy * rubbed(abs(vy), -vz, friction, slip), _ZERO
+    left = rubbed(math.sqrt(vx * vx + vy * vy), -vz, friction, slip)
+    return vx * left, vy * left, _ZERO
 
 
 @njit(fastmath=True)
@@ -87,7 +96,7 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
         origin, dims, dx, dt: Grid [m] and step [s].
         gravity: Acceleration [3] [m/s^2].
         table, pyramid: Height of the table [m], -inf when there is none; whether its friction cone is square.
-        friction: Coulomb coefficients of table, tool and cut [3].
+        friction: Coulomb coefficients of table, tool and cut [-], and the table's slip speed [m/s], [4].
         density: Rest density [kg/m^3].
         gaps: See `table_gaps`.
         velocity: Written, [nodes, 2, 4]: see the layout in `transfer`.
@@ -116,7 +125,7 @@ def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, 
                     vz += dt * gravity[2]
                     if pz <= table and gaps[node] <= _TOUCHING * dx:
                         ux, uy, uz = vx, vy, vz
-                        vx, vy, vz = coulomb_table(vx, vy, vz, friction[0], pyramid)
+                        vx, vy, vz = rub_table(vx, vy, vz, friction[0], friction[3], pyramid)
                         impulses[ix, 0] += mass * (vx - ux)
                         impulses[ix, 1] += mass * (vy - uy)
                         impulses[ix, 2] += mass * (vz - uz)

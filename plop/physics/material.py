@@ -31,6 +31,7 @@ _RANGES: dict[str, tuple[float, float, str]] = {
     "tool_friction": (0.0, 10.0, "-"),
     "cut_friction": (0.0, 10.0, "-"),
     "toughness_j_m2": (0.0, 1e5, "J/m^2"),
+    "table_slip_m_s": (0.0, 10.0, "m/s"),
 }
 
 
@@ -56,6 +57,9 @@ class Material:
     """Coulomb friction between the two faces of a cut [-]."""
     toughness_j_m2: float = 0.0
     """Energy that the tool's edge spends on each square metre of new cut [J/m^2]."""
+    table_slip_m_s: float = 0.0
+    """Sliding slower than `table_friction` times this, the table rubs in proportion to the speed, as a wet or creeping
+    contact does: its coefficient is min(table_friction, speed / table_slip) [m/s]. 0: Coulomb's law down to rest."""
     law: ElasticLaw = ElasticLaw.NEO_HOOKEAN
     """The elastic energy."""
 

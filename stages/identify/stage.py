@@ -47,6 +47,8 @@ class IdentifyConfig:
     """Friction between the faces of a cut [-]."""
     toughness_j_m2: float = 0.0
     """Energy of new cut surface [J/m^2]."""
+    table_slip_m_s: float = 0.0
+    """Slip speed of the table, below which it rubs in proportion to the speed [m/s]; 0 is Coulomb's law."""
     table_cone: str = "round"
     """Friction cone at the table: "round", or "pyramid" as some simulators have it."""
     start: str = "auto"

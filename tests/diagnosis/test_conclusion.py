@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.amplitude import RESPONSE_ERROR
-from plop.diagnosis.diagnose import _conclude
+from plop.diagnosis.diagnose import _conclude, _turned
 from plop.diagnosis.next_motion import next_motion
 from plop.errors import PlopError
 from plop.physics.effects.library import library
@@ -34,6 +34,15 @@ def test_a_planted_law_is_named_with_an_interval_that_holds_it():
     assert value["low"] < 0.3 < value["high"] and value["high"] - value["low"] < 4.2 * RESPONSE_ERROR * 0.3
     assert found.size.error > 1.5 * found.size.floor and found.size.excess > 3
     assert found.size.floor == pytest.approx(1, abs=0.3)
+
+
+def test_a_law_that_seems_to_act_the_other_way_is_tried_that_way():
+    """Less friction moves what more friction does not: the response must be that of the right direction."""
+    less, more = state(episodes(13, {"tilt": -0.3}), episodes(14)), state(episodes(1, {"tilt": 0.3}), episodes(2))
+    assert _turned(less)["tilt"].columns[0].value == -1.0
+    assert "tilt" not in _turned(more)
+    one_sided = [candidate(c.effect, low=0.0) for c in CANDIDATES]
+    assert not _turned(state(episodes(13, {"tilt": -0.3}), episodes(14), one_sided))
 
 
 def test_nothing_planted_nothing_named():

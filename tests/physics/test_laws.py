@@ -81,6 +81,21 @@ def test_sliding_block_obeys_coulomb(block, cone, share):
     assert way[2] == pytest.approx(speed**2 / (2 * brake), rel=0.06)
 
 
+@pytest.mark.parametrize("cone", ["round", "pyramid"])
+def test_slow_sliding_decays_with_the_slip_speed_and_fast_sliding_obeys_coulomb(block, cone):
+    friction, slip, speed = 0.3, 1.0, 0.5
+    body = block((0.04, 0.04, 0.02), 0.005)
+    material = Material(youngs_modulus_pa=1e5, poisson=0.3, table_friction=friction, table_slip_m_s=slip)
+    along = np.tile([speed, 0, 0], (len(body), 1))
+    slow = friction * slip
+    turn = (speed - slow) / (friction * G)
+    run = simulate(type(body)(body.positions, body.volumes, along), material, None, np.array([0, turn, turn + 0.1]),
+                   EngineConfig(dx_m=0.01, table_cone=cone))  # fmt: skip
+    way = (run.positions - run.positions[0]).mean(1)[:, 0]
+    assert way[1] == pytest.approx((speed**2 - slow**2) / (2 * friction * G), rel=0.03)
+    assert way[2] - way[1] == pytest.approx(slow * slip / G * (1 - np.exp(-0.1 * G / slip)), rel=0.03)
+
+
 def bar_frequency_error(block, spacing, law=ElasticLaw.NEO_HOOKEAN):
     """Relative error of a free bar's first longitudinal mode against sqrt(E / density) / (2 L)."""
     length, young = 0.12, 2e4
