@@ -29,7 +29,7 @@ from plop.recordings.disect import read_disect
 from plop.recordings.mesh_sequence import MeshSequence
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "engine_disect.json"
-NAMES = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s", "toughness_j_m2"]
+NAMES = ["youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction"]
 ENVIRONMENTS = ["prism_jelly", "prism_foam", "cylinder_jelly", "cylinder_foam"]
 G = (0.0, 0.0, -9.80665)
 FIT_SPACING_M, SCORE_SPACING_M, EMD_POINTS = 0.00715, 0.005, 512
@@ -75,7 +75,7 @@ def measure(data: Path, environment: str, iterations: int) -> dict[str, object]:
     """Calibrate one environment and score its test recordings."""
     sequences = [read_disect(data / f"{environment}_part_{k:03d}.usd") for k in range(6)]
     declared = declared_material(sequences[0])
-    start = replace(declared, table_slip_m_s=5e-3, toughness_j_m2=1.0)
+    start = replace(declared, table_friction=0.2, tool_friction=0.1, damping_per_s=2.0, viscosity_pa_s=0.0)
     cases = [thin_out(case_from_sequence(s, FIT_SPACING_M), 3) for s in sequences[:4]]
     began = time.process_time()
     fit = calibrate(
