@@ -64,21 +64,27 @@ def _along(p: int, places: Places, weights: np.ndarray, slopes: np.ndarray) -> t
 
 
 @kernel
+def _row(
+    p: int, i: int, j: int, first: tuple[int, int, int], weights: np.ndarray, places: Places
+) -> tuple[int, int, int, int, float, float, float, float]:  # fmt: skip
+    """Four nodes along z and their weights, 0 beyond n: all at a time takes a third less time than a loop over them."""
+    shift, shape = places[2], places[3]
+    row = (_clamped(first[0] + i, shape[0]) * shape[1] + _clamped(first[1] + j, shape[1])) * shape[2] + shift[p]
+    a, b = row + _clamped(first[2], shape[2]), row + _clamped(first[2] + 1, shape[2])
+    c, d = row + _clamped(first[2] + 2, shape[2]), row + _clamped(first[2] + 3, shape[2])
+    w = weights[0, i] * weights[1, j]
+    return a, b, c, d, w * weights[2, 0], w * weights[2, 1], w * weights[2, 2], w * weights[2, 3]
+
+
+@kernel
 def _gather(part: int, parts: int, features: np.ndarray, places: Places, out: np.ndarray) -> None:
-    offset, n, shift, shape = places
+    count, n = len(places[0]), places[1]
     weights, slopes = np.zeros((3, 4), out.dtype), np.zeros((3, 4), out.dtype)
-    for p in range(part * len(offset) // parts, (part + 1) * len(offset) // parts):
-        fx, fy, fz = _along(p, places, weights, slopes)
-        z0, z1 = _clamped(fz, shape[2]), _clamped(fz + 1, shape[2])
-        z2, z3 = _clamped(fz + 2, shape[2]), _clamped(fz + 3, shape[2])
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        first = _along(p, places, weights, slopes)
         for i in range(n):
-            ix = _clamped(fx + i, shape[0])
             for j in range(n):
-                row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
-                both = weights[0, i] * weights[1, j]
-                # four nodes at a time, whatever n: a third less time than a loop over them
-                a, b, c, d = row + z0, row + z1, row + z2, row + z3
-                wa, wb, wc, wd = both * weights[2, 0], both * weights[2, 1], both * weights[2, 2], both * weights[2, 3]
+                a, b, c, d, wa, wb, wc, wd = _row(p, i, j, first, weights, places)
                 for q in range(features.shape[1]):
                     out[p, q] += wa * features[a, q] + wb * features[b, q] + wc * features[c, q] + wd * features[d, q]
 
@@ -87,20 +93,14 @@ def _gather(part: int, parts: int, features: np.ndarray, places: Places, out: np
 def _scatter(
     part: int, parts: int, values: np.ndarray, places: Places, partial: np.ndarray, mass: np.ndarray
 ) -> None:  # fmt: skip
-    offset, n, shift, shape = places
+    count, n = len(places[0]), places[1]
     weights, slopes = np.zeros((3, 4), mass.dtype), np.zeros((3, 4), mass.dtype)
     sums, total = partial[part], mass[part]
-    for p in range(part * len(offset) // parts, (part + 1) * len(offset) // parts):
-        fx, fy, fz = _along(p, places, weights, slopes)
-        z0, z1 = _clamped(fz, shape[2]), _clamped(fz + 1, shape[2])
-        z2, z3 = _clamped(fz + 2, shape[2]), _clamped(fz + 3, shape[2])
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        first = _along(p, places, weights, slopes)
         for i in range(n):
-            ix = _clamped(fx + i, shape[0])
             for j in range(n):
-                row = (ix * shape[1] + _clamped(fy + j, shape[1])) * shape[2] + shift[p]
-                both = weights[0, i] * weights[1, j]
-                a, b, c, d = row + z0, row + z1, row + z2, row + z3
-                wa, wb, wc, wd = both * weights[2, 0], both * weights[2, 1], both * weights[2, 2], both * weights[2, 3]
+                a, b, c, d, wa, wb, wc, wd = _row(p, i, j, first, weights, places)
                 total[a] += wa
                 total[b] += wb
                 total[c] += wc
