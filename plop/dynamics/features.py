@@ -31,7 +31,8 @@ def tool_rotation_vector(action: ToolStep) -> Tensor:
 def rigid_displacement(points: Tensor, action: ToolStep) -> Tensor:
     """Displacement that points would have if they moved with the tool, columns [3, N] -> [3, N] [m]."""
     change = action.next_world_from_tool @ torch.linalg.inv(action.world_from_tool)
-    return torch.addmm(change[:3, 3:], change[:3, :3] - torch.eye(3).to(change), points)
+    still = torch.eye(3, dtype=change.dtype, device=change.device)
+    return torch.addmm(change[:3, 3:], change[:3, :3] - still, points)
 
 
 def object_features(

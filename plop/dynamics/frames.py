@@ -43,7 +43,7 @@ class StepFrame:
 
     def see(self, action: ToolStep) -> ToolStep:
         """Give a step with the tool's poses in this frame; mirrored poses where the frame is a reflection."""
-        change = torch.eye(4).to(self.rotation)
+        change = torch.eye(4, dtype=self.rotation.dtype, device=self.rotation.device)
         change[:3, :3], change[:3, 3] = self.rotation.T, -(self.rotation.T @ self.origin)
         before, after = (change @ pose.to(change) for pose in (action.world_from_tool, action.next_world_from_tool))
         return replace(action, world_from_tool=before, next_world_from_tool=after)
