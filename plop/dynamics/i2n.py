@@ -53,7 +53,7 @@ class ParticleBatch:
     def of_columns(cls, places: list[Tensor], features: list[Tensor]) -> ParticleBatch:
         """Join steps: places [3, N] [m] and features [F, N] of each."""
         counts = tuple(place.shape[1] for place in places)
-        return cls(torch.cat(places, dim=1).T, torch.cat(features, dim=1).T, counts)
+        return cls(torch.cat(places, dim=1).T, torch.cat(features, dim=1).T.contiguous(), counts)
 
     @cached_property
     def batch(self) -> Tensor:
@@ -135,13 +135,7 @@ class I2N(nn.Module):
         nodes = torch.cat([object_nodes, tool_nodes, _occupancy(object_mass), _occupancy(tool_mass)], dim=1)
         grid = nodes.reshape(batches, *box.shape, -1).permute(0, 4, 1, 2, 3).contiguous()
         solved = self.solve(grid).permute(0, 2, 3, 4, 1).reshape(batches * box.size, -1).contiguous()
-        return self._decoded(torch.cat([g2p(solved, stencil), encoded], dim=-1))
-
-    def _decoded(self, told: Tensor) -> Tensor:
-        """Apply the decoder, [N, 2 width] -> [OUTPUTS, N]: each kind of update in one piece."""
-        first, act, last = self.decode
-        assert isinstance(last, nn.Linear)
-        return torch.addmm(last.bias[:, None], last.weight, act(first(told)).T)
+        return self.decode(torch.cat([g2p(solved, stencil), encoded], dim=-1)).T
 
     def _tool_grid(
         self, tool: ParticleBatch, origin: Tensor, shape: tuple[int, int, int], spacing_m: float, nodes: int
