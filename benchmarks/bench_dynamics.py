@@ -49,7 +49,7 @@ def i2n_ms(count: int) -> float:
 def transfer_ms(*, gather: bool) -> float:
     """One transfer of 32 channels between 10,000 particles and a grid of 16 nodes along the object."""
     points = _block(10_000).means
-    box = fit_grid(points, [len(points)], _SIZE_M[0] / 12, stride=1)
+    box = fit_grid(points, torch.zeros(len(points), dtype=torch.long), 1, _SIZE_M[0] / 12, stride=1)
     stencil = build_stencil(points - box.origin, box.spacing_m, box.shape, "quadratic")
     values = torch.randn(len(points), _CHANNELS)
     features = p2g(values, stencil)[0]

@@ -136,7 +136,8 @@ class _Displacement:
 
     def __init__(self, state: ParticleState, spacing_m: float) -> None:
         means = state.gaussians.means
-        self.box: GridBox = fit_grid(means, [len(means)], spacing_m, stride=1, room=1)
+        alone = torch.zeros(len(means), dtype=torch.int64, device=means.device)
+        self.box: GridBox = fit_grid(means, alone, 1, spacing_m, stride=1, room=1)
         self.stencil: Stencil = build_stencil(means - self.box.origin[0], spacing_m, self.box.shape, "quadratic")
         self.fields = means.new_zeros(self.box.size, 6).requires_grad_()
         self.logits = torch.logit(state.gaussians.opacities.clamp(1e-4, 1 - 1e-4)).requires_grad_()

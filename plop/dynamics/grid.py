@@ -6,7 +6,6 @@ at the same place in a cell.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -29,12 +28,15 @@ class GridBox:
         return self.shape[0] * self.shape[1] * self.shape[2]
 
 
-def fit_grid(positions: Tensor, counts: Sequence[int], spacing_m: float, *, stride: int, room: int = 2) -> GridBox:
+def fit_grid(
+    positions: Tensor, batch: Tensor, batches: int, spacing_m: float, *, stride: int, room: int = 2
+) -> GridBox:
     """Lay one grid around the particles of each batch entry.
 
     Args:
-        positions: Particles of all entries, one entry after the other, shape [N, 3] [m].
-        counts: Particles of each of the B entries.
+        positions: Particles, shape [N, 3] [m].
+        batch: Entry of each particle, shape [N], int64.
+        batches: Number of entries B.
         spacing_m: Distance of two nodes [m].
         stride: The shape is padded to a multiple of this.
         room: Cells kept free around the particles.
@@ -42,9 +44,12 @@ def fit_grid(positions: Tensor, counts: Sequence[int], spacing_m: float, *, stri
     Returns:
         Grids of a common shape, origins at whole multiples of the spacing.
     """
-    pieces = positions.detach().split(list(counts))
-    low = (torch.stack([piece.amin(0) for piece in pieces]) / spacing_m).floor() - room
-    high = (torch.stack([piece.amax(0) for piece in pieces]) / spacing_m).floor() + room + 1
+    cells = (positions.detach() / spacing_m).floor()
+    low = cells.new_full((batches, 3), torch.inf)
+    high = -low
+    index = batch[:, None].expand(-1, 3)
+    low = low.scatter_reduce(0, index, cells, "amin") - room
+    high = high.scatter_reduce(0, index, cells, "amax") + room + 1
     extent = (high - low).amax(0) + 1
     padded = [int(-(-int(n) // stride) * stride) for n in extent]
     return GridBox(low * spacing_m, spacing_m, (padded[0], padded[1], padded[2]))

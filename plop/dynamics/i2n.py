@@ -7,7 +7,6 @@ decode the update of each particle. No pair of particles is ever looked at.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor, nn
@@ -46,24 +45,12 @@ class ParticleBatch:
     """In the frame of the step, shape [N, 3] [m]."""
     features: Tensor
     """Shape [N, F]."""
-    counts: tuple[int, ...]
-    """Particles of each step."""
-
-    @classmethod
-    def of_columns(cls, places: list[Tensor], features: list[Tensor]) -> ParticleBatch:
-        """Join steps: places [3, N] [m] and features [F, N] of each."""
-        counts = tuple(place.shape[1] for place in places)
-        return cls(torch.cat(places, dim=1).T, torch.cat(features, dim=1).T.contiguous(), counts)
-
-    @cached_property
-    def batch(self) -> Tensor:
-        """Step of each particle, shape [N], int64."""
-        counts = torch.tensor(self.counts, device=self.positions.device)
-        return torch.arange(len(self.counts), device=counts.device).repeat_interleave(counts)
+    batch: Tensor
+    """Step of each particle, shape [N], int64."""
 
 
 def _mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(nn.Linear(inputs, hidden), nn.SiLU(inplace=True), nn.Linear(hidden, outputs))
+    return nn.Sequential(nn.Linear(inputs, hidden), nn.SiLU(), nn.Linear(hidden, outputs))
 
 
 class GridNetwork(nn.Module):
@@ -113,21 +100,21 @@ class I2N(nn.Module):
         with torch.no_grad():
             last.weight[6:10] = 0
 
-    def forward(self, particles: ParticleBatch, tool: ParticleBatch, spacing_m: float) -> Tensor:
+    def forward(self, particles: ParticleBatch, tool: ParticleBatch, batches: int, spacing_m: float) -> Tensor:
         """Run Eq. 16-24.
 
         Args:
             particles: The object's particles of all steps.
             tool: The tool's particles of all steps.
+            batches: Number of steps B.
             spacing_m: Grid spacing h [m].
 
         Returns:
-            Raw updates, shape [OUTPUTS, N].
+            Raw updates, shape [N, OUTPUTS].
         """
-        batches = len(particles.counts)
-        box = fit_grid(particles.positions, particles.counts, spacing_m, stride=STRIDE)
+        box = fit_grid(particles.positions, particles.batch, batches, spacing_m, stride=STRIDE)
         encoded = self.encode_object(particles.features)
-        origin = box.origin if batches == 1 else box.origin[particles.batch]
+        origin = box.origin[particles.batch]
         kernel = self.config.kernel
         stencil = build_stencil(particles.positions - origin, spacing_m, box.shape, kernel, particles.batch, batches)
         object_nodes, object_mass = p2g(encoded, stencil)
@@ -135,7 +122,7 @@ class I2N(nn.Module):
         nodes = torch.cat([object_nodes, tool_nodes, _occupancy(object_mass), _occupancy(tool_mass)], dim=1)
         grid = nodes.reshape(batches, *box.shape, -1).permute(0, 4, 1, 2, 3).contiguous()
         solved = self.solve(grid).permute(0, 2, 3, 4, 1).reshape(batches * box.size, -1).contiguous()
-        return self.decode(torch.cat([g2p(solved, stencil), encoded], dim=-1)).T
+        return self.decode(torch.cat([g2p(solved, stencil), encoded], dim=-1))
 
     def _tool_grid(
         self, tool: ParticleBatch, origin: Tensor, shape: tuple[int, int, int], spacing_m: float, nodes: int

@@ -11,10 +11,14 @@ Three kernels, all normalised so that the weights of one particle sum to 1:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from plop.compiled import array_of, run_parallel
+from plop.compiled import kernel as compiled
 
 Kernel = Literal["paper", "quadratic", "cubic"]
 NODES_PER_AXIS: dict[str, int] = {"paper": 2, "quadratic": 3, "cubic": 4}
@@ -22,29 +26,14 @@ NODES_PER_AXIS: dict[str, int] = {"paper": 2, "quadratic": 3, "cubic": 4}
 
 @dataclass(frozen=True)
 class Stencil:
-    """The cube of n^3 nodes that each particle touches, and how strongly: a product of weights along the axes."""
+    """The nodes that each particle touches, and how strongly."""
 
-    offset: Tensor
-    """Place in the grid in units of the spacing, shape [N, 3]; differentiable."""
-    kernel: Kernel
-    shift: Tensor
-    """Index of node (0, 0, 0) of the particle's grid, shape [N], int64."""
-    shape: tuple[int, int, int]
-    """Nodes of a grid along x, y, z; nodes beyond it are clamped to its border."""
+    nodes: Tensor
+    """Flat node indices, shape [N, K], int64."""
+    weights: Tensor
+    """Weights, shape [N, K], each row sums to 1; differentiable with respect to the positions."""
     node_count: int
     """Number of nodes of the grid (of all grids of a batch)."""
-
-    def spread(self) -> tuple[Tensor, Tensor]:
-        """Write out the nodes and their weights, shape [N, n^3] each; differentiable, on any device."""
-        first, along = axis_weights(self.offset, self.kernel)
-        steps = torch.arange(along.shape[-1], device=first.device)
-        limit = torch.tensor(self.shape, device=first.device)[:, None] - 1
-        index = (first[..., None] + steps).clamp_min(0).minimum(limit)
-        ix, iy, iz = index[:, 0], index[:, 1], index[:, 2]
-        nodes = (ix[:, :, None, None] * self.shape[1] + iy[:, None, :, None]) * self.shape[2] + iz[:, None, None, :]
-        wx, wy, wz = along[:, 0], along[:, 1], along[:, 2]
-        weights = wx[:, :, None, None] * wy[:, None, :, None] * wz[:, None, None, :]
-        return nodes.flatten(1) + self.shift[:, None], weights.flatten(1)
 
 
 def axis_weights(offset: Tensor, kernel: Kernel) -> tuple[Tensor, Tensor]:
@@ -93,9 +82,100 @@ def build_stencil(
         batches: Number of those grids.
 
     Returns:
-        The stencil with 8, 27 or 64 nodes a particle.
+        The stencil with K = 8, 27 or 64 nodes a particle.
     """
-    offset = positions / spacing_m
+    first, weights = axis_weights(positions / spacing_m, kernel)
     size = shape[0] * shape[1] * shape[2]
-    shift = batch * size if batch is not None else torch.zeros(len(offset), dtype=torch.int64, device=offset.device)
-    return Stencil(offset, kernel, shift, shape, batches * size)
+    shift = torch.zeros_like(first[:, 0]) if batch is None else batch * size
+    nodes, product = _Product.apply(first, weights, shift, shape)
+    return Stencil(nodes, product, batches * size)
+
+
+class _Product(torch.autograd.Function):
+    """From the first node and the weights along each axis to all nodes and their weights, [N, n^3]."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]
+    ) -> tuple[Tensor, Tensor]:
+        ctx.save_for_backward(weights)
+        nodes, product = (_spread_cpu if weights.device.type == "cpu" else _spread)(first, weights, shift, shape)
+        ctx.mark_non_differentiable(nodes)
+        return nodes, product
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        (weights,) = ctx.saved_tensors
+        grad = gradients[1]
+        return None, (_slopes_cpu if weights.device.type == "cpu" else _slopes)(weights, grad), None, None
+
+
+def _spread(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
+    steps = torch.arange(weights.shape[-1], device=first.device)
+    limit = torch.tensor(shape, device=first.device)[:, None] - 1
+    index = (first[..., None] + steps).clamp_min(0).minimum(limit)
+    ix, iy, iz = index[:, 0], index[:, 1], index[:, 2]
+    nodes = (ix[:, :, None, None] * shape[1] + iy[:, None, :, None]) * shape[2] + iz[:, None, None, :]
+    wx, wy, wz = weights[:, 0], weights[:, 1], weights[:, 2]
+    product = wx[:, :, None, None] * wy[:, None, :, None] * wz[:, None, None, :]
+    return nodes.flatten(1) + shift[:, None], product.flatten(1)
+
+
+def _slopes(weights: Tensor, grad: Tensor) -> Tensor:
+    n = weights.shape[-1]
+    wx, wy, wz = weights[:, 0], weights[:, 1], weights[:, 2]
+    cube = grad.reshape(-1, n, n, n)
+    terms = ("pijk,pj,pk->pi", wy, wz), ("pijk,pi,pk->pj", wx, wz), ("pijk,pi,pj->pk", wx, wy)
+    return torch.stack([torch.einsum(form, cube, one, other) for form, one, other in terms], dim=1)
+
+
+def _spread_cpu(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
+    count, n = len(first), weights.shape[-1]
+    nodes, product = first.new_empty(count, n**3), weights.new_empty(count, n**3)
+    arguments = (array_of(first), array_of(weights), array_of(shift), shape, nodes.numpy(), product.detach().numpy())
+    run_parallel([(_fill_stencil, arguments)])
+    return nodes, product
+
+
+def _slopes_cpu(weights: Tensor, grad: Tensor) -> Tensor:
+    out = torch.zeros_like(weights)
+    run_parallel([(_fill_slopes, (array_of(weights), array_of(grad), out.numpy()))])
+    return out
+
+
+@compiled
+def _fill_stencil(
+    part: int, parts: int, first: np.ndarray, weights: np.ndarray, shift: np.ndarray, shape: tuple[int, int, int],
+    nodes: np.ndarray, product: np.ndarray,
+) -> None:  # fmt: skip
+    """Nodes beyond the grid are clamped to its border."""
+    count, _, n = weights.shape
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        k = 0
+        for i in range(n):
+            ix = min(max(first[p, 0] + i, 0), shape[0] - 1)
+            for j in range(n):
+                iy = min(max(first[p, 1] + j, 0), shape[1] - 1)
+                row, both = (ix * shape[1] + iy) * shape[2] + shift[p], weights[p, 0, i] * weights[p, 1, j]
+                for m in range(n):
+                    nodes[p, k] = row + min(max(first[p, 2] + m, 0), shape[2] - 1)
+                    product[p, k] = both * weights[p, 2, m]
+                    k += 1
+
+
+@compiled
+def _fill_slopes(part: int, parts: int, weights: np.ndarray, grad: np.ndarray, out: np.ndarray) -> None:
+    """Derivatives of the products with respect to the weights along each axis."""
+    count, _, n = weights.shape
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        k = 0
+        for i in range(n):
+            for j in range(n):
+                along = weights[p, 0, i] * weights[p, 1, j]
+                total = 0 * along
+                for m in range(n):
+                    total += grad[p, k] * weights[p, 2, m]
+                    out[p, 2, m] += grad[p, k] * along
+                    k += 1
+                out[p, 0, i] += total * weights[p, 1, j]
+                out[p, 1, j] += total * weights[p, 0, i]

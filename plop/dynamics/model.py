@@ -71,47 +71,51 @@ class PlopModel(nn.Module):
             B predicted states.
         """
         frames = frames or [self.frame(action) for action in actions]
-        seen = [frame.see(action) for frame, action in zip(frames, actions, strict=True)]
-        places = [frame.points_in(state.gaussians.means) for frame, state in zip(frames, states, strict=True)]
-        carried = [rigid_displacement(place, step) for place, step in zip(places, seen, strict=True)]
-        length, motion, kind = self.config.length_m, self.config.motion_m, self.config.network.features
-        told = [
-            object_features(*item, length_m=length, motion_m=motion, kind=kind)
-            for item in zip(states, seen, frames, places, carried, strict=True)
-        ]
-        raw = self.network(ParticleBatch.of_columns(places, told), self._tool_batch(seen), self.spacing_m)
-        pieces = raw.split([len(state.gaussians) for state in states], dim=1)
-        return [self._advance(*item) for item in zip(states, actions, frames, carried, pieces, strict=True)]
-
-    def _tool_batch(self, seen: list[ToolStep]) -> ParticleBatch:
-        """Spread particles over the tool of each step, which is given in its frame."""
-        places = []
-        for step in seen:
-            pose = step.world_from_tool
-            places.append(torch.addmm(pose[:3, 3:], pose[:3, :3], step.tool.surface_points(self.config.tool_points).T))
-        told = [tool_features(p, step, motion_m=self.config.motion_m) for p, step in zip(places, seen, strict=True)]
-        return ParticleBatch.of_columns(places, told)
+        units = {"motion_m": self.config.motion_m}
+        parts, tools = [], []
+        for b, (state, action, frame) in enumerate(zip(states, actions, frames, strict=True)):
+            means = state.gaussians.means
+            features = object_features(
+                state, action, frame, length_m=self.config.length_m, kind=self.config.network.features, **units
+            )
+            parts.append(ParticleBatch(frame.points_in(means), features, _filled(means, b)))
+            pose = action.world_from_tool.to(means)
+            points = action.tool.surface_points(self.config.tool_points).to(means) @ pose[:3, :3].T + pose[:3, 3]
+            told = tool_features(points, action, frame, **units)
+            tools.append(ParticleBatch(frame.points_in(points), told, _filled(points, b)))
+        raw = self.network(_join(parts), _join(tools), len(states), self.spacing_m)
+        pieces = raw.split([len(state.gaussians) for state in states])
+        return [self._advance(*item) for item in zip(states, actions, frames, pieces, strict=True)]
 
     def frame(self, action: ToolStep) -> StepFrame:
         """Give the frame in which this model sees a step."""
         return tool_frame(action) if self.config.frame == "tool" else world_frame(action)
 
-    def _advance(
-        self, state: ParticleState, action: ToolStep, frame: StepFrame, carried: Tensor, raw: Tensor
-    ) -> ParticleState:
+    def _advance(self, state: ParticleState, action: ToolStep, frame: StepFrame, raw: Tensor) -> ParticleState:
         gaussians = state.gaussians
-        shift = raw[0:3] * self.config.motion_m
+        shift = frame.vectors_out(raw[:, 0:3]) * self.config.motion_m
         if self.config.coupled:
             # What is pushed goes where the tool goes: a share is easier to learn than a motion.
-            shift = shift + raw[10:11] * carried.detach()
-        shift = frame.vectors_out(shift)
-        turn = frame.vectors_out(raw[3:6]) * (frame.handedness * ROTATION_UNIT_RAD)
+            shift = shift + raw[:, 10:11] * rigid_displacement(gaussians.means.detach(), action)
+        turn = frame.vectors_out(raw[:, 3:6]) * frame.handedness * ROTATION_UNIT_RAD
         means = gaussians.means + shift
-        logit = torch.logit(gaussians.opacities.clamp(1e-4, 1 - 1e-4)) + raw[9] * LOGIT_UNIT
+        logit = torch.logit(gaussians.opacities.clamp(1e-4, 1 - 1e-4)) + raw[:, 9] * LOGIT_UNIT
         moved = gaussians.with_(
             means=means,
             quats=nn.functional.normalize(quat_multiply(quat_from_rotation_vector(turn), gaussians.quats), dim=-1),
-            scales=gaussians.scales * (LOG_SCALE_UNIT * raw[6:9]).clamp(-0.2, 0.2).exp().T,
+            scales=gaussians.scales * (LOG_SCALE_UNIT * raw[:, 6:9]).clamp(-0.2, 0.2).exp(),
             opacities=torch.sigmoid(logit),
         )
         return ParticleState(moved, shift, turn, advance_sides(state.side, means, action), has_history=True)
+
+
+def _filled(points: Tensor, value: int) -> Tensor:
+    return torch.full((len(points),), value, dtype=torch.int64, device=points.device)
+
+
+def _join(parts: list[ParticleBatch]) -> ParticleBatch:
+    return ParticleBatch(
+        torch.cat([p.positions for p in parts]),
+        torch.cat([p.features for p in parts]),
+        torch.cat([p.batch for p in parts]),
+    )

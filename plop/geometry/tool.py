@@ -50,17 +50,20 @@ class ToolGeometry:
         vert, center, axis, half, line = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
         return cls(vert, torch.as_tensor(np.asarray(faces), dtype=torch.int64), center, axis, half, line)
 
-    def placed(self, pose: Tensor) -> tuple[Tensor, Tensor]:
-        """Give the centre [3] [m] and the principal axes, as columns [3, 3], of the tool at a pose [4, 4]."""
-        return pose[:3, :3] @ self.center.to(pose) + pose[:3, 3], pose[:3, :3] @ self.axes.to(pose)
+    def to_blade(self, points_tool: Tensor) -> Tensor:
+        """Express points of the tool's frame along its principal axes, shape [..., 3] -> [..., 3] [m].
+
+        Coordinate 0 is the signed distance to the mid-plane of a blade.
+        """
+        return (points_tool - self.center.to(points_tool)) @ self.axes.to(points_tool)
 
     def inside_outline(self, points: Tensor, margin_m: float) -> Tensor:
-        """Tell which points (axes 1 and 2, columns [2, N]) lie inside the outline widened by the margin [m]."""
+        """Tell which points (axes 1, 2; shape [..., 2]) lie inside the outline widened by the margin [m]."""
         corners = self.outline.to(points)
         edge = corners.roll(-1, 0) - corners
         outward = torch.stack([edge[:, 1], -edge[:, 0]], -1) / edge.norm(dim=-1, keepdim=True)
-        distance = torch.addmm(-(corners * outward).sum(-1, keepdim=True), outward, points)
-        return distance.amax(0) <= margin_m
+        distance = ((points[..., None, :] - corners) * outward).sum(-1)
+        return (distance <= margin_m).all(-1)
 
     def surface_points(self, count: int) -> Tensor:
         """Spread points over the surface by area, the same ones each time.

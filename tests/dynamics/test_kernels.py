@@ -5,31 +5,30 @@ from __future__ import annotations
 import pytest
 import torch
 
-from plop.dynamics.kernels import NODES_PER_AXIS, build_stencil
+from plop.dynamics.kernels import NODES_PER_AXIS, _slopes, _spread, axis_weights, build_stencil
 
 
 @pytest.mark.parametrize("kernel", list(NODES_PER_AXIS))
 def test_weights_are_a_partition_of_unity(kernel):
     positions = torch.rand(50, 3, dtype=torch.float64) * 0.05 + 0.03
-    nodes, weights = build_stencil(positions, 0.01, (12, 12, 12), kernel).spread()
-    assert nodes.shape == (50, NODES_PER_AXIS[kernel] ** 3)
-    torch.testing.assert_close(weights.sum(1), torch.ones(50, dtype=torch.float64))
-    assert (weights >= 0).all()
+    stencil = build_stencil(positions, 0.01, (12, 12, 12), kernel)
+    assert stencil.nodes.shape == (50, NODES_PER_AXIS[kernel] ** 3)
+    torch.testing.assert_close(stencil.weights.sum(1), torch.ones(50, dtype=torch.float64))
+    assert (stencil.weights >= 0).all()
 
 
 @pytest.mark.parametrize("kernel", ["quadratic", "cubic"])
 def test_smooth_kernels_reproduce_a_linear_field(kernel):
     positions = torch.rand(50, 3, dtype=torch.float64) * 0.05 + 0.03
-    nodes, weights = build_stencil(positions, 0.01, (12, 12, 12), kernel).spread()
+    stencil = build_stencil(positions, 0.01, (12, 12, 12), kernel)
     places = torch.stack(torch.meshgrid(*[torch.arange(12.0, dtype=torch.float64) * 0.01] * 3, indexing="ij"), -1)
-    found = (places.reshape(-1, 3)[nodes] * weights[..., None]).sum(1)
+    found = (places.reshape(-1, 3)[stencil.nodes] * stencil.weights[..., None]).sum(1)
     torch.testing.assert_close(found, positions)
 
 
 def _weight_at(x: float, node: int, kernel: str) -> float:
-    place = torch.tensor([[x, 0.03, 0.03]], dtype=torch.float64)
-    nodes, weights = build_stencil(place, 0.01, (8, 8, 8), kernel).spread()
-    return float(weights[nodes // 64 == node].sum())
+    stencil = build_stencil(torch.tensor([[x, 0.03, 0.03]], dtype=torch.float64), 0.01, (8, 8, 8), kernel)
+    return float(stencil.weights[stencil.nodes // 64 == node].sum())
 
 
 @pytest.mark.parametrize(("kernel", "jump"), [("quadratic", 0.0), ("cubic", 0.0), ("paper", 1 / 6)])
@@ -48,3 +47,21 @@ def test_cubic_matches_its_closed_form():
         outer = (2 - distance) ** 3 / 6
         expected = inner if distance < 1 else outer if distance < 2 else 0.0
         assert _weight_at(x, node, "cubic") == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("kernel", list(NODES_PER_AXIS))
+def test_the_compiled_product_is_the_torch_form(kernel):
+    torch.manual_seed(0)
+    positions = torch.rand(40, 3, dtype=torch.float64) * 0.09 - 0.01  # some reach beyond the grid
+    batch = torch.randint(0, 2, (40,))
+    positions.requires_grad_()
+    stencil = build_stencil(positions, 0.01, (7, 6, 5), kernel, batch, 2)
+    first, weights = axis_weights(positions / 0.01, kernel)
+    nodes, product = _spread(first, weights, batch * 210, (7, 6, 5))
+    assert torch.equal(stencil.nodes, nodes) and stencil.node_count == 420
+    torch.testing.assert_close(stencil.weights, product)
+    grad = torch.randn_like(product)
+    by_autograd = torch.autograd.grad((product * grad).sum(), weights, retain_graph=True)[0]
+    torch.testing.assert_close(_slopes(weights, grad), by_autograd)
+    wanted = torch.autograd.grad((product * grad).sum(), positions)[0]
+    torch.testing.assert_close(torch.autograd.grad((stencil.weights * grad).sum(), positions)[0], wanted)
