@@ -12,6 +12,7 @@ import json
 import sys
 import time
 import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import plain_json
-from plop.diagnosis.candidates import Candidate, Column, candidates_of
+from plop.diagnosis.candidates import Candidate, candidates_of
 from plop.diagnosis.diagnose import Diagnosis, diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
@@ -82,40 +83,44 @@ def named_candidate(found: Diagnosis) -> Candidate:
     return replace(candidate, columns=columns)
 
 
-def before_and_after(found: Diagnosis, measured: list[Episode], base: EngineBase, runs: Runs) -> dict[str, float]:
-    """Simulate each episode with the best effect, at the amplitude with which the others are followed best.
+def before_and_after(found: Diagnosis, measured: Measured, base: EngineBase, runs: Runs) -> dict[str, float]:
+    """Predict each episode with the best effect, at the amplitude with which the others are followed best.
 
     Returns:
         RMS error of the patches in mm, without and with it.
     """
-    best = named_candidate(found)
-    trials: list[tuple[tuple[Column, float], ...]] = [()]
-    trials += [tuple((column, factor * column.value) for column in best.columns) for factor in FACTORS]
-    jobs = [[Job(episode, base, trial) for episode in measured] for trial in trials]
-    errors = np.array([[_error(job.episode, answer) for job, answer in zip(row, runs(row), strict=True)]
-                       for row in jobs])  # fmt: skip
+    best, episodes = named_candidate(found), measured.episodes
+    plain = runs([Job(episode, base) for episode in episodes])
+    given = measured.predictions or {e.name: a.points for e, a in zip(episodes, plain, strict=True)}
+    trials = [tuple((column, factor * column.value) for column in best.columns) for factor in FACTORS]
+    answers = [plain, *(runs([Job(episode, base, trial) for episode in episodes]) for trial in trials)]
+    errors = np.array([[_error(e, given[e.name], p, a) for e, p, a in zip(episodes, plain, row, strict=True)]
+                       for row in answers])  # fmt: skip
     before, after = errors[0], errors[1:]
-    chosen = [int(np.argmin(after.sum(1) - after[:, k])) for k in range(len(measured))]
-    own = after[chosen, np.arange(len(measured))]
+    chosen = [int(np.argmin(after.sum(1) - after[:, k])) for k in range(len(episodes))]
+    own = after[chosen, np.arange(len(episodes))]
     return {"before": 1000 * float(np.sqrt(before.mean())), "after": 1000 * float(np.sqrt(own.mean()))}
 
 
-def _error(episode: Episode, answer: Answer) -> float:
+def _error(episode: Episode, predicted: np.ndarray | None, plain: Answer, answer: Answer) -> float:
     """Mean squared error of the patches at the compared frames [m^2]; infinite where the engine is unstable."""
-    if answer.points is None:
+    if predicted is None or plain.points is None or answer.points is None:
         return np.inf
-    frames = compared_frames(len(episode.times))
-    error = episode.pooled((answer.points - answer.points[:1])[frames]) - episode.motion[frames]
+    frames, points = compared_frames(len(episode.times)), predicted + (answer.points - plain.points)
+    error = episode.pooled((points - points[:1])[frames]) - episode.motion[frames]
     return float((error**2).sum(-1).mean())
 
 
-def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, work: Path, jobs: int) -> dict[str, Any]:
-    """Diagnose one set."""
+def run_set(
+    name: str, data: Path, reference: Measured, base: EngineBase, work: Path, jobs: int,
+    measure: Callable[[list[Episode]], Measured] = Measured,
+) -> dict[str, Any]:  # fmt: skip
+    """Diagnose one set; `measure` puts the base's predictions beside episodes, where the base is not the engine."""
     folder, pattern = (data / "disect", f"{OTHER}_part_*") if name == OTHER else (data / "disect_hidden" / name, "*")
-    measured = episodes_of(folder, pattern)
+    measured = measure(episodes_of(folder, pattern))
     started = time.perf_counter()
     runs = Runs(work / "jobs", jobs=jobs)
-    found = diagnose(Measured(measured), base, library(), runs, reference=Measured(reference))
+    found = diagnose(measured, base, library(), runs, reference=reference)
     row = {
         "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
         "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p,
@@ -130,6 +135,32 @@ def run_set(name: str, data: Path, reference: list[Episode], base: EngineBase, w
     return dict(plain_json(row))
 
 
+def run_sets(names: Sequence[str], work: Path, run: Callable[[str], dict[str, Any]]) -> list[dict[str, Any]]:
+    """Diagnose the sets that are not in the folder yet, and read them all."""
+    for name in names:
+        path = work / f"{name}.json"
+        if not path.is_file():
+            row = run(name)
+            path.write_text(json.dumps(row, indent=1))
+            sys.stdout.write(f"{name}: {row['verdict']} {row['named']} {row['held_out_rms_mm']}\n")
+            sys.stdout.flush()
+    return [json.loads((work / f"{name}.json").read_text()) for name in names]
+
+
+def answers_of(data: Path) -> dict[str, Any]:
+    """Read what was hidden: only when all verdicts are on the disk."""
+    answers = json.loads((data / "disect_hidden" / "ANSWERS.json").read_text())
+    return {name: answer["effect"] for name, answer in answers.items()}
+
+
+def reference_of(data: Path, work: Path, jobs: int) -> tuple[list[Episode], EngineBase, dict[str, str]]:
+    """Read the reference and fit the engine to it; what the engine misses is left out, and told."""
+    episodes = episodes_of(data / "disect", "prism_jelly_part_*")
+    base = fitted_base(episodes, work, jobs)
+    odd = outliers(episodes, base, jobs)
+    return [episode for episode in episodes if episode.name not in odd], base, odd
+
+
 def main() -> None:
     """Diagnose all sets, then score."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -139,22 +170,13 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=-1)
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
-    reference = episodes_of(options.data / "disect", "prism_jelly_part_*")
-    base = fitted_base(reference, options.work, options.jobs)
-    odd = outliers(reference, base, options.jobs)
-    reference = [episode for episode in reference if episode.name not in odd]
-    for name in (*SETS, OTHER):
-        path = options.work / f"{name}.json"
-        if not path.is_file():
-            row = run_set(name, options.data, reference, base, options.work, options.jobs)
-            path.write_text(json.dumps(row, indent=1))
-            sys.stdout.write(f"{name}: {row['verdict']} {row['named']} {row['held_out_rms_mm']}\n")
-            sys.stdout.flush()
-    rows = [json.loads((options.work / f"{name}.json").read_text()) for name in (*SETS, OTHER)]
-    answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
+    reference, base, odd = reference_of(options.data, options.work, options.jobs)
+    known = Measured(reference)
+    rows = run_sets((*SETS, OTHER), options.work,
+                    lambda name: run_set(name, options.data, known, base, options.work, options.jobs))  # fmt: skip
     facts = {"command": "python -m benchmarks.hidden_disect --data DATA", "versions": versions(), "seeds": [0],
              "base": json.loads((options.work / "base.json").read_text()), "left_out": odd, "sets": rows,
-             "answers": {name: answer["effect"] for name, answer in answers.items()}
+             "answers": answers_of(options.data)
              | {OTHER: "all that makes the foam another material than the jelly"}}  # fmt: skip
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(facts, indent=1))

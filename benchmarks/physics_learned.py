@@ -11,6 +11,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -91,18 +92,28 @@ def rms_m(episode: Episode, predicted_points: np.ndarray) -> float:
 
 def trained(work: Path, jobs: int) -> PlopModel:
     """Train I2N, once."""
-    folder = work / "model"
+
+    def tracks() -> list[Track]:
+        return [track_of(episode) for episode in simulated(SCENE_CUT, TRAINED_SEED, TRAINED, [], jobs)]
+
+    return train_once(work / "model", tracks, _TRAINING, SCENE.name, threads=1 if jobs == 1 else 2)
+
+
+def train_once(
+    folder: Path, tracks: Callable[[], list[Track]], config: TrainConfig, environment: str, *, threads: int
+) -> PlopModel:
+    """Train on tracks and say how far it is, unless the folder holds the finished model."""
     if not (folder / "trained").is_file():
-        folder.mkdir(exist_ok=True)
-        tracks = [track_of(episode) for episode in simulated(SCENE_CUT, TRAINED_SEED, TRAINED, [], jobs)]
+        folder.mkdir(parents=True, exist_ok=True)
+        made = tracks()
 
         def told(done: float, total: float, label: str = "", **figures: float) -> None:
             if done % 100 == 0:
-                sys.stdout.write(f"{label} {done:g} of {total:g}: {figures}\n")
+                sys.stdout.write(f"{folder.name} {label} {done:g} of {total:g}: {figures}\n")
                 sys.stdout.flush()
 
-        torch.set_num_threads(1 if jobs == 1 else 2)
-        train_on(lambda k: tracks[k], TRAINED, _TRAINING, Output(folder, told), about={"environment": SCENE.name})
+        torch.set_num_threads(threads)
+        train_on(lambda k: made[k], len(made), config, Output(folder, told), about={"environment": environment})
         (folder / "trained").touch()
     return load_model(folder)
 

@@ -2,7 +2,8 @@
 
 `paper`: opacity, log-volume (the paper's det(S S^T) spans ten decades), motion of the last step and a flag
 that it exists. `contact` adds what decides the motion near a tool: the place relative to the tool, the tool's
-motion at this place, the side of the cut, and the height above the table.
+motion at this place, the side of the cut, and the height above the table. `oriented` adds the tool's motion mirrored
+in the table's x axis.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from plop.dynamics.frames import StepFrame
 from plop.dynamics.interface import ParticleState, ToolStep
 from plop.geometry.rigid import matrix_to_quat, rotation_vector_from_quat
 
-FeatureSet = Literal["paper", "contact"]
-OBJECT_FEATURES: dict[str, int] = {"paper": 9, "contact": 23}
+FeatureSet = Literal["paper", "contact", "oriented"]
+OBJECT_FEATURES: dict[str, int] = {"paper": 9, "contact": 23, "oriented": 25}
 TOOL_FEATURES = 8
 
 
@@ -32,6 +33,23 @@ def rigid_displacement(points: Tensor, action: ToolStep) -> Tensor:
     """Displacement that world points would have if they moved with the tool, shape [N, 3] [m]."""
     change = action.next_world_from_tool @ torch.linalg.inv(action.world_from_tool)
     return points @ change[:3, :3].T + change[:3, 3] - points
+
+
+def mirrored_in_table(vectors: Tensor) -> Tensor:
+    """Mirror horizontal vectors in the table's x axis, that of the world; their height is dropped.
+
+    A frame that turns with the tool cannot tell how a table lies that rubs differently along x and y: one of planks
+    or with a weave, or a simulator's that limits friction along each axis by itself. The mirror image tells it: what
+    yields along one axis alone moves by the mean of a push and its image. It is the same after half a turn of
+    the table, as such a table is.
+
+    Args:
+        vectors: Of the world, shape [..., 3].
+
+    Returns:
+        The same shape and unit.
+    """
+    return vectors * vectors.new_tensor([1.0, -1.0, 0.0])
 
 
 def object_features(
@@ -60,8 +78,11 @@ def object_features(
         frame.vectors_in(state.last_rotation) * frame.handedness * 10,
         flag,
     ]
-    if kind == "contact":
+    if kind != "paper":
         columns += _contact_features(gaussians.means, state.side, action, frame, length_m, motion_m)
+    if kind == "oriented":
+        mirrored = mirrored_in_table(rigid_displacement(gaussians.means, action))
+        columns.append(frame.vectors_in(mirrored)[:, :2] / motion_m)
     return torch.cat(columns, dim=-1)
 
 

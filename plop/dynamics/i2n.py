@@ -19,8 +19,9 @@ from plop.dynamics.transfer import g2p, p2g
 
 STRIDE = 4
 """The grid network halves the resolution twice."""
-OUTPUTS = 11
-"""Translation 3, rotation vector 3, log-scale 3, opacity logit 1, share of the tool's motion 1."""
+OUTPUTS: dict[FeatureSet, int] = {"paper": 11, "contact": 11, "oriented": 12}
+"""Translation 3, rotation vector 3, log-scale 3, opacity logit 1, share of the tool's motion 1; share of its mirror
+image 1."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class I2NConfig:
     kernel: Kernel = "quadratic"
     """Transfer kernel: "paper" (8 nodes), "quadratic" (27) or "cubic" (64)."""
     features: FeatureSet = "contact"
-    """"paper" or "contact" (adds the place relative to the tool, and the side of the cut)."""
+    """"paper", "contact" (adds the place relative to the tool, and the side of the cut) or "oriented" (and the
+    tool's motion mirrored in the table's x axis)."""
     width: int = 24
     """Channels of particles and of the finest grid."""
     cells_across: float = 8.0
@@ -91,7 +93,7 @@ class I2N(nn.Module):
         self.encode_tool = _mlp(TOOL_FEATURES, width, width // 2)
         # Two more channels tell which nodes hold object and tool at all.
         self.solve = GridNetwork(width + width // 2 + 2, width)
-        self.decode = _mlp(2 * width, 2 * width, OUTPUTS)
+        self.decode = _mlp(2 * width, 2 * width, OUTPUTS[config.features])
         last = self.decode[-1]
         assert isinstance(last, nn.Linear)
         nn.init.normal_(last.weight, std=1e-3)
@@ -110,7 +112,7 @@ class I2N(nn.Module):
             spacing_m: Grid spacing h [m].
 
         Returns:
-            Raw updates, shape [N, OUTPUTS].
+            Raw updates, shape [N, OUTPUTS[features]].
         """
         box = fit_grid(particles.positions, particles.batch, batches, spacing_m, stride=STRIDE)
         encoded = self.encode_object(particles.features)

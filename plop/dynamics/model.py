@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
-from plop.dynamics.features import object_features, rigid_displacement, tool_features
+from plop.dynamics.features import mirrored_in_table, object_features, rigid_displacement, tool_features
 from plop.dynamics.frames import StepFrame, tool_frame, world_frame
 from plop.dynamics.i2n import I2N, I2NConfig, ParticleBatch
 from plop.dynamics.interface import ParticleState, ToolStep
@@ -96,7 +96,10 @@ class PlopModel(nn.Module):
         shift = frame.vectors_out(raw[:, 0:3]) * self.config.motion_m
         if self.config.coupled:
             # What is pushed goes where the tool goes: a share is easier to learn than a motion.
-            shift = shift + raw[:, 10:11] * rigid_displacement(gaussians.means.detach(), action)
+            tool_motion = rigid_displacement(gaussians.means.detach(), action)
+            shift = shift + raw[:, 10:11] * tool_motion
+            if self.config.network.features == "oriented":
+                shift = shift + raw[:, 11:12] * mirrored_in_table(tool_motion)
         turn = frame.vectors_out(raw[:, 3:6]) * frame.handedness * ROTATION_UNIT_RAD
         means = gaussians.means + shift
         logit = torch.logit(gaussians.opacities.clamp(1e-4, 1 - 1e-4)) + raw[:, 9] * LOGIT_UNIT

@@ -19,6 +19,8 @@ MIN_CONTRAST = 1.15
 """The outline must fit this much worse one frame away, or the offset counts as unknown."""
 OUTLINE_PX = 0.5
 """How well an outline is placed [px]: with the tool's speed in the image, the resolution of the offset."""
+CHANCE = 3.0
+"""Standard deviations of the count of wrong pixels by which the found offset must fit better than none."""
 MIN_TOOL_PX = 20
 """Frames that show less of the tool are left out."""
 
@@ -30,7 +32,8 @@ class Offset:
     offset_ms: float
     """Image time minus robot time [ms]."""
     resolution_ms: float
-    """Time in which the tool moves by OUTLINE_PX in the image [ms]."""
+    """Time in which the tool moves by OUTLINE_PX in the image [ms]; as large as the offset where the outlines without
+    it fit as well, but for chance: a blade seen edge-on shows a few dozen pixels."""
 
 
 def episode_offsets(recording: Recording, max_offset_ms: float) -> dict[str, Offset]:
@@ -82,21 +85,33 @@ def _camera_offset(recording: Recording, name: str, frames: np.ndarray, time: np
         return None
     mesh = recording.tool_mesh
 
-    def cost(offset_s: float) -> float:
-        wrong, counted = 0, 0
+    counted = sum(int(view.tool_mask.sum()) for _, view in views)
+
+    def wrong_pixels(offset_s: float) -> int:
+        wrong = 0
         at = poses_at(time, poses, np.array([t - offset_s for t, _ in views]))
         for (_, view), pose in zip(views, at, strict=True):
             drawn = outline(mesh, pose, view.camera)
             judged = (view.mask != MaskLabel.OBJECT) & (view.mask != MaskLabel.UNKNOWN)
             wrong += int(((drawn != view.tool_mask) & judged).sum())
-            counted += int(view.tool_mask.sum())
-        return (wrong + 1) / counted
+        return wrong
+
+    def cost(offset_s: float) -> float:
+        return (wrong_pixels(offset_s) + 1) / counted
 
     step = float(np.median(np.diff(time)))
     found = offset_by_search(cost, max_offset_s=max_offset_ms / 1e3, step_s=step)
     if found is None or found[1] < MIN_CONTRAST:
         return None
-    return Offset(1e3 * found[0], 1e3 * OUTLINE_PX / max(_image_speed(mesh, views[0][1].camera, time, poses), 1e-6))
+    resolution_s = OUTLINE_PX / max(_image_speed(mesh, views[0][1].camera, time, poses), 1e-6)
+    if not _fits_better(wrong_pixels(found[0]), wrong_pixels(0.0)):
+        resolution_s = max(resolution_s, abs(found[0]))
+    return Offset(1e3 * found[0], 1e3 * resolution_s)
+
+
+def _fits_better(wrong: int, wrong_without: int) -> bool:
+    """Tell whether a count of wrong pixels is smaller by more than such counts scatter."""
+    return wrong_without - wrong > CHANCE * (wrong_without + wrong) ** 0.5
 
 
 def _image_speed(mesh: Mesh, camera: Camera, time: np.ndarray, poses: np.ndarray) -> float:

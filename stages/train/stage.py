@@ -21,6 +21,7 @@ from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_jobs, check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
+from plop.dynamics.features import FeatureSet
 from plop.dynamics.filtering import UpdateConfig
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig
@@ -69,8 +70,9 @@ class TrainConfig:
     """Steps between checkpoints."""
     kernel: Literal["paper", "quadratic", "cubic"] = "quadratic"
     """Kernel between particles and grid: 8, 27 or 64 nodes."""
-    features: Literal["paper", "contact"] = "contact"
-    """What a particle tells the network; "contact" adds place and motion relative to the tool."""
+    features: FeatureSet = "contact"
+    """What a particle tells the network; "contact" adds place and motion relative to the tool, "oriented" also how the
+    table's axes lie: for a table that rubs differently along x and y, as DiSECt's does."""
     frame: Literal["tool", "world"] = "tool"
     """Frame of the network: turns with the tool, or the world (the paper's)."""
     coupled: bool = True

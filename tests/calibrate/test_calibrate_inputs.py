@@ -17,6 +17,7 @@ from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
 from plop.render.silhouette import outline
+from stages.calibrate import tool_timing
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import STAGE, CalibrateConfig
 from stages.calibrate.tool_timing import episode_offsets
@@ -68,6 +69,18 @@ def test_a_late_camera_is_timed(tmp_path, lag_ms):
     entry = facts["cameras"]["cam0"]
     assert entry["time_offset_ms"] == pytest.approx(lag_ms, abs=10)
     assert (moved > 0.002 and "lag" in entry["fix"]) if lag_ms else moved == 0
+
+
+@pytest.mark.parametrize(("wrong", "without", "told"), [(12, 14, False), (65, 222, True), (0, 0, False), (0, 16, True)])
+def test_an_offset_is_told_by_more_pixels_than_chance(tmp_path, monkeypatch, wrong, without, told):
+    """A late camera is believed where its outlines are better by more than chance, and has no resolution else."""
+    write_moving_tool(tmp_path / "set" / "episodes" / "a.h5", ring(1), 0.05)
+    RecordingSet(tmp_path / "set", "scene", ["a"], []).save()
+    assert tool_timing._fits_better(wrong, without) == told
+    monkeypatch.setattr(tool_timing, "_fits_better", lambda *_: told)
+    with RecordingSet.load(tmp_path / "set").open("a") as recording:
+        (offset,) = episode_offsets(recording, 200).values()
+    assert (abs(offset.offset_ms) > offset.resolution_ms) == told
 
 
 def test_board_images_replace_intrinsics(tmp_path):

@@ -8,6 +8,8 @@ import pytest
 import torch
 from torch.testing import assert_close
 
+from plop.dynamics.features import object_features
+from plop.dynamics.frames import tool_frame
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.interface import ParticleState, ToolStep, at_rest
 from plop.dynamics.model import PlopConfig, PlopModel
@@ -20,8 +22,12 @@ from tests.dynamics.conftest import block_of, pose
 
 @pytest.fixture
 def model() -> PlopModel:
+    return moving_model(I2NConfig(width=8, cells_across=6))
+
+
+def moving_model(network: I2NConfig) -> PlopModel:
     torch.manual_seed(0)
-    made = PlopModel(PlopConfig(network=I2NConfig(width=8, cells_across=6), length_m=0.06))
+    made = PlopModel(PlopConfig(network=network, length_m=0.06))
     # A fresh model hardly moves anything; laws need motion to be tested on.
     torch.nn.init.normal_(made.network.decode[-1].weight, std=0.3)
     return made.eval()
@@ -54,6 +60,32 @@ def test_prediction_turns_and_moves_with_the_experiment(model, block, cut_step):
     assert here.last_translation.norm(dim=-1).mean() > 1e-4
     assert_close(there.last_translation, here.last_translation @ change[:3, :3].T, atol=2e-6, rtol=1e-3)
     assert_close(there.last_rotation, here.last_rotation @ change[:3, :3].T, atol=2e-4, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("yaw", "same"), [(torch.pi, True), (0.7, False)])
+def test_a_model_that_is_told_the_table_s_axes_is_indifferent_to_half_a_turn_alone(block, cut_step, yaw, same):
+    model, state = moving_model(I2NConfig(features="oriented", width=8, cells_across=6)), moving(block)
+    change = pose(0.3, -0.2, 0.0, yaw=yaw)
+    with torch.no_grad():
+        here = model.predict([state], [cut_step])[0].last_translation @ change[:3, :3].T
+        there = model.predict(*[[x] for x in transformed(state, cut_step, change)])[0].last_translation
+    assert here.norm(dim=-1).mean() > 1e-4
+    assert torch.allclose(there, here, atol=2e-6, rtol=1e-3) == same
+
+
+def test_a_mirrored_window_shows_the_mirrored_experiment(block, cut_step):
+    """The tool's motion and its image in the table's axis are mirrored alike."""
+    step = replace(cut_step, next_world_from_tool=pose(0.004, 0.001, 0) @ cut_step.next_world_from_tool)
+    turned = pose(0, 0, 0, yaw=0.3)
+    step = replace(step, world_from_tool=turned @ step.world_from_tool,
+                   next_world_from_tool=turned @ step.next_world_from_tool)  # fmt: skip
+    state, frame = moving(block), tool_frame(step)
+    plain, mirrored = (
+        object_features(state, step, f, length_m=0.06, motion_m=1e-3, kind="oriented")[:, -2:]
+        for f in (frame, frame.reflected(True, False))
+    )
+    assert plain.abs().min() > 0.1
+    assert_close(mirrored, plain * torch.tensor([-1.0, 1.0]))
 
 
 def test_steps_of_a_batch_do_not_see_each_other(model, cut_step):
