@@ -48,6 +48,8 @@ class Candidate:
     """physics, decoy or base."""
     columns: tuple[Column, ...]
     """One for each amplitude."""
+    shape_units: tuple[tuple[str, str], ...] = ()
+    """Name and unit of every shape parameter."""
 
     @property
     def key(self) -> str:
@@ -66,10 +68,11 @@ def candidates_of(types: Mapping[str, EffectType], names: Iterable[str] | None =
     for name, kind in types.items():
         if names is not None and name not in names and kind.kind != "base":
             continue
+        units = tuple((p.name, p.unit) for p in kind.shapes)
         for variant in kind.variants:
             shapes = tuple(sorted({p.name: variant.get(p.name, p.default) for p in kind.shapes}.items()))
             columns = tuple(
                 Column(name, p.name, p.unit, shapes, p.typical or p.step, p.low, p.high) for p in kind.amplitudes
             )
-            found.append(Candidate(name, kind.kind, columns))
+            found.append(Candidate(name, kind.kind, columns, units))
     return found

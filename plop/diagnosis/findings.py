@@ -132,9 +132,10 @@ class State:
         """
         columns = score.candidate.columns
         parameters = _parameters(columns, score.fit, self.profiles, alone=not beside)
+        units = dict(score.candidate.shape_units)
         for name, value in columns[0].shapes:
-            parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": "",
-                                "at_bound": False, "chosen": True}  # fmt: skip
+            parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"),
+                                "unit": units.get(name, ""), "at_bound": False, "chosen": True}  # fmt: skip
         contrast = self._contrast(score.rows, len(columns), whole_library=beside)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,

@@ -42,8 +42,12 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     diagnosis = _diagnosis(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     name, parameters = _chosen(config, diagnosis)
-    # made only to refuse values out of range before anything is written
-    effect_type(name, library(files))(**{key: p["value"] for key, p in parameters.items()})
+    kind = effect_type(name, library(files))
+    kind(
+        **{key: p["value"] for key, p in parameters.items()}
+    )  # refuses values out of range, before anything is written
+    units = {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
+    parameters = {key: {**p, "unit": units[key]} for key, p in parameters.items()}
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
     if engine is None:
         raise PlopError("A learned model needs the engine beside it.", where=folder, expected="an artifact of identify",
@@ -86,7 +90,7 @@ def _diagnosis(inputs: Inputs) -> dict[str, Any]:
 
 
 def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Find the effect and its parameters, each {"value", "low", "high", "unit"}."""
+    """Find the effect and its parameters, each {"value", "low", "high"}."""
     named = diagnosis.get("verdict", {}).get("named", [])
     name = config.effect or (named[0] if named else "")
     given = _values(config.value)
@@ -96,10 +100,10 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
                         expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
                         found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
                         fix="Run `plop diagnose` on the recordings to fit to.")  # fmt: skip
-    keys = ("value", "low", "high", "unit")
+    keys = ("value", "low", "high")
     parameters = {} if row is None else {k: {q: p.get(q) for q in keys} for k, p in row["parameters"].items()}
     for key, value in given.items():
-        parameters[key] = {"value": value, "low": None, "high": None, "unit": parameters.get(key, {}).get("unit", "")}
+        parameters[key] = {"value": value, "low": None, "high": None}
     return name, parameters
 
 
@@ -117,7 +121,7 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
 
 STAGE = Stage(
     name="augment",
-    version=2,
+    version=3,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

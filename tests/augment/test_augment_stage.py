@@ -66,6 +66,12 @@ def test_what_was_diagnosed_is_added_with_its_interval(engine, tmp_path):
     assert isinstance(model, FilledEngineModel) and model.effects[0]["viscosity_pa_s"] == 40.0
 
 
+def test_numbers_that_were_given_have_the_units_of_their_law(engine, tmp_path):
+    given = ("traction_pa=500", "release_s=0.2")
+    summary = run({"model": engine}, AugmentConfig("adhesion", given), out(tmp_path / "a"))
+    assert {row["parameter"]: row["unit"] for row in summary.table} == {"traction_pa": "Pa", "release_s": "s"}
+
+
 def test_adding_and_removing_gives_the_same_files_back(learned, engine, tmp_path):
     inputs = {"model": learned, "engine": engine}
     run(inputs, AugmentConfig("tilt", ("gx_m_s2=1",)), out(tmp_path / "a"))

@@ -14,7 +14,7 @@ import pytest
 
 from plop.diagnosis.sets import check_touch, tracked_episodes
 from plop.errors import PlopError
-from plop.physics.effects.library import effect_type
+from plop.physics.effects.library import effect_type, library
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import write_without_truth
 from stages.augment.stage import AugmentConfig
@@ -24,7 +24,7 @@ from stages.diagnose.stage import DiagnoseConfig, run
 from tests.coarse_episodes import coarse_episode
 from tests.tracked_set import write_engine, write_recordings
 
-CONFIG = DiagnoseConfig(effects=("tilt",), shams=49, sensors=False, jobs=1)
+CONFIG = DiagnoseConfig(effects=("tilt", "adhesion"), shams=49, sensors=False, jobs=1)
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
@@ -78,6 +78,14 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
     assert facts["engine_runs"] > 20
 
 
+def test_every_fitted_and_chosen_number_has_its_unit(facts):
+    types = library()
+    for row in [*facts["ranking"], facts["base"]]:
+        kind = types[row["effect"]]
+        units = {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
+        assert {name: p["unit"] for name, p in row["parameters"].items()} == units
+
+
 def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path):
     """The reference has not the effect: the base predicts it, or the added effect would look missing there."""
     (tmp_path / "base+tilt").mkdir()
@@ -121,7 +129,7 @@ def test_the_truth_in_the_recordings_is_not_read(inputs, facts, out, tmp_path):
     assert verdict_of(scratch) == verdict_of(out)
 
 
-_WATCHED = """
+_WATCHED = f"""
 import sys
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
@@ -130,8 +138,8 @@ from pathlib import Path
 from stages.contract import Input, Output
 from stages.diagnose.stage import DiagnoseConfig, run
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])
-inputs = {name: Input(folder / name) for name in ("recordings", "init", "tracks", "model")}
-run(inputs, DiagnoseConfig(effects=("tilt",), shams=49, sensors=False, jobs=1), Output(out))
+inputs = {{name: Input(folder / name) for name in ("recordings", "init", "tracks", "model")}}
+run(inputs, {CONFIG!r}, Output(out))
 print(json.dumps([opened, sorted(m for m in sys.modules if m in ("plop.physics.sealed", "plop.recordings.truth"))]))
 """
 
