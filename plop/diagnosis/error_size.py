@@ -25,7 +25,7 @@ class ErrorSize:
     """Mean squared whitened errors over episodes; without reference the last three are None."""
 
     error: float
-    """Of the base with its own parameters refitted."""
+    """Of the base with its own parameters refitted, or as it is where that is less."""
     raw: float
     """Of the base as it is."""
     floor: float | None = None
@@ -42,7 +42,7 @@ class ErrorSize:
         """Compare the errors of the episodes [E] with those of the reference [R], which may be few or none.
 
         Args:
-            ours: Mean squared errors, base parameters refitted.
+            ours: Mean squared errors, see `error`.
             raw: The mean without refitting.
             theirs: The reference's.
             kinds: Kind of motion of every episode, here and in the reference.

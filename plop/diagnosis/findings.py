@@ -89,7 +89,7 @@ class State:
         return float(np.sqrt(np.mean(squares)))
 
     def errors(self) -> np.ndarray:
-        """Mean squared whitened residual of each episode, base parameters fitted to the others, [E]."""
+        """Mean squared whitened residual of each episode without any candidate, [E]."""
         return self.screen.before() / [e.count for e in self.screen.episodes]
 
     @cached_property
@@ -160,7 +160,7 @@ class State:
 
     def base_finding(self, shams: np.ndarray) -> Finding:
         """Judge a change of the base's own parameters, against leaving them as they are."""
-        raw, refitted = self.screen.grams.energy, self.screen.before()
+        raw, refitted = self.screen.grams.energy, self.screen.refitted()
         rows = self.screen.base
         fitted = fit(self.screen.grams, rows)
         columns = [column for c in self.base_candidates for column in c.columns]
@@ -173,7 +173,7 @@ class State:
     def _apart(self, score: Score) -> float:
         """Standard error of the difference in held-out error, an effect alone against the base's parameters alone."""
         error = self.screen.gain_error(self.screen.base, self.screen.columns(score.candidate))
-        return error * float(self.screen.before().sum() / max(self.screen.grams.energy.sum(), 1e-30))
+        return error * float(self.screen.refitted().sum() / max(self.screen.grams.energy.sum(), 1e-30))
 
     def base_values(self) -> dict[str, np.ndarray]:
         """Fitted changes of the base's own parameters, by candidate; none without such parameters."""

@@ -52,7 +52,7 @@ def _limit(
         if amplitude < least:
             return False
         grams = _injected(left, row, amplitude)
-        before, after = held_out_energy(grams, screen.base), held_out_energy(grams, rows)
+        before, after = screen.before(grams), held_out_energy(grams, rows)
         won = gain(before, after)
         return won > max(GAIN_LEAST, threshold) and won > ERRORS_LEAST * score.gain_error
 

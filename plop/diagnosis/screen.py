@@ -28,6 +28,8 @@ class Score:
     """Held-out sum of squares without it, per episode [E]."""
     after: np.ndarray
     """Held-out sum of squares with it, per episode [E]."""
+    null: np.ndarray
+    """Columns that were fitted without it, see `Screen.null`."""
     rows: np.ndarray
     """All columns that were fitted: the base's parameters, what was given, and its own, which come last."""
     fit: Fit
@@ -73,9 +75,28 @@ class Screen:
         """Indices of a candidate's columns."""
         return np.array([self.index[c.key] for c in candidate.columns], int)
 
+    def null(self, grams: Grams, given: np.ndarray) -> np.ndarray:
+        """Find the columns that a candidate has to do better than: the base's own, refitted, or the base as it is.
+
+        Where one episode misleads the base's parameters, refitting them makes the others worse; a candidate that only
+        takes this back explains nothing.
+
+        Args:
+            grams: The episodes.
+            given: Columns that are fitted in any case.
+        """
+        refitted = np.concatenate([self.base, given])
+        worse = held_out_energy(grams, refitted).sum() > held_out_energy(grams, given).sum()
+        return given if worse else refitted
+
     def before(self, grams: Grams | None = None) -> np.ndarray:
+        """Held-out sum of squares without any candidate, [E]."""
+        grams = grams or self.grams
+        return held_out_energy(grams, self.null(grams, np.array([], int)))
+
+    def refitted(self) -> np.ndarray:
         """Held-out sum of squares with the base's own parameters refitted, [E]."""
-        return held_out_energy(grams or self.grams, self.base)
+        return held_out_energy(self.grams, self.base)
 
     def scores(self, response_rms_m: Callable[[str], float], given: Candidate | None = None) -> list[Score]:
         """Score every candidate, best first.
@@ -84,19 +105,20 @@ class Screen:
             response_rms_m: RMS response of one unit of a column [m].
             given: A law that is taken for granted: the others are scored on what it leaves.
         """
-        null = self.base if given is None else np.concatenate([self.base, self.columns(given)])
+        taken = np.array([], int) if given is None else self.columns(given)
+        null = self.null(self.grams, taken)
         before, found = held_out_energy(self.grams, null), []
         for candidate in self.candidates:
             if given is not None and candidate.effect == given.effect:
                 continue
-            rows = np.concatenate([null, self.columns(candidate)])
+            rows = np.concatenate([self.base, taken, self.columns(candidate)])
             after = held_out_energy(self.grams, rows)
             fitted = fit(self.grams, rows)
             alone = gain(self.grams.energy, held_out_energy(self.grams, self.columns(candidate)))
-            sizes = [abs(v) * response_rms_m(c.key)
-                     for v, c in zip(fitted.values[len(null) :], candidate.columns, strict=True)]  # fmt: skip
-            found.append(Score(candidate, gain(before, after), self.gain_error(null, rows), before, after, rows, fitted,
-                               float(np.hypot.reduce(sizes)), alone))  # fmt: skip
+            values = fitted.values[-len(candidate.columns) :]
+            sizes = [abs(v) * response_rms_m(c.key) for v, c in zip(values, candidate.columns, strict=True)]
+            found.append(Score(candidate, gain(before, after), self.gain_error(null, rows), before, after, null, rows,
+                               fitted, float(np.hypot.reduce(sizes)), alone))  # fmt: skip
         return sorted(found, key=lambda s: -s.gain)
 
     def gain_error(self, less: np.ndarray, more: np.ndarray) -> float:
@@ -109,11 +131,11 @@ class Screen:
 
     def held(self, score: Score, values: np.ndarray) -> Score:
         """Score a candidate at given amplitudes [C] instead of the fitted ones; everything else is refitted."""
-        null, own = score.rows[: -len(values)], score.rows[-len(values) :]
+        others, own = score.rows[: -len(values)], score.rows[-len(values) :]
         taken = [replace(e, residual=e.residual - values @ e.matrix[own]) for e in self.episodes]
         rest = Screen(taken, self.keys, [])
-        after = held_out_energy(rest.grams, null)
-        error = _gain_error(self.held_out_blocks(null), rest.held_out_blocks(null))
+        after = held_out_energy(rest.grams, others)
+        error = _gain_error(self.held_out_blocks(score.null), rest.held_out_blocks(others))
         return replace(score, gain=gain(score.before, after), gain_error=error, after=after)
 
     def held_out_blocks(self, columns: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plop.diagnosis.findings import State
 from plop.diagnosis.regression import gain, held_out_energy
 from plop.diagnosis.screen import confounded, one_per_effect
 from tests.diagnosis.synthetic import LAWS, candidate, episodes, key, screen, state
@@ -24,6 +25,23 @@ def test_stiffness_is_nobodys_gain():
     scores = state(episodes(2, {"stiffness": 1.0})).scores()
     assert all(score.gain < 0.02 for score in scores)
     assert "stiffness" not in {score.candidate.effect for score in scores}
+
+
+def misled(seed: int) -> State:
+    """Nothing is hidden, but one episode errs strongly along stiffness and a law together; both ask for the others'."""
+    quiet, loud = episodes(seed, count=5), episodes(seed + 1, {"stiffness": 2.0, "viscosity": -1.5}, count=1)
+    return state([*quiet, replace(loud[0], name="loud")])
+
+
+def test_what_only_takes_back_a_misled_refit_of_the_base_gains_nothing():
+    now = misled(20)
+    raw, refitted = now.screen.grams.energy.sum(), now.screen.refitted().sum()
+    assert refitted > 1.05 * raw, "the episode misleads the base's parameters"
+    assert now.screen.before().sum() == raw == pytest.approx(now.size.error * now.numbers, rel=0.01)
+    for score in now.scores():
+        assert score.gain == pytest.approx(1 - score.after.sum() / raw)
+    loud = state(episodes(20, {"stiffness": 0.5}))
+    assert loud.screen.before().sum() == loud.screen.refitted().sum() < loud.screen.grams.energy.sum()
 
 
 def test_size_is_the_displacement_at_the_fitted_amplitude():
