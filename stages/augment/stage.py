@@ -43,9 +43,8 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     name, parameters = _chosen(config, diagnosis)
     kind = effect_type(name, library(files))
-    kind(
-        **{key: p["value"] for key, p in parameters.items()}
-    )  # refuses values out of range, before anything is written
+    values = {key: p["value"] for key, p in parameters.items()}
+    kind(**values)  # made only to refuse values out of range before anything is written
     units = {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
     parameters = {key: {**p, "unit": units[key]} for key, p in parameters.items()}
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
