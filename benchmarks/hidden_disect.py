@@ -22,6 +22,7 @@ import numpy as np
 from benchmarks.measure import plain_json
 from plop.diagnosis.candidates import Candidate, candidates_of
 from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
 from plop.diagnosis.identify import identify, outliers, spacing_for
@@ -91,7 +92,8 @@ def before_and_after(found: Diagnosis, measured: Measured, base: EngineBase, run
     """
     best, episodes = named_candidate(found), measured.episodes
     plain = runs([Job(episode, base) for episode in episodes])
-    given = measured.predictions or {e.name: a.points for e, a in zip(episodes, plain, strict=True)}
+    given = measured.predictions or {e.name: _stable(runs([Job(e, member) for member in discretised(base)]))
+                                     for e in episodes}  # fmt: skip
     trials = [tuple((column, factor * column.value) for column in best.columns) for factor in FACTORS]
     answers = [plain, *(runs([Job(episode, base, trial) for episode in episodes]) for trial in trials)]
     errors = np.array([[_error(e, given[e.name], p, a) for e, p, a in zip(episodes, plain, row, strict=True)]
@@ -102,11 +104,15 @@ def before_and_after(found: Diagnosis, measured: Measured, base: EngineBase, run
     return {"before": 1000 * float(np.sqrt(before.mean())), "after": 1000 * float(np.sqrt(own.mean()))}
 
 
-def _error(episode: Episode, predicted: np.ndarray | None, plain: Answer, answer: Answer) -> float:
+def _stable(answers: list[Answer]) -> list[np.ndarray]:
+    return [answer.points for answer in answers if answer.points is not None]
+
+
+def _error(episode: Episode, predicted: Sequence[np.ndarray], plain: Answer, answer: Answer) -> float:
     """Mean squared error of the patches at the compared frames [m^2]; infinite where the engine is unstable."""
-    if predicted is None or plain.points is None or answer.points is None:
+    if plain.points is None or answer.points is None:
         return np.inf
-    frames, points = compared_frames(len(episode.times)), predicted + (answer.points - plain.points)
+    frames, points = compared_frames(len(episode.times)), np.mean(predicted, 0) + (answer.points - plain.points)
     error = episode.pooled((points - points[:1])[frames]) - episode.motion[frames]
     return float((error**2).sum(-1).mean())
 

@@ -70,9 +70,9 @@ def main() -> None:
         unseen |= {episode.name: predicted(judge, episode) for episode in recordings[half::2]}
 
     def measured(episodes: list[Episode]) -> Measured:
-        return Measured(episodes, {e.name: predicted(model, e) for e in episodes})
+        return Measured(episodes, {e.name: [predicted(model, e)] for e in episodes})
 
-    known = Measured(recordings, unseen)
+    known = Measured(recordings, {name: [points] for name, points in unseen.items()})
     rows = run_sets(SETS, options.work, lambda name: run_set(name, options.data, known, engine, options.engine_work,
                                                              options.jobs, measured))  # fmt: skip
     facts = {"command": "python -m benchmarks.hidden_disect_learned --data DATA", "versions": versions(),

@@ -28,6 +28,7 @@ from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import RESULT, write_results
 from plop.diagnosis.diagnose import SLOWER, diagnose
+from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.identify import NAMES, identify, spacing_for
 from plop.diagnosis.responses import Job
@@ -221,7 +222,7 @@ def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int) -> dict[str, A
         "baselines": baselines(found), "seconds": time.perf_counter() - started,
     }  # fmt: skip
     if plan.set == "single":
-        row["response"] = response_error(hidden[0], episodes, plain, engine, runs)
+        row["response"] = response_error(hidden[0], episodes, plain, discretised(engine), runs)
     if plan.set == "pair":
         later = next_round(found, episodes, setting.reference.episodes, engine, known, runs)
         row |= {"next_verdict": later and later.verdict.kind, "next_named": later.verdict.named if later else []}

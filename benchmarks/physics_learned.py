@@ -63,7 +63,7 @@ def main() -> None:
     engine, model = fitted_engine(options.engine_work, options.jobs), trained(options.work, options.jobs)
 
     def measured(episodes: list[Episode]) -> Measured:
-        return Measured(episodes, {e.name: predicted(model, e) for e in episodes})
+        return Measured(episodes, {e.name: [predicted(model, e)] for e in episodes})
 
     known = measured(reference(options.jobs, SCENE_CUT))
     setting = Setting(known, engine, measured, SCENE_CUT)
@@ -76,7 +76,7 @@ def main() -> None:
 def facts_of(rows: list[dict[str, Any]], reference: Measured) -> dict[str, Any]:
     """Rates, runs, and how far the learned base is off in motions that it has not seen."""
     assert reference.predictions is not None
-    errors = [1000 * rms_m(episode, reference.predictions[episode.name]) for episode in reference.episodes]
+    errors = [1000 * rms_m(episode, reference.predictions[episode.name][0]) for episode in reference.episodes]
     kept = ("name", "set", "seed", "hidden", "rms_mm", "snr", "verdict", "named", "ranks", "error", "floor", "left",
             "gains", "text")  # fmt: skip
     return {"command": "python -m benchmarks.physics_learned", "versions": versions(),

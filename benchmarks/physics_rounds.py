@@ -8,7 +8,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plop.diagnosis.diagnose import Diagnosis, diagnose
-from plop.diagnosis.engine_run import predict_points, start_particles
+from plop.diagnosis.discretisations import predicted_by_each
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
@@ -49,8 +49,8 @@ def next_round(
     if not added:
         return None
 
-    def predicted(episode: Episode) -> np.ndarray:
-        return predict_points(base, episode, start_particles(base, episode, added), added)
+    def predicted(episode: Episode) -> list[np.ndarray]:
+        return predicted_by_each(base, episode, added)
 
     points = Parallel(n_jobs=runs.jobs)(delayed(predicted)(episode) for episode in episodes)
     predictions = {e.name: p for e, p in zip(episodes, points, strict=True)}

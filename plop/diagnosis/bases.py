@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from plop.diagnosis.discretisations import predicted_by_each
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
 from plop.dynamics.episodes import Actions
@@ -15,6 +16,7 @@ from plop.dynamics.model_io import read_facts
 from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.models import effects_of, engine_of, innermost, load_model
+from plop.physics.filled import EngineBase
 from plop.recordings.recording import Recording
 
 
@@ -33,8 +35,8 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     Raises:
         PlopError: The model diverges.
     """
-    engine = engine_of(model_folder)
-    if engine is not None and read_facts(innermost(model_folder)).get("kind") == "engine":
+    engine = _engine_as_base(model_folder)
+    if engine is not None:
         effects = effects_of(model_folder)
         run = predict_points(engine, episode, start_particles(engine, episode, effects), effects)
         return episode.points[0] + run - run[0]  # a settled object stands a little deeper in the grid than it was seen
@@ -43,3 +45,21 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
         actions = Actions.of(recording)
     states = predict(model, at_rest(first), actions.steps(), episode.name, seed=0)
     return np.stack([followed(first, state.gaussians, episode.points[0]) for state, _ in states])
+
+
+def predictions_of(model_folder: Path, recording_path: Path, splat_path: Path, episode: Episode) -> list[np.ndarray]:
+    """Do the same, for an engine in each discretisation; see `predict_episode`.
+
+    Returns:
+        The predicted places, [T, M, 3] [m] each.
+    """
+    engine = _engine_as_base(model_folder)
+    if engine is not None:
+        return predicted_by_each(engine, episode, effects_of(model_folder))
+    return [predict_episode(model_folder, recording_path, splat_path, episode)]
+
+
+def _engine_as_base(model_folder: Path) -> EngineBase | None:
+    """Find the engine of a model that is one, with or without effects."""
+    engine = engine_of(model_folder)
+    return engine if engine is not None and read_facts(innermost(model_folder)).get("kind") == "engine" else None

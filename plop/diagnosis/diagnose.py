@@ -94,7 +94,7 @@ def diagnose(
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
-    state = _responded(tables, _moved(candidates, least), list(best))
+    state = _responded(tables, _moved(candidates, least), list(best), everywhere=True)
     state.profiles = profiles
     return _conclude(state, sensors, shams, seed)
 
@@ -138,10 +138,10 @@ def _best_values(state: State, share: float = -np.inf) -> dict[str, np.ndarray]:
     return {s.candidate.key: s.values for s in kept} | state.base_values()
 
 
-def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str]) -> State:
-    """Compute the responses of some candidates anew, at the amplitudes that they now have."""
+def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str], *, everywhere: bool = False) -> State:
+    """Compute the responses of some candidates anew, at the amplitudes that they now have; see `Table.respond`."""
     for table in tables:
-        table.respond([column for c in candidates if c.key in keys for column in c.columns])
+        table.respond([column for c in candidates if c.key in keys for column in c.columns], everywhere=everywhere)
     return State(tables, candidates)
 
 

@@ -8,6 +8,7 @@ for a learned base the engine supplies only the difference that an effect makes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,8 @@ FRAMES = 12
 BLOCKS = 8
 """Parts of an object whose errors count as independent of each other."""
 _BINS = 10
+_OF_MOTION = 0.01
+"""What a base may be off by before anything is known of it, as a share of how far a patch has moved."""
 _MEDIAN = 0.789
 """Median of chi-square(3) / 3."""
 
@@ -40,6 +43,16 @@ class Evidence:
     """Column -> response of one unit of the amplitude, [F, K, 3] [m]."""
     block: np.ndarray
     """Part of the object in which each patch starts, [K], 0 .. BLOCKS-1: patches of one part err together."""
+    spread_m: np.ndarray
+    """Standard deviation of one coordinate between the base's predictions, [F, K] [m]; 0 where it has but one."""
+
+    @property
+    def doubt_m(self) -> np.ndarray:
+        """How unsure the base is: what its misfit is a function of, [F, K] [m].
+
+        Where it has but one prediction this is a measure of how far a patch has moved.
+        """
+        return np.hypot(self.spread_m, _OF_MOTION * np.linalg.norm(self.motion, axis=-1))
 
     @property
     def seen(self) -> np.ndarray:
@@ -52,12 +65,12 @@ def compared_frames(count: int) -> np.ndarray:
     return np.unique(np.linspace(1, count - 1, min(FRAMES, count - 1)).round().astype(int))
 
 
-def evidence_of(episode: Episode, prediction: np.ndarray, responses: dict[str, np.ndarray]) -> Evidence:
+def evidence_of(episode: Episode, predictions: Sequence[np.ndarray], responses: dict[str, np.ndarray]) -> Evidence:
     """Reduce point trajectories to patches and compared frames.
 
     Args:
         episode: The measurement.
-        prediction: Of the base, [T, M, 3] [m].
+        predictions: Of the base, [T, M, 3] [m] each; their mean is what it says.
         responses: Column -> change of the prediction by one unit, [T, M, 3] [m].
     """
     frames = compared_frames(len(episode.times))
@@ -67,9 +80,18 @@ def evidence_of(episode: Episode, prediction: np.ndarray, responses: dict[str, n
     def reduced(values: np.ndarray) -> np.ndarray:
         return episode.pooled((values - values[:1])[frames])
 
-    return Evidence(episode.name, frames, seen * reduced(episode.points - prediction), reduced(episode.points),
-                    episode.patch_noise_m, {key: seen * reduced(value) for key, value in responses.items()},
-                    octants(episode.pooled(episode.points[0])))  # fmt: skip
+    residual = seen * reduced(episode.points - np.mean(predictions, 0))
+    scatter = _scatter([reduced(points) for points in predictions])
+    return Evidence(episode.name, frames, residual, reduced(episode.points), episode.patch_noise_m,
+                    {key: seen * reduced(value) for key, value in responses.items()},
+                    octants(episode.pooled(episode.points[0])), scatter)  # fmt: skip
+
+
+def _scatter(predictions: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviation of one coordinate, [N] x [F, K, 3] -> [F, K]; 0 for a single one."""
+    if len(predictions) < 2:
+        return np.zeros(predictions[0].shape[:-1])
+    return np.asarray(np.sqrt(np.var(predictions, axis=0, ddof=1).mean(-1)))
 
 
 def octants(centers: np.ndarray) -> np.ndarray:
@@ -79,10 +101,10 @@ def octants(centers: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class MisfitModel:
-    """How far the base is off where nothing is missing: standard deviation over the size of the motion."""
+    """How far the base is off where nothing is missing: standard deviation over how unsure it is."""
 
-    motion_m: np.ndarray
-    """Upper ends of the bins, [B] [m]."""
+    doubt_m: np.ndarray
+    """Upper ends of the bins of `Evidence.doubt_m`, [B] [m]."""
     misfit_m: np.ndarray
     """Standard deviation of one coordinate beyond the measurement's noise, [B] [m]."""
 
@@ -90,27 +112,26 @@ class MisfitModel:
     def of(cls, episodes: list[Evidence]) -> MisfitModel:
         """Estimate from episodes, robustly: half of each bin's residuals are below its estimate's median.
 
-        The misfit may not fall as the motion grows. What could not be seen does not count.
+        The misfit may not fall as the doubt grows. What could not be seen does not count.
         """
-        motion = np.concatenate([np.linalg.norm(e.motion, axis=-1)[e.seen] for e in episodes])
+        doubt = np.concatenate([e.doubt_m[e.seen] for e in episodes])
         excess = np.concatenate([((e.residual**2).mean(-1) / _MEDIAN - e.noise_m**2)[e.seen] for e in episodes])
-        if not len(motion):
+        if not len(doubt):
             return cls(np.zeros(1), np.zeros(1))
-        edges = np.quantile(motion, np.linspace(0, 1, _BINS + 1))
+        edges = np.quantile(doubt, np.linspace(0, 1, _BINS + 1))
         found = []
         for low, high in zip(edges[:-1], edges[1:], strict=True):
-            inside = excess[(motion >= low) & (motion <= high)]
+            inside = excess[(doubt >= low) & (doubt <= high)]
             found.append(max(float(np.median(inside)), 0.0))
         return cls(edges[1:], np.sqrt(np.maximum.accumulate(found)))
 
-    def of_motion(self, motion: np.ndarray) -> np.ndarray:
-        """Give the misfit for displacements, [..., 3] -> [...] [m]."""
-        size = np.linalg.norm(motion, axis=-1)
-        return self.misfit_m[np.minimum(np.searchsorted(self.motion_m, size), len(self.misfit_m) - 1)]
+    def at(self, doubt_m: np.ndarray) -> np.ndarray:
+        """Give the misfit where the base is so unsure, [...] -> [...] [m]."""
+        return self.misfit_m[np.minimum(np.searchsorted(self.doubt_m, doubt_m), len(self.misfit_m) - 1)]
 
     def sigma(self, evidence: Evidence) -> np.ndarray:
         """Expected standard deviation of each residual, [F, K, 1] [m]."""
-        return np.sqrt(self.of_motion(evidence.motion) ** 2 + evidence.noise_m**2)[..., None]
+        return np.sqrt(self.at(evidence.doubt_m) ** 2 + evidence.noise_m**2)[..., None]
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ class State:
         self.tables, self.profiles = tables, {}
         self.evidence = tables[0].evidence()
         self.control: list[Evidence] = tables[1].evidence() if len(tables) > 1 else []
+        if not self.control:  # the misfit then holds what is missing, which follows the motion, not the engine's doubt
+            self.evidence = [replace(e, spread_m=np.zeros_like(e.spread_m)) for e in self.evidence]
         gone = {key for table in tables for key in table.dropped}
         usable = [c for c in candidates if not gone & {column.key for column in c.columns}]
         self.keys = list(dict.fromkeys(column.key for c in usable for column in c.columns))

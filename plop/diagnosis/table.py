@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from plop.diagnosis.candidates import Column
+from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
 from plop.diagnosis.phases import motion_kind
@@ -25,8 +26,9 @@ class Measured:
     """Episodes, with the base's prediction of each where the base is not the engine."""
 
     episodes: list[Episode]
-    predictions: Mapping[str, np.ndarray] | None = None
-    """Episode -> the followed points as the base predicts them, [T, M, 3] [m]; None: the engine is the base."""
+    predictions: Mapping[str, Sequence[np.ndarray]] | None = None
+    """Episode -> the followed points as the base predicts them, [T, M, 3] [m] each, several where it is an engine;
+    None: the engine is the base."""
 
 
 class Table:
@@ -51,33 +53,57 @@ class Table:
         if not self.episodes:
             raise PlopError("The engine can follow no episode.", found="; ".join(self.dropped.values())[:300],
                             fix="Calibrate the engine to recordings of this object: `plop identify`.")  # fmt: skip
-        given = measured.predictions
-        self.predictions = [self.plain[k] if given is None else given[e.name] for k, e in enumerate(self.episodes)]
+        self.given = measured.predictions
         self.responses: list[dict[str, np.ndarray]] = [{} for _ in self.episodes]
+
+    @cached_property
+    def elsewhere(self) -> list[list[np.ndarray | None]]:
+        """What the engine's other discretisations predict without effects, by episode; None where one is unstable."""
+        members = discretised(self.base)[1:]
+        answers = iter(self.run_jobs([Job(episode, member) for episode in self.episodes for member in members]))
+        return [[next(answers).points for _ in members] for _ in self.episodes]
+
+    @cached_property
+    def predictions(self) -> list[Sequence[np.ndarray]]:
+        """What the base says, by episode; an engine as base says it in each discretisation."""
+        if self.given is not None:
+            return [self.given[episode.name] for episode in self.episodes]
+        return [[own, *(points for points in others if points is not None)]
+                for own, others in zip(self.plain, self.elsewhere, strict=True)]  # fmt: skip
 
     @cached_property
     def kinds(self) -> list[str]:
         """Kind of motion of every episode."""
         return [motion_kind(episode) for episode in self.episodes]
 
-    def respond(self, columns: Sequence[Column]) -> None:
+    def respond(self, columns: Sequence[Column], *, everywhere: bool = False) -> None:
         """Compute the response of each column at its amplitude, per unit of it; replaces what was there.
 
         A column that makes the engine unstable in any episode is left out everywhere.
+
+        Args:
+            columns: What is computed.
+            everywhere: In each discretisation, whose mean counts; another than the engine's own may be unstable.
         """
         wanted = [c for c in columns if c.key not in self.dropped]
-        jobs = [Job(episode, self.base, ((column, column.value),)) for column in wanted for episode in self.episodes]
+        members = discretised(self.base) if everywhere else [self.base]
+        jobs = [Job(episode, member, ((column, column.value),))
+                for column in wanted for episode in self.episodes for member in members]  # fmt: skip
         answers = iter(self.run_jobs(jobs))
         for column in wanted:
-            own = [next(answers) for _ in self.episodes]
-            trouble = next((a.trouble for a in own if a.points is None), None)
+            own = [[next(answers) for _ in members] for _ in self.episodes]
+            trouble = next((first.trouble for first, *_ in own if first.points is None), None)
             if trouble is not None:
                 self.dropped[column.key] = trouble
-            for k, answer in enumerate(own):
+            for k, each in enumerate(own):
                 if trouble is not None:
                     self.responses[k].pop(column.key, None)
-                elif answer.points is not None:
-                    self.responses[k][column.key] = (answer.points - self.plain[k]) / column.value
+                    continue
+                plain = [self.plain[k], *(self.elsewhere[k] if everywhere else [])]
+                moved = [
+                    a.points - p for a, p in zip(each, plain, strict=True) if a.points is not None and p is not None
+                ]
+                self.responses[k][column.key] = np.mean(moved, 0) / column.value
 
     def changes(self, wanted: Sequence[tuple[Column, float]]) -> list[list[np.ndarray] | None]:
         """Compute what columns change at some amplitudes.

@@ -11,7 +11,7 @@ import numpy as np
 
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_jobs
-from plop.diagnosis.bases import predict_episode
+from plop.diagnosis.bases import predictions_of
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.runs import Runs
@@ -111,8 +111,8 @@ def _measured(
     if read_facts(model)["kind"] == "engine":
         return Measured(episodes), left_out
 
-    def predicted(episode: Episode) -> np.ndarray:
-        return predict_episode(model, recordings.path(episode.name), init / episode.name / "object.ply", episode)
+    def predicted(episode: Episode) -> list[np.ndarray]:
+        return predictions_of(model, recordings.path(episode.name), init / episode.name / "object.ply", episode)
 
     return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
 
@@ -144,7 +144,7 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
 
 STAGE = Stage(
     name="diagnose",
-    version=12,
+    version=13,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.sets import check_touch, tracked_episodes
 from plop.errors import PlopError
 from plop.physics.effects.library import effect_type, library
@@ -20,8 +22,9 @@ from plop.recordings.truth import write_without_truth
 from stages.augment.stage import AugmentConfig
 from stages.augment.stage import run as augment
 from stages.contract import Input, Inputs, Output
+from stages.diagnose import stage
 from stages.diagnose.stage import DiagnoseConfig, run
-from tests.coarse_episodes import coarse_episode
+from tests.coarse_episodes import BASE, coarse_episode
 from tests.tracked_set import write_engine, write_recordings
 
 CONFIG = DiagnoseConfig(effects=("tilt", "adhesion"), shams=49, sensors=False, jobs=1)
@@ -86,8 +89,15 @@ def test_every_fitted_and_chosen_number_has_its_unit(facts):
         assert {name: p["unit"] for name, p in row["parameters"].items()} == units
 
 
-def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path):
+def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path, monkeypatch):
     """The reference has not the effect: the base predicts it, or the added effect would look missing there."""
+
+    def noted(measured, *rest, reference, **more):
+        given_predictions.append((measured.predictions, reference.predictions))
+        return diagnose(measured, *rest, reference=reference, **more)
+
+    given_predictions: list[tuple] = []
+    monkeypatch.setattr(stage, "diagnose", noted)
     (tmp_path / "base+tilt").mkdir()
     augment({"model": inputs["model"]}, AugmentConfig("tilt", ("gx_m_s2=3",)), Output(tmp_path / "base+tilt"))
     plain = write_recordings(tmp_path / "plain", 4, name="reference_")
@@ -99,7 +109,9 @@ def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path):
         found[name] = json.loads((tmp_path / name / "out" / "diagnosis.json").read_text())
     assert found["base"]["verdict"]["named"] == ["tilt"] and found["base+tilt"]["verdict"]["named"] == []
     assert found["base+tilt"]["error"] < 0.5 * found["base"]["error"]
-    assert found["base+tilt"]["floor"] == pytest.approx(found["base"]["floor"], rel=0.2)
+    (bare, reference), (augmented, still) = given_predictions
+    assert bare is None and reference is None and still is None  # None: the engine without anything added
+    assert {len(each) for each in augmented.values()} == {len(discretised(BASE))}
 
 
 def test_after_a_kill_nothing_is_run_twice(inputs, facts, out, tmp_path):

@@ -50,7 +50,7 @@ def episode(
         residual = residual + generator.normal(0, misfit_m, residual.shape)
     motion = smooth_field(generator, places, 5e-3)
     return Evidence(name, np.arange(1, FRAMES + 1), residual, motion, np.full(PATCHES, noise_m), responses,
-                    octants(places))  # fmt: skip
+                    octants(places), np.zeros((FRAMES, PATCHES)))  # fmt: skip
 
 
 def episodes(

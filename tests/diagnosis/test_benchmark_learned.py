@@ -52,5 +52,5 @@ def test_gaussians_have_a_line_of_their_own():
 
 def test_the_file_tells_how_far_the_base_is_off():
     episode = wrapped(coarse_episode(0))
-    facts = facts_of([], Measured([episode], {episode.name: np.repeat(episode.points[:1], len(episode.times), 0)}))
+    facts = facts_of([], Measured([episode], {episode.name: [np.repeat(episode.points[:1], len(episode.times), 0)]}))
     assert facts["base_rms_mm"][0] > 0.5 and facts["runs"] == []

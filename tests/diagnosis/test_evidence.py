@@ -29,7 +29,7 @@ def test_misfit_grows_with_the_motion_and_never_falls():
     model = MisfitModel.of(data)
     assert (np.diff(model.misfit_m) >= 0).all()
     for at in (2e-3, 5e-3):
-        assert model.of_motion(np.array([at, 0, 0])) == pytest.approx(0.2 * at, rel=0.35)
+        assert model.at(np.array(0.01 * at)) == pytest.approx(0.2 * at, rel=0.35)
 
 
 def test_whitened_residuals_have_unit_variance():
@@ -59,7 +59,7 @@ def test_hidden_patches_change_neither_the_misfit_nor_the_mean_error():
 def test_nothing_seen_is_no_misfit():
     data = [replace(e, residual=np.zeros_like(e.residual)) for e in episodes(8, count=2)]
     model = MisfitModel.of(data)
-    assert model.of_motion(data[0].motion).max() == 0
+    assert model.at(data[0].doubt_m).max() == 0
     assert np.isfinite(whiten(data[0], model, KEYS).residual).all()
 
 

@@ -47,7 +47,7 @@ def test_calmed_points_keep_their_motion_and_lose_their_noise(episode):
 def test_an_effect_moves_the_learned_prediction_by_what_it_moves_the_engine(episode):
     truth, step = episode.points, np.linspace(0, 1e-3, len(episode.times))[:, None, None] * np.ones(3)
     plain = Answer(truth + 5 * step)
-    assert _error(episode, truth - step, plain, Answer(truth + 6 * step)) == pytest.approx(0, abs=1e-12)
-    alone, engine = _error(episode, truth - step, plain, plain), _error(episode, plain.points, plain, plain)
+    assert _error(episode, [truth - step], plain, Answer(truth + 6 * step)) == pytest.approx(0, abs=1e-12)
+    alone, engine = _error(episode, [truth - step], plain, plain), _error(episode, [plain.points], plain, plain)
     assert engine == pytest.approx(25 * alone)
-    assert _error(episode, truth, plain, Answer(None, "unstable")) == np.inf
+    assert _error(episode, [truth], plain, Answer(None, "unstable")) == np.inf
