@@ -52,9 +52,10 @@ def main() -> None:
     options.work.mkdir(parents=True, exist_ok=True)
     members = discretised(fitted_engine(options.work, options.jobs, options.particles))
     runs = Runs(options.work / "jobs", jobs=options.jobs)
+    command = f"python -m benchmarks.discretisations --particles {options.particles} --episodes {options.episodes}"
     facts: dict[str, Any] = {
-        "command": f"python -m benchmarks.discretisations --particles {options.particles}", "versions": versions(),
-        "seeds": [SEED, RESPONSE_SEED], "spacings": [1.0, *OTHERS], "predictions": {}, "responses": [],
+        "command": command, "versions": versions(), "seeds": [SEED, RESPONSE_SEED], "spacings": [1.0, *OTHERS],
+        "predictions": {}, "responses": [],
     }  # fmt: skip
     for kind in KINDS:
         found = predictions(exact(kind, options.episodes, options.jobs), members, runs)

@@ -17,7 +17,7 @@ from plop.errors import PlopError
 from plop.physics.filled import EngineBase
 from plop.physics.material import Material
 from tests.coarse_episodes import coarse_episode
-from tests.diagnosis.synthetic import candidate, episodes
+from tests.diagnosis.synthetic import candidate, episodes, state
 
 BASE = EngineBase(Material(), spacing_m=0.01)
 COLUMN = candidate("tilt").columns[0]
@@ -147,3 +147,13 @@ def test_what_the_engine_is_unsure_of_weighs_less():
         halves = e.spread_m > np.median(e.spread_m)
         assert white[halves].mean() == pytest.approx(1, abs=0.25)
         assert white[~halves].mean() == pytest.approx(1, abs=0.25)
+
+
+def test_without_a_reference_doubt_follows_the_motion_alone():
+    def unsure(seed: int) -> list:
+        drawn = np.random.default_rng(seed)
+        return [replace(e, spread_m=drawn.uniform(0, 1e-2, e.spread_m.shape)) for e in episodes(seed)]
+
+    plain = episodes(1)
+    np.testing.assert_array_equal(state(unsure(1)).misfit.doubt_m, state(plain).misfit.doubt_m)
+    assert state(unsure(1), unsure(2)).misfit.doubt_m[-1] > 2 * state(plain, episodes(2)).misfit.doubt_m[-1]
