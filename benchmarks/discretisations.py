@@ -22,8 +22,8 @@ from benchmarks.physics import SCENE, fitted_engine
 from benchmarks.physics_response import response_error
 from plop.diagnosis.discretisations import OTHERS, discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
-from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
+from plop.diagnosis.table import Measured, Table
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
 from plop.physics.filled import EngineBase
@@ -58,7 +58,7 @@ def main() -> None:
         "predictions": {}, "responses": [],
     }  # fmt: skip
     for kind in KINDS:
-        found = predictions(exact(kind, options.episodes, options.jobs), members, runs)
+        found = predictions(exact(kind, options.episodes, options.jobs), members[0], runs)
         facts["predictions"][kind] = found
         _tell(kind, found)
     for name, values in LAWS:
@@ -78,7 +78,7 @@ def _exact(scene: Scene, k: int, effects: Sequence[Effect]) -> Episode:
     return episode_from_sequence(simulate_episode(scene, k, effects), noise_m=0.0, seed=k)
 
 
-def predictions(episodes: list[Episode], members: list[EngineBase], runs: Runs) -> dict[str, float]:
+def predictions(episodes: list[Episode], base: EngineBase, runs: Runs) -> dict[str, float]:
     """Compare the engine by itself and the mean with the truth.
 
     Returns:
@@ -88,8 +88,8 @@ def predictions(episodes: list[Episode], members: list[EngineBase], runs: Runs) 
     """
     errors, spreads, cells = [], [], []
     for episode in episodes:
-        answers = runs([Job(episode, member) for member in members])
-        moved = np.stack([_motion(episode, a.points) for a in answers if a.points is not None])[:, 1:]
+        said = Table(Measured([episode]), base, runs).predictions[0]
+        moved = np.stack([_motion(episode, points) for points in said])[:, 1:]
         wrong = moved - episode.motion[1:]
         errors.append([_rms_mm(wrong[0]), _rms_mm(wrong.mean(0))])
         spread = np.sqrt(moved.var(0, ddof=1).sum(-1))

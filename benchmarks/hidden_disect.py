@@ -22,13 +22,12 @@ import numpy as np
 from benchmarks.measure import plain_json
 from plop.diagnosis.candidates import Candidate, candidates_of
 from plop.diagnosis.diagnose import Diagnosis, diagnose
-from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
 from plop.diagnosis.identify import identify, outliers, spacing_for
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured
+from plop.diagnosis.table import Measured, Table
 from plop.physics.base_io import base_from_dict, base_to_dict
 from plop.physics.effects.library import library
 from plop.physics.filled import EngineBase
@@ -92,20 +91,16 @@ def before_and_after(found: Diagnosis, measured: Measured, base: EngineBase, run
     """
     best, episodes = named_candidate(found), measured.episodes
     plain = runs([Job(episode, base) for episode in episodes])
-    given = measured.predictions or {e.name: _stable(runs([Job(e, member) for member in discretised(base)]))
-                                     for e in episodes}  # fmt: skip
+    table = Table(measured, base, runs)
+    given = {episode.name: said for episode, said in zip(table.episodes, table.predictions, strict=True)}
     trials = [tuple((column, factor * column.value) for column in best.columns) for factor in FACTORS]
     answers = [plain, *(runs([Job(episode, base, trial) for episode in episodes]) for trial in trials)]
-    errors = np.array([[_error(e, given[e.name], p, a) for e, p, a in zip(episodes, plain, row, strict=True)]
+    errors = np.array([[_error(e, given.get(e.name, ()), p, a) for e, p, a in zip(episodes, plain, row, strict=True)]
                        for row in answers])  # fmt: skip
     before, after = errors[0], errors[1:]
     chosen = [int(np.argmin(after.sum(1) - after[:, k])) for k in range(len(episodes))]
     own = after[chosen, np.arange(len(episodes))]
     return {"before": 1000 * float(np.sqrt(before.mean())), "after": 1000 * float(np.sqrt(own.mean()))}
-
-
-def _stable(answers: list[Answer]) -> list[np.ndarray]:
-    return [answer.points for answer in answers if answer.points is not None]
 
 
 def _error(episode: Episode, predicted: Sequence[np.ndarray], plain: Answer, answer: Answer) -> float:

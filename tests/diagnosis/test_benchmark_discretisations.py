@@ -22,10 +22,10 @@ def shifted(job: Job, shift_m: float) -> Answer:
 
 def test_errors_of_opposite_sign_leave_the_mean_and_are_its_scatter():
     shifts = dict(zip((m.spacing_m for m in MEMBERS), (0.0, 3e-3, -3e-3), strict=True))
-    found = predictions([coarse_episode(0)], MEMBERS, lambda jobs: [shifted(j, shifts[j.base.spacing_m]) for j in jobs])  # type: ignore[arg-type]
+    found = predictions([coarse_episode(0)], BASE, lambda jobs: [shifted(j, shifts[j.base.spacing_m]) for j in jobs])  # type: ignore[arg-type]
     assert found["alone_mm"] == pytest.approx(0, abs=1e-9) == found["mean_mm"]
     assert found["spread_mm"] > 1
-    one = predictions([coarse_episode(0)], MEMBERS, lambda jobs: [shifted(j, 3e-3 * (j.base is BASE)) for j in jobs])  # type: ignore[arg-type]
+    one = predictions([coarse_episode(0)], BASE, lambda jobs: [shifted(j, 3e-3 * (j.base is BASE)) for j in jobs])  # type: ignore[arg-type]
     assert one["mean_mm"] == pytest.approx(one["alone_mm"] / 3)
     assert one["mean_worst_mm"] == pytest.approx(one["mean_mm"]) and one["episodes"] == 1
 
