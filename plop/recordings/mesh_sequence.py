@@ -240,12 +240,16 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
 def begun_at_rest(sequence: MeshSequence) -> MeshSequence:
     """Lead an episode back to its rest shape at time 0 when its first frame lies later.
 
-    The tool is led back at its first velocity.
+    The tool is led back at its first velocity. So is what else the simulator knows over time, where it knows it at
+    rest, too: `truth["rest_<key>"]` becomes the first frame of `truth["<key>"]`.
     """
     times, poses = sequence.times, sequence.world_from_tool
     if times[0] <= 0 or sequence.rest_vertices is None or len(times) < 2:
         return sequence
     before = poses[0].copy()
     before[:3, 3] -= (poses[1, :3, 3] - poses[0, :3, 3]) / (times[1] - times[0]) * times[0]
+    at_rest = {key: sequence.truth[f"rest_{key}"] for key in sequence.truth if f"rest_{key}" in sequence.truth}
+    truth = sequence.truth | {key: np.concatenate([rest[None].astype(sequence.truth[key].dtype), sequence.truth[key]])
+                              for key, rest in at_rest.items()}  # fmt: skip
     return replace(sequence, times=np.r_[0.0, times], world_from_tool=np.concatenate([before[None], poses]),
-                   vertices=np.concatenate([sequence.rest[None], sequence.vertices]), truth={})  # fmt: skip
+                   vertices=np.concatenate([sequence.rest[None], sequence.vertices]), truth=truth)  # fmt: skip

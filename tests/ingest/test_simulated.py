@@ -241,3 +241,20 @@ def test_a_real_recording_opens_its_cut(shared_data: Path, tmp_path: Path) -> No
         x = corners[..., 0].mean(1)
         split = (x.min() + x.max()) / 2
         assert x[x > split].min() - x[x < split].max() > 0.02, "the halves end 29 mm apart"
+
+
+def test_a_real_recording_may_begin_at_rest(shared_data: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pxr", reason="usd-core (the extra `disect`) is not installed")
+    config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", size=32, cameras=2, supersample=1)
+    for folder, from_rest in (("stored", False), ("rest", True)):
+        (tmp_path / folder).mkdir()
+        INGEST_DISECT.run({"raw": Input(shared_data / "disect")}, dataclasses.replace(config, from_rest=from_rest),
+                          Output(tmp_path / folder))  # fmt: skip
+    paths = [tmp_path / folder / "episodes" / "prism_jelly_part_000.h5" for folder in ("stored", "rest")]
+    with Recording(paths[0]) as stored, Recording(paths[1]) as rest, Truth(paths[1]) as truth:
+        np.testing.assert_array_equal(rest.time_s, [0, *stored.time_s])
+        np.testing.assert_array_equal(rest.view("cam_00", 1).rgb, stored.view("cam_00", 0).rgb)
+        np.testing.assert_allclose(truth.nodes_m(0, real_only=False), truth.rest_nodes_m, atol=1e-7)
+        np.testing.assert_allclose(truth.surface(0).vertices, truth.rest_surface_vertices_m, atol=1e-7)
+        fall = (truth.surface(1).vertices - truth.surface(0).vertices)[:, 2].mean()
+        assert -2e-3 < fall < -2e-4, "it sags within the first 1/30 s"

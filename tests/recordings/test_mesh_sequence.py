@@ -91,5 +91,12 @@ def test_an_episode_is_led_back_to_rest() -> None:
     np.testing.assert_allclose(begun.vertices[0], late.rest_vertices)
     path = begun.world_from_tool[:3, :3, 3]
     np.testing.assert_allclose(path[1] - path[0], path[2] - path[1], atol=1e-9)
+    nodes = {"nodes_m": late.vertices.astype(np.float32), "rest_nodes_m": late.rest.astype(np.float32)}
+    tets = np.zeros((len(late), 4), int)
+    truth = begun_at_rest(dataclasses.replace(late, truth=nodes | {"tets": tets})).truth
+    assert truth["nodes_m"].dtype == np.float32 and len(truth["nodes_m"]) == len(begun)
+    np.testing.assert_array_equal(truth["nodes_m"][0], nodes["rest_nodes_m"])
+    np.testing.assert_array_equal(truth["nodes_m"][1:], nodes["nodes_m"])
+    assert truth["tets"] is tets, "what has no rest is not over time"
     early = dataclasses.replace(late, times=late.times - late.times[0])
     assert begun_at_rest(early) is early
