@@ -18,7 +18,6 @@ from stages.ingest.checks import check_scale, contact_warning
 from stages.ingest.selection import Entry, select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
-
 Read = Callable[[Path, Any], MeshSequence]
 """`(path, settings) -> episode`."""
 
@@ -66,9 +65,7 @@ def _run(
     return Summary(figures=figures, table=table, warnings=warnings + seen)
 
 
-def _ingest_one(
-    entry: Entry, read: Read, config: SimulatedConfig, out: Output, index: int, total: int
-) -> list[str]:
+def _ingest_one(entry: Entry, read: Read, config: SimulatedConfig, out: Output, index: int, total: int) -> list[str]:
     """Write one recording unless it is there; return what deserves a warning."""
     sequence = read(entry.path, config)
     check_scale(sequence, workspace_m=config.workspace_m)
