@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,10 @@ from stages.contract import Stage
 
 
 def show_status(store: Store, console: Console, *, everything: bool) -> None:
-    """Print one row an artifact, in the order of the pipeline; older ones only with `everything`."""
+    """Print a table for each environment, one row an artifact in the order of the pipeline, then why some are stale.
+
+    Older artifacts are shown only with `everything`.
+    """
     artifacts = store.artifacts()
     stages = _imported_stages(artifacts)
     versions = {name: stage.version for name, stage in stages.items()}
@@ -35,7 +39,14 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     store.cache.save()
     shown = artifacts if everything else _latest_lines(artifacts)
     rows = [_row(store, artifact, reasons) for artifact in sorted(shown, key=_place)]
-    console.table(rows)
+    for environment, group in groupby(rows, key=lambda row: row["environment"]):
+        console.table([{**row, "environment": "", "state": row["state"].partition(":")[0]} for row in group],
+                      title=environment)  # fmt: skip
+        console.say("")
+    for artifact in sorted(shown, key=_place):
+        reason = reasons.get(artifact.key, "is stale")
+        if not reason.endswith("is stale"):  # what only follows from another one is said there
+            console.say(f"stale: {artifact.address}: {reason}")
     if len(shown) < len(artifacts):
         console.say(f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them")
     for stage, fingerprint in unfinished(store):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -152,6 +153,22 @@ def test_status_verify_why_and_export(workspace: Path, capsys: pytest.CaptureFix
     (next((workspace / "artifacts" / "calibrate").glob("[!.]*")) / "sub" / "all.txt").write_text("x")
     assert main(["verify"]) == 1
     assert "all.txt" in capsys.readouterr().err
+
+
+def test_status_says_why_something_is_stale_where_it_begins(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
+    assert main(["calibrate", "-q"]) == 0
+    newer = {"ingest": dataclasses.replace(fake.INGEST, version=fake.INGEST.version + 1)}
+    monkeypatch.setattr("plop_cli.status._imported_stages", lambda artifacts: newer)
+    capsys.readouterr()
+    assert main(["status"]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line]
+    states = {line[0].partition("@")[0]: line[-1] for line in lines if "@" in line[0]}
+    assert states == {"ingest": "stale", "calibrate": "stale"}
+    reasons = [line for line in lines if line[0] == "stale:"]
+    assert len(reasons) == 1 and reasons[0][1].startswith("ingest@"), "what follows from it is not explained again"
 
 
 def test_doctor_explains_every_part(workspace: Path, capsys: pytest.CaptureFixture[str]):
