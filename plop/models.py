@@ -89,3 +89,8 @@ def innermost(folder: Path) -> Path:
     while read_facts(folder).get("kind") == "augmented":
         folder = folder / "base"
     return folder
+
+
+def trained_on(folder: Path) -> frozenset[str]:
+    """Give the names of the recordings that a model was trained on, effects left aside; none for an engine."""
+    return frozenset(path.stem for path in (innermost(folder) / "tracks").glob("*.h5"))

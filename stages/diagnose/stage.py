@@ -21,13 +21,16 @@ from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
-from plop.models import effects_of, engine_of, innermost
+from plop.models import effects_of, engine_of, innermost, trained_on
 from plop.physics.effects.library import effect_type, library
 from plop.physics.filled import EngineBase
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.diagnose.outcome import facts_of, rows_of
 from stages.diagnose.sensors import sensor_findings
+
+LEAST_UNSEEN = 3
+"""Reference episodes that tell how far a learned model is off where nothing is missing."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,14 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     engine, model = _engine(inputs), inputs["model"].path
     measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
     _same_object(model, recordings, measured.episodes)
-    reference = None
+    reference, warnings = None, list[str]()
     if "reference" in inputs:
         others = RecordingSet.load(inputs["reference"].path)
+        names, warnings = _unseen(others.names, model)
         # what was added to the base was fitted to recordings that have it; the base's own have not
-        reference, more = _measured(others, inputs, "reference_", others.names, innermost(model), config.seed)
-        left_out |= {f"reference {name}": why for name, why in more.items()}
+        reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed)
+        seen = dict.fromkeys(set(others.names) - set(names), "the model was trained on it")
+        left_out |= {f"reference {name}": why for name, why in sorted((more | seen).items())}
     sensors = _sensors(recordings, measured, config, out)
     runs = Runs(out.cache or out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
     found = diagnose(measured, engine, types, runs, reference=reference, effects=config.effects or None,
@@ -87,7 +92,22 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     write_json(out.path / "diagnosis.json", facts, sort_keys=False)
     figures = {"verdict": found.verdict.kind, "named": ", ".join(found.verdict.named) or "-",
                "text": found.verdict.text, "episodes": len(found.evidence), "engine_runs": runs.done}  # fmt: skip
-    return Summary(figures, rows_of(facts), [f"{name} is left out: {why}" for name, why in facts["dropped"].items()])
+    warnings += [f"{name} is left out: {why}" for name, why in facts["dropped"].items()]
+    return Summary(figures, rows_of(facts), warnings)
+
+
+def _unseen(names: list[str], model: Path) -> tuple[list[str], list[str]]:
+    """Choose the reference episodes on which a model was not trained, or all with a warning where these are too few.
+
+    Where it has been trained it errs less than anywhere else, so that any other recording would seem to miss something.
+    """
+    seen = trained_on(model) & set(names)
+    unseen = [name for name in names if name not in seen]
+    if not seen or len(unseen) >= LEAST_UNSEEN:
+        return unseen, []
+    return names, [f"the model was trained on {len(seen)} of {len(names)} reference episodes: its error there is too "
+                   "low, and small errors may pass for missing physics; give a reference with "
+                   f"{LEAST_UNSEEN} episodes or more that it has not seen"]  # fmt: skip
 
 
 def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:

@@ -114,6 +114,31 @@ def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path, monke
     assert {len(each) for each in augmented.values()} == {len(discretised(BASE))}
 
 
+@pytest.mark.parametrize(("trained", "used", "warned"), [(1, 3, False), (2, 4, True), (0, 4, False)])
+def test_a_reference_that_the_model_was_trained_on_is_left_out(inputs, tmp_path, monkeypatch, trained, used, warned):
+    def noted(measured, *rest, reference, **more):
+        counts.append(len(reference.episodes))
+        return diagnose(measured, *rest, reference=reference, **more)
+
+    counts: list[int] = []
+    monkeypatch.setattr(stage, "diagnose", noted)
+    names = RecordingSet.load(inputs["recordings"].path).names
+    model = tmp_path / "model"
+    shutil.copytree(inputs["model"].path, model)
+    (model / "tracks").mkdir()
+    for name in [*names[:trained], "another_000"]:
+        (model / "tracks" / f"{name}.h5").touch()
+    given = {
+        f"reference{part}": inputs[key] for part, key in (("", "recordings"), ("_init", "init"), ("_tracks", "tracks"))
+    }
+    (tmp_path / "out").mkdir()
+    summary = run({**inputs, **given, "model": Input(model)}, CONFIG, Output(tmp_path / "out"))
+    dropped = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["dropped"]
+    assert counts == [used]
+    assert dropped == {f"reference {name}": "the model was trained on it" for name in names[: 4 - used]}
+    assert any("give a reference with 3 episodes or more" in text for text in summary.warnings) == warned
+
+
 def test_after_a_kill_nothing_is_run_twice(inputs, facts, out, tmp_path):
     scratch = again(out, tmp_path / "again")
     run(inputs, CONFIG, Output(scratch))
