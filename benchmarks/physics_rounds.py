@@ -33,7 +33,7 @@ def _built(name: str, findings: list[Finding], types: Mapping[str, EffectType]) 
     parameters = next((f.parameters for f in findings if f.name == name), findings[-1].parameters)
     values = {key: entry["value"] for key, entry in parameters.items()}
     kind = types[name]
-    own = {p.name: values[p.name] for p in (*kind.amplitudes, *kind.shapes) if p.name in values}
+    own = {p.name: values[p.name] for p in kind.parameters() if p.name in values}
     return [kind(**own)] if own else []
 
 

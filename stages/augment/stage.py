@@ -45,7 +45,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     kind = effect_type(name, library(files))
     values = {key: p["value"] for key, p in parameters.items()}
     kind(**values)  # made only to refuse values out of range before anything is written
-    units = {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
+    units = {p.name: p.unit for p in kind.parameters()}
     parameters = {key: {**p, "unit": units[key]} for key, p in parameters.items()}
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
     if engine is None:

@@ -85,7 +85,7 @@ def test_every_fitted_and_chosen_number_has_its_unit(facts):
     types = library()
     for row in [*facts["ranking"], facts["base"]]:
         kind = types[row["effect"]]
-        units = {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
+        units = {p.name: p.unit for p in kind.parameters()}
         assert {name: p["unit"] for name, p in row["parameters"].items()} == units
 
 

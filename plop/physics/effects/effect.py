@@ -75,8 +75,13 @@ class Effect:
     "<effect>.<name>". The engine sorts, saves and restores them with the particles."""
 
     def __init__(self, **values: float) -> None:
-        self.values = checked_values("effect", self.name, (*self.amplitudes, *self.shapes), values,
+        self.values = checked_values("effect", self.name, self.parameters(), values,
                                      units="lengths are metres, stresses pascals")  # fmt: skip
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """List all parameters, amplitudes first."""
+        return (*cls.amplitudes, *cls.shapes)
 
     def __getitem__(self, parameter: str) -> float:
         """Value of one parameter."""

@@ -64,7 +64,7 @@ def test_every_effect_says_what_it_is(name):
     assert all(p.step == 0 and p.unit and p.help for p in effect.shapes)
     for variant in effect.variants:
         assert set(variant) <= {p.name for p in effect.shapes} and effect(**variant).absent
-    for p in (*effect.amplitudes, *effect.shapes):
+    for p in effect.parameters():
         for value in (p.high * 2 + 1, np.nan):
             with pytest.raises(PlopError, match="out of range") as caught:
                 effect(**{p.name: value})
