@@ -53,15 +53,21 @@ def view_tool(episode: Episode, tool_points: int = _TOOL_POINTS) -> ToolView:
     """
     geometry = ToolGeometry.from_mesh(episode.tool.vertices, episode.tool.faces)
     surface = np.concatenate([geometry.surface_points(tool_points).double().numpy(), episode.tool.vertices])
+    nearest, planes = cKDTree(surface), _planes(episode.vertices)
     distance, gap = [], []
-    hull = ConvexHull(episode.vertices).equations
     for pose, points in zip(episode.tool.world_from_tool, episode.points, strict=True):
-        placed = surface @ pose[:3, :3].T + pose[:3, 3]
-        distance.append(cKDTree(placed).query(points)[0])
-        gap.append(float((placed @ hull[:, :3].T + hull[:, 3]).max(1).min()))
+        distance.append(nearest.query((points - pose[:3, 3]) @ pose[:3, :3])[0])
+        above = planes[:, :3] @ pose[:3, 3] + planes[:, 3]
+        gap.append(float((surface @ (planes[:, :3] @ pose[:3, :3]).T + above).max(1).min()))
     away = np.stack(distance)
     touches = _touches(np.array(gap), away.min(1), _spacing(episode.points[0]))
     return ToolView(away, touches, _phases(episode, geometry, touches))
+
+
+def _planes(vertices: np.ndarray) -> np.ndarray:
+    """Planes of the convex hull, each once, [P, 4]: outward unit normals and offsets [m]."""
+    equations = ConvexHull(vertices).equations
+    return np.asarray(equations[np.unique(equations.round(9), axis=0, return_index=True)[1]])
 
 
 def _spacing(points: np.ndarray) -> float:
