@@ -15,4 +15,5 @@ def colour_map(steps: int = 16) -> list[str]:
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return [to_hex(colormaps[ERROR_MAP](k / (steps - 1))) for k in range(steps)]
+    colours = colormaps[ERROR_MAP]
+    return [to_hex(colours(k / (steps - 1))) for k in range(steps)]

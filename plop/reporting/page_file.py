@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,5 +101,5 @@ aria-label="error on the object; arrow keys turn it, plus and minus zoom"></canv
 <span><i style="border-top:2px dotted #000"></i>noise floor</span></p><p class="key">{phases}</p></figure></div>"""
 
 
-def _gradient(colours: list[tuple[int, int, int]]) -> str:
+def _gradient(colours: Sequence[tuple[int, int, int]]) -> str:
     return "linear-gradient(90deg," + ",".join(f"rgb({r},{g},{b})" for r, g, b in colours[::4]) + ")"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,11 @@ _NAMED = 4
 """Palette entries before those of the difference."""
 
 
-def difference_palette(steps: int = 63) -> list[tuple[int, int, int]]:
+@lru_cache
+def difference_palette(steps: int = 63) -> tuple[tuple[int, int, int], ...]:
     """Give the colours of a depth difference, predicted nearer first."""
-    colours = (colormaps[DIFFERENCE_MAP](k / (steps - 1)) for k in range(steps))
-    return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b, _ in colours]
+    colours = colormaps[DIFFERENCE_MAP](np.arange(steps) / (steps - 1))[:, :3]
+    return tuple((round(255 * r), round(255 * g), round(255 * b)) for r, g, b in colours.tolist())
 
 
 def episode_images(
