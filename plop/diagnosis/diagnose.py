@@ -88,7 +88,7 @@ def diagnose(
         state = State(tables, candidates)
     best = _best_values(state)
     candidates = _moved(candidates, best)
-    _respond(tables[:1], candidates, best)  # the reference follows at the end: until then it only tells what is known
+    _respond(tables, candidates, best)  # in the reference, too: what is known of it is taken off per unit of amplitude
     state = State(tables, candidates)
     best = _best_values(state, PROFILED_SHARE)
     candidates = _moved(candidates, best)
