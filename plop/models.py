@@ -92,5 +92,5 @@ def innermost(folder: Path) -> Path:
 
 
 def trained_on(folder: Path) -> frozenset[str]:
-    """Give the names of the recordings that a model was trained on, effects left aside; none for an engine."""
+    """Give the names of the recordings that a model was trained on (`train` keeps their tracks); none for an engine."""
     return frozenset(path.stem for path in (innermost(folder) / "tracks").glob("*.h5"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,25 +79,22 @@ def diagnose(
     candidates = candidates_of(types, None if effects is None else list(effects))
     tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
     _check(len(tables[0].episodes), tables[0].dropped)
-    _respond(tables, candidates, {c.key for c in candidates})
+    for table in tables:
+        table.respond([column for candidate in candidates for column in candidate.columns])
     state = State(tables, candidates)
     turned = _turned(state)
     if turned:
         candidates = [turned.get(c.key, c) for c in candidates]
-        _respond(tables, candidates, turned)
-        state = State(tables, candidates)
+        state = _responded(tables, candidates, list(turned))
     best = _best_values(state)
     candidates = _moved(candidates, best)
-    _respond(tables, candidates, best)  # in the reference, too: what is known of it is taken off per unit of amplitude
-    state = State(tables, candidates)
+    state = _responded(tables, candidates, list(best))
     best = _best_values(state, PROFILED_SHARE)
     candidates = _moved(candidates, best)
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
-    candidates = _moved(candidates, least)
-    _respond(tables, candidates, best, everywhere=True)
-    state = State(tables, candidates)
+    state = _responded(tables, _moved(candidates, least), list(best), everywhere=True)
     state.profiles = profiles
     return _conclude(state, sensors, shams, seed)
 
@@ -141,13 +138,11 @@ def _best_values(state: State, share: float = -np.inf) -> dict[str, np.ndarray]:
     return {s.candidate.key: s.values for s in kept} | state.base_values()
 
 
-def _respond(
-    tables: list[Table], candidates: list[Candidate], keys: Container[str], *, everywhere: bool = False
-) -> None:  # fmt: skip
+def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str], *, everywhere: bool = False) -> State:
     """Compute the responses of some candidates anew, at the amplitudes that they now have; see `Table.respond`."""
-    columns = [column for c in candidates if c.key in keys for column in c.columns]
     for table in tables:
-        table.respond(columns, everywhere=everywhere)
+        table.respond([column for c in candidates if c.key in keys for column in c.columns], everywhere=everywhere)
+    return State(tables, candidates)
 
 
 def _check(count: int, dropped: Mapping[str, str]) -> None:

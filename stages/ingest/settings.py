@@ -21,6 +21,9 @@ class SimulatedConfig(CameraSettings):
     """Leave out episodes that cannot be read, with the reason, instead of stopping."""
     workspace_m: float = 1.0
     """Farthest distance from the world's origin at which the object may start [m]."""
+    from_rest: bool = False
+    """Begin at time 0 with the rest shape where the first frame lies later. DiSECt lets an object go at time 0
+    and stores the first frame 1/30 s later, while it bounces: from a recording alone its speed cannot be known."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +33,6 @@ class DisectConfig(SimulatedConfig):
     test: tuple[str, ...] = ("*_part_004", "*_part_005", "*[!t]_001")
     """Globs of the episodes kept for the test: part recordings 004 and 005, and plain cuts 001
     (`[!t]` spares part_001); none keeps the last quarter of the names."""
-    from_rest: bool = False
-    """Begin at time 0 with the rest shape. DiSECt lets an object go unsupported at time 0 and stores the first frame
-    later (1/30 s), while it still bounces: from a recording alone its speed there cannot be known."""
 
 
 @dataclass(frozen=True)

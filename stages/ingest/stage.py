@@ -18,22 +18,10 @@ from stages.ingest.checks import check_scale, contact_warning
 from stages.ingest.selection import Entry, select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
-Read = Callable[[Path, Any], MeshSequence]
-"""`(path, settings) -> episode`."""
-
-
-def _read_disect(path: Path, config: DisectConfig) -> MeshSequence:
-    sequence = read_disect(path)
-    return begun_at_rest(sequence) if config.from_rest else sequence
-
-
-def _read_mesh(path: Path, _: MeshConfig) -> MeshSequence:
-    return read_mesh_sequence(path)
-
 
 def _run(
     list_entries: Callable[[Path], list[Any]],
-    read: Read,
+    read: Callable[[Path], MeshSequence],
     inputs: Inputs,
     config: SimulatedConfig,
     out: Output,
@@ -65,9 +53,11 @@ def _run(
     return Summary(figures=figures, table=table, warnings=warnings + seen)
 
 
-def _ingest_one(entry: Entry, read: Read, config: SimulatedConfig, out: Output, index: int, total: int) -> list[str]:
+def _ingest_one(
+    entry: Entry, read: Callable[[Path], MeshSequence], config: SimulatedConfig, out: Output, index: int, total: int
+) -> list[str]:
     """Write one recording unless it is there; return what deserves a warning."""
-    sequence = read(entry.path, config)
+    sequence = begun_at_rest(read(entry.path)) if config.from_rest else read(entry.path)
     check_scale(sequence, workspace_m=config.workspace_m)
     if not out.is_done(entry.name):
         path = out.path / "episodes" / f"{entry.name}.h5"
@@ -92,7 +82,7 @@ INGEST_DISECT = Stage(
     help="Render DiSECt recordings (USD, npz, JSON) into multi-view RGB-D recordings.",
     config=DisectConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.usd, <name>.npz and <name>.json.")},
-    run=partial(_run, list_disect, _read_disect),
+    run=partial(_run, list_disect, read_disect),
     raw_files=partial(_raw_files, list_disect, (".usd", ".npz", ".json")),
 )
 
@@ -102,6 +92,6 @@ INGEST_MESH = Stage(
     help="Render mesh sequences of a simulator (npz, JSON) into multi-view RGB-D recordings.",
     config=MeshConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.npz and <name>.json.")},
-    run=partial(_run, list_mesh_sequences, _read_mesh),
+    run=partial(_run, list_mesh_sequences, read_mesh_sequence),
     raw_files=partial(_raw_files, list_mesh_sequences, (".npz", ".json")),
 )
