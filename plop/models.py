@@ -1,7 +1,8 @@
 """Any model from its folder: learned, engine, or either with effects added.
 
 model.json says the kind:
-    plop        {"config"}; weights beside it (plop.dynamics.model_io)
+    plop        {"config"}; weights beside it (plop.dynamics.model_io); folds/<k>/ may hold models of the same kind that
+                learned without some of the episodes, {"training": {"left_out": [names]}}
     engine      {"engine": settings}; see plop.physics.base_io
     augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
                 the base's own files are in base/, a user's effect files in effects/
@@ -27,6 +28,8 @@ from plop.physics.filled import EngineBase
 from plop.physics.filled_model import FilledEngineModel
 
 KINDS = ("plop", "engine", "augmented")
+FOLDS = "folds"
+"""Folder of the models that learned without some of the episodes."""
 
 
 def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsModel:
@@ -94,3 +97,9 @@ def innermost(folder: Path) -> Path:
 def trained_on(folder: Path) -> frozenset[str]:
     """Give the names of the recordings that a model was trained on (`train` keeps their tracks); none for an engine."""
     return frozenset(path.stem for path in (innermost(folder) / "tracks").glob("*.h5"))
+
+
+def judges_of(folder: Path) -> dict[str, Path]:
+    """Give the models that have not seen a recording on which a model was trained (`train --folds`), by recording."""
+    folds = sorted((innermost(folder) / FOLDS).glob("*"))
+    return {name: fold for fold in folds for name in read_facts(fold)["training"]["left_out"]}

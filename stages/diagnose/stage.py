@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
-from plop.models import effects_of, engine_of, innermost, trained_on
+from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
 from plop.physics.effects.library import effect_type, library
 from plop.physics.filled import EngineBase
 from plop.recordings.set import RecordingSet
@@ -78,7 +80,8 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         others = RecordingSet.load(inputs["reference"].path)
         names, warnings = _unseen(others.names, model)
         # what was added to the base was fitted to recordings that have it; the base's own have not
-        reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed)
+        reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed,
+                                    judges=judges_of(model))  # fmt: skip
         seen = dict.fromkeys(set(others.names) - set(names), "the model was trained on it")
         left_out |= {f"reference {name}": why for name, why in sorted((more | seen).items())}
     sensors = _sensors(recordings, measured, config, out)
@@ -100,14 +103,15 @@ def _unseen(names: list[str], model: Path) -> tuple[list[str], list[str]]:
     """Choose the reference episodes on which a model was not trained, or all with a warning where these are too few.
 
     Where it has been trained it errs less than anywhere else, so that any other recording would seem to miss something.
+    A recording that one of its folds has not seen counts as unseen: that fold predicts it.
     """
-    seen = trained_on(model) & set(names)
+    seen = trained_on(model) & set(names) - set(judges_of(model))
     unseen = [name for name in names if name not in seen]
     if not seen or len(unseen) >= LEAST_UNSEEN:
         return unseen, []
     return names, [f"the model was trained on {len(seen)} of {len(names)} reference episodes: its error there is too "
-                   "low, and small errors may pass for missing physics; give a reference with "
-                   f"{LEAST_UNSEEN} episodes or more that it has not seen"]  # fmt: skip
+                   "low, and small errors may pass for missing physics; train it with `--folds 2`, or give a "
+                   f"reference with {LEAST_UNSEEN} episodes or more that it has not seen"]  # fmt: skip
 
 
 def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:
@@ -123,16 +127,21 @@ def _names(recordings: RecordingSet, split: str) -> list[str]:
 
 
 def _measured(
-    recordings: RecordingSet, inputs: Inputs, prefix: str, names: list[str], model: Path, seed: int
-) -> tuple[Measured, dict[str, str]]:
-    """Read tracked episodes, with the prediction of a base that is not the bare engine."""
+    recordings: RecordingSet, inputs: Inputs, prefix: str, names: list[str], model: Path, seed: int, *,
+    judges: Mapping[str, Path] = MappingProxyType({}),
+) -> tuple[Measured, dict[str, str]]:  # fmt: skip
+    """Read tracked episodes, with the prediction of a base that is not the bare engine.
+
+    An episode for which there is a judge is predicted by it instead.
+    """
     init = inputs[f"{prefix}init"].path
     episodes, left_out = tracked_episodes(recordings, init, inputs[f"{prefix}tracks"].path, names, seed=seed)
     if read_facts(model)["kind"] == "engine":
         return Measured(episodes), left_out
 
     def predicted(episode: Episode) -> list[np.ndarray]:
-        return predictions_of(model, recordings.path(episode.name), init / episode.name / "object.ply", episode)
+        own = judges.get(episode.name, model)
+        return predictions_of(own, recordings.path(episode.name), init / episode.name / "object.ply", episode)
 
     return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
 
@@ -164,7 +173,7 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
 
 STAGE = Stage(
     name="diagnose",
-    version=14,
+    version=15,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

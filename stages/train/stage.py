@@ -3,13 +3,15 @@
 1. Follow the object through every training episode with the filter (tracks).
 2. Optimise the model: first on the tracks alone, then with the rendering loss, horizons growing.
 3. Keep the averaged weights that roll out the training episodes best.
+
+With `folds`, further models are trained first, each without its share of the episodes.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -29,6 +31,7 @@ from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
+from plop.models import FOLDS
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from plop.side_by_side import every_piece
@@ -113,6 +116,9 @@ class TrainConfig:
     """Length that counts as 1 in the loss [m]; 1 in the paper, whose scenes have other units."""
     filter_iterations: int = 40
     """Gradient steps a frame of the filter that makes the tracks."""
+    folds: int = 0
+    """Models trained besides, each without its share of the episodes (2 or more; 0: none), so that `diagnose` can tell
+    how far the model is off in episodes that it has not seen."""
     device: str = "auto"
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     jobs: int = field(default=-1, metadata={"in_fingerprint": False})
@@ -126,7 +132,8 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     Args:
         inputs: "recordings" and "init" (fitted Gaussians of frame 0).
         config: Settings.
-        out: Receives model.safetensors, model.json, log.jsonl, tensorboard/ and tracks/.
+        out: Receives model.safetensors, model.json, log.jsonl, tensorboard/ and tracks/; folds/<k>/ with the same but
+            for the tracks.
 
     Returns:
         Figures of the tracks and of the chosen weights.
@@ -140,6 +147,10 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
         raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
                         found=f"{len(recordings.test)} test episodes",
                         fix="Choose the test episodes with `plop ingest --test`.")  # fmt: skip
+    if config.folds == 1 or config.folds > len(recordings.train):
+        raise PlopError("The training episodes cannot be dealt out to so many folds.", where="train.folds",
+                        expected=f"0, or 2 to {len(recordings.train)}", found=str(config.folds),
+                        fix="Choose another number; each fold learns without its share of the episodes.")  # fmt: skip
     with Processes.join(chosen_device(config.device)) as processes:
         if processes.first:
             _make_tracks(recordings, inputs["init"].path, config, out)
@@ -154,8 +165,8 @@ def _check(config: TrainConfig) -> None:
         "track_steps": (0, inf), "image_steps": (0, inf), "batch": (1, inf), "horizon": (1, inf),
         "learning_rate": (0, 1), "averaging": (0, 1), "noise_m": (0, 1), "validate_every": (1, inf),
         "checkpoint_every": (1, inf), "width": (2, 4096), "cells_across": (1, 256), "merge_below": (0, 1),
-        "split_above": (1, inf), "length_unit_m": (1e-6, inf), "filter_iterations": (0, inf),
-        **{f"{name}_weight": (0, inf) for name in weights},
+        "folds": (0, inf), "split_above": (1, inf), "length_unit_m": (1e-6, inf),
+        "filter_iterations": (0, inf), **{f"{name}_weight": (0, inf) for name in weights},
     })  # fmt: skip
     if config.track_steps + config.image_steps < 1:
         raise PlopError("There is nothing to train.", where="train.track_steps, train.image_steps",
@@ -166,15 +177,36 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
     device = chosen_device(config.device)
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
 
-    def track(index: int) -> Track:
-        name = recordings.train[index]
+    def track(name: str) -> Track:
         return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5", device)
 
-    sizes = [_size_m(track(i)) for i in range(len(recordings.train))]
+    names = list(recordings.train)
+    sizes = [_size_m(track(name)) for name in names]
     about = {"environment": recordings.environment, "size_m": np.median(sizes, axis=0).tolist()}
-    model, chosen = train_on(track, len(recordings.train), config, out, about=about)
+    for k in range(config.folds):
+        _train_fold(k, names, track, config, out, about)
+    model, chosen = train_on(lambda i: track(names[i]), len(names), config, out, about=about)
     return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
                             model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
+
+
+def _train_fold(
+    k: int, names: list[str], track: Callable[[str], Track], config: TrainConfig, out: Output, about: Mapping[str, Any]
+) -> None:  # fmt: skip
+    """Train a model without every `folds`-th episode, once; its model.json tells which (`plop.models.judges_of`)."""
+    piece, left_out = f"fold-{k}", names[k :: config.folds]
+    if out.is_done(piece):
+        return
+    kept = [name for name in names if name not in left_out]
+    folder = out.path / FOLDS / str(k)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def progress(done: float, total: float, label: str = "", **figures: Any) -> None:
+        out.progress(done, total, f"fold {k + 1} of {config.folds}: {label}", **figures)
+
+    train_on(lambda i: track(kept[i]), len(kept), config, replace(out, path=folder, progress=progress),
+             about={**about, "left_out": left_out})  # fmt: skip
+    out.mark_done(piece)
 
 
 def train_on(

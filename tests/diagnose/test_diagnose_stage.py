@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plop.diagnosis.bases import predictions_of
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.sets import check_touch, tracked_episodes
@@ -136,7 +137,38 @@ def test_a_reference_that_the_model_was_trained_on_is_left_out(inputs, tmp_path,
     dropped = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["dropped"]
     assert counts == [used]
     assert dropped == {f"reference {name}": "the model was trained on it" for name in names[: 4 - used]}
-    assert any("give a reference with 3 episodes or more" in text for text in summary.warnings) == warned
+    assert any("--folds 2" in text and "with 3 episodes or more" in text for text in summary.warnings) == warned
+
+
+def test_a_fold_predicts_what_the_model_was_trained_on(inputs, tmp_path, monkeypatch):
+    def noted(folder, recording_path, splat_path, episode):
+        predicted.setdefault(folder, []).append(episode.name)
+        return predictions_of(inputs["model"].path, recording_path, splat_path, episode)
+
+    predicted: dict[Path, list[str]] = {}
+    monkeypatch.setattr(stage, "predictions_of", noted)
+    names = RecordingSet.load(inputs["recordings"].path).names
+    model = tmp_path / "model"
+    (model / "tracks").mkdir(parents=True)
+    for name in names[:3]:
+        (model / "tracks" / f"{name}.h5").touch()
+    facts = json.loads((inputs["model"].path / "model.json").read_text())
+    del facts["engine"]
+    for part, left_out in {".": [], "folds/0": names[:3:2], "folds/1": names[1:2]}.items():
+        (model / part).mkdir(parents=True, exist_ok=True)
+        training = {**facts["training"], "left_out": left_out}
+        (model / part / "model.json").write_text(json.dumps({**facts, "kind": "plop", "training": training}))
+    given = {
+        f"reference{part}": inputs[key] for part, key in (("", "recordings"), ("_init", "init"), ("_tracks", "tracks"))
+    }
+    (tmp_path / "out").mkdir()
+    learned = {**inputs, **given, "model": Input(model), "engine": inputs["model"]}
+    summary = run(learned, replace(CONFIG, effects=("tilt",)), Output(tmp_path / "out"))
+    assert predicted[model / "folds" / "0"] == [names[0], names[2]]
+    assert predicted[model / "folds" / "1"] == [names[1]]
+    assert predicted[model] == [*names, names[3]]  # what is to be explained, and what the model has not seen
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert found["reference_episodes"] == names and not found["dropped"] and not summary.warnings
 
 
 def test_after_a_kill_nothing_is_run_twice(inputs, facts, out, tmp_path):

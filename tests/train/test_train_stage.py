@@ -7,17 +7,21 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from safetensors.torch import load_file
 
+from plop.dynamics.model import PlopModel
 from plop.errors import PlopError
+from plop.models import judges_of, load_model, trained_on
 from plop.recordings.set import RecordingSet
 from stages.contract import Input, Output
+from stages.train import stage
 from stages.train.optimise import Schedule
-from stages.train.stage import TrainConfig, run
+from stages.train.stage import TrainConfig, run, train_on
 from stages.train.windows import draw_windows
 from tests.small_episode import PUSH_M, write_set
 
@@ -26,6 +30,8 @@ SMALL = TrainConfig(
     track_steps=150, image_steps=4, batch=2, horizon=2, width=8, cells_across=5, learning_rate=5e-3, averaging=0.8,
     filter_iterations=12, validate_every=77, checkpoint_every=5,
 )  # fmt: skip
+
+QUICK = TrainConfig(track_steps=2, image_steps=1, batch=1, horizon=1, width=4, cells_across=4, filter_iterations=1)
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +92,55 @@ def test_test_episodes_are_never_opened(inputs, tmp_path):
     recordings = RecordingSet.load(copy)
     for name in recordings.test:
         recordings.path(name).write_bytes(b"not a recording")
-    quick = TrainConfig(track_steps=1, image_steps=1, batch=1, horizon=1, width=4, cells_across=4, filter_iterations=1)
     (tmp_path / "out").mkdir()
-    run({**inputs, "recordings": Input(copy)}, quick, Output(tmp_path / "out"))
+    run({**inputs, "recordings": Input(copy)}, QUICK, Output(tmp_path / "out"))
+
+
+def test_a_fold_has_not_seen_its_share_of_the_episodes(inputs, tmp_path, monkeypatch):
+    """Each judges what the other learned from; the model itself is what it is without them."""
+
+    def noted(track, episodes, config, out, **more):
+        learned_from[out.path] = [track(i).name for i in range(episodes)]
+        return train_on(track, episodes, config, out, **more)
+
+    learned_from: dict[Path, list[str]] = {}
+    monkeypatch.setattr(stage, "train_on", noted)
+    weights = {}
+    for folds in (0, 2):
+        out = tmp_path / str(folds)
+        out.mkdir()
+        run(inputs, replace(QUICK, folds=folds), Output(out))
+        weights[folds] = load_file(out / "model.safetensors")
+    assert judges_of(out) == {f"episode_{k}": out / "folds" / str(k) for k in (0, 1)}
+    assert judges_of(tmp_path / "0") == {} and trained_on(out) == {"episode_0", "episode_1"}
+    assert all(torch.equal(value, weights[2][name]) for name, value in weights[0].items())
+    folds = out / "folds"
+    assert learned_from == {tmp_path / "0": ["episode_0", "episode_1"], out: ["episode_0", "episode_1"],
+                            folds / "0": ["episode_1"], folds / "1": ["episode_0"]}  # fmt: skip
+    assert isinstance(load_model(folds / "1"), PlopModel)
+
+
+def test_a_finished_fold_is_not_trained_again(inputs, tmp_path):
+    def progress(done, total, label="", **figures):
+        labels.append(label)
+        if stopping and label.startswith("fold 2 of 2"):
+            raise _Stopped
+
+    labels, stopping = list[str](), True
+    with pytest.raises(_Stopped):
+        run(inputs, replace(QUICK, folds=2), Output(tmp_path, progress))
+    assert any(label.startswith("fold 1 of 2") for label in labels)
+    labels, stopping = [], False
+    run(inputs, replace(QUICK, folds=2), Output(tmp_path, progress))
+    assert not any(label.startswith("fold 1 of 2") for label in labels)
+    assert any(label.startswith("fold 2 of 2") for label in labels) and labels[-1].startswith("train")
+
+
+@pytest.mark.parametrize("folds", [1, 3])
+def test_as_many_folds_as_cannot_be_are_refused(inputs, tmp_path, folds):
+    with pytest.raises(PlopError, match="cannot be dealt out"):
+        run(inputs, replace(QUICK, folds=folds), Output(tmp_path))
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_training_episode_is_an_error(inputs, tmp_path):
