@@ -134,23 +134,20 @@ def judge(
         text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
                 "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
         return Verdict("SENSOR", sensors, text, facts)
-    if base is not None and base.passes():
-        found = _base_or(base, findings, named[0] if named else None, facts)
-        closed = size.closed_by_base
-        if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
-            if size.beyond_chance:
-                return Verdict("PARTLY", found.named, _partly_base_text(base, found.named[1:]), found.evidence)
-            if _may_be_chance(size):
-                return _nothing(facts)
-        if found is not None:
-            return found
+    by_base = _by_base(base, findings, named[0] if named else None, size, facts)
+    if by_base is not None:
+        return by_base
     chosen = first_of(findings)
     first = None if chosen is None else findings[chosen]
     if first is not None and first.kind == "decoy" and named and named[0].name in confounds:
         first = named[0]  # a decoy that cannot be told from it is no reason to refuse it
     if first is not None and (first in named or (first.ends() and first.kind != "decoy" and size.stands_out)):
         possible = {f.name for f in findings if f.kind != "decoy" and not f.at_bound}
-        return _law(first, [name for name in confounds if name in possible], second, left, size, facts)
+        verdict = _law(first, [name for name in confounds if name in possible], second, left, size, facts)
+        if verdict.named:
+            return verdict
+        others = [f for f in findings if f is not first]  # a law that is refused does not hide the base's parameter
+        return _by_base(base, others, None, size, facts) or verdict
     if decoys or size.stands_out:
         return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
     return _nothing(facts)
@@ -193,6 +190,21 @@ def _may_be_chance(size: ErrorSize) -> bool:
 
 def _nothing(facts: dict[str, Any]) -> Verdict:
     return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
+
+
+def _by_base(
+    base: Finding | None, findings: list[Finding], beyond: Finding | None, size: ErrorSize, facts: dict[str, Any]
+) -> Verdict | None:
+    """Judge by the base's own parameters where their change passes; None where laws decide. See `_base_or`."""
+    if base is None or not base.passes():
+        return None
+    found, closed = _base_or(base, findings, beyond, facts), size.closed_by_base
+    if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
+        if size.beyond_chance:
+            return Verdict("PARTLY", found.named, _partly_base_text(base, found.named[1:]), found.evidence)
+        if _may_be_chance(size):
+            return _nothing(facts)
+    return found
 
 
 def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:

@@ -293,3 +293,16 @@ def test_a_base_parameter_that_leaves_most_of_the_gap_needs_an_error_that_stands
     assert (verdict.kind, verdict.named) == ("PARTLY", ["damping"])
     facts["left"] = 1.5
     assert told([finding("damping")], [], None, [], **facts, excess=2.2).kind == "BASE PARAMETER"
+
+
+def test_a_law_that_is_refused_does_not_hide_the_base_parameter():
+    """The law takes away more than half as much again, but leaves too much of a gap that may be chance."""
+    law, stiffness = finding(gain=0.8), finding("stiffness", gain=0.6)
+    size = {"error": 1.4, "floor": 1.0, "raw": 3.0, "left": 1.3, "excess": 1.0, "excess_p": 0.3}
+    assert told([law], [], None, [], **size).kind == "NOTHING DETECTABLE"
+    verdict = told([law], [], stiffness, [], **size)
+    assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
+    # a parameter that leaves most of such a gap is refused for the same reason
+    assert told([law], [], stiffness, [], **{**size, "raw": 1.6}).kind == "NOTHING DETECTABLE"
+    # and a law that is not refused is still named
+    assert told([law], [], stiffness, [], **{**size, "left": 1.1}).named == ["tilt"]
