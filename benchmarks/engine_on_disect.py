@@ -29,10 +29,13 @@ from plop.recordings.disect import read_disect
 from plop.recordings.mesh_sequence import MeshSequence
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "engine_disect.json"
-NAMES = ["youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction"]
+NAMES = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s"]
+"""What is fitted; the tool's friction is taken as stated, and there is no drag: the other simulator has none."""
 ENVIRONMENTS = ["prism_jelly", "prism_foam", "cylinder_jelly", "cylinder_foam"]
 G = (0.0, 0.0, -9.80665)
 FIT_SPACING_M, SCORE_SPACING_M, EMD_POINTS = 0.00715, 0.005, 512
+START_SLIP_M_S = 0.005
+"""Where the fit of the speed begins up to which the table rubs in proportion to it."""
 
 
 def config(spacing_m: float) -> EngineConfig:
@@ -75,7 +78,7 @@ def measure(data: Path, environment: str, iterations: int) -> dict[str, object]:
     """Calibrate one environment and score its test recordings."""
     sequences = [read_disect(data / f"{environment}_part_{k:03d}.usd") for k in range(6)]
     declared = declared_material(sequences[0])
-    start = replace(declared, table_friction=0.2, tool_friction=0.1, damping_per_s=2.0, viscosity_pa_s=0.0)
+    start = replace(declared, table_slip_m_s=START_SLIP_M_S)
     cases = [thin_out(case_from_sequence(s, FIT_SPACING_M), 3) for s in sequences[:4]]
     began = time.process_time()
     fit = calibrate(
