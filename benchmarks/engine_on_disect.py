@@ -27,6 +27,7 @@ from plop.physics.material import Material
 from plop.physics.tool_motion import ToolKind, ToolShape
 from plop.recordings.disect import read_disect
 from plop.recordings.mesh_sequence import MeshSequence
+from plop_cli.execute import versions
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "engine_disect.json"
 NAMES = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s"]
@@ -125,6 +126,7 @@ def main() -> None:
         entry = measure(options.data, environment, options.iterations)
         known = json.loads(options.out.read_text()) if options.out.exists() else {"environments": {}}
         known["command"] = "python -m benchmarks.engine_on_disect --data <DiSECt recordings>"
+        known["versions"] = versions()
         known["environments"][environment] = entry
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text(json.dumps(_finite(known), indent=1, sort_keys=True) + "\n")
