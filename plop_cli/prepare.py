@@ -114,6 +114,8 @@ class Preparation:
         if command == "filter":
             inputs["model"] = LEFT_OUT
             extra = {"exclude": list(self.exclude)}
+        if command == "rollout":
+            extra = self._split(recordings)
         if command == "eval":
             inputs["rollouts"] = self.derived("rollout", recordings, model).address
         if command in ("identify", "compare"):
@@ -122,10 +124,21 @@ class Preparation:
             inputs["model"] = model.address
         return self._made(command, inputs, extra)
 
+    def _split(self, recordings: Artifact) -> dict[str, Any]:
+        """Take all episodes of recordings that have none for testing, unless the workspace's settings say which."""
+        from plop.recordings.set import RecordingSet
+
+        if RecordingSet.load(recordings.path).test or "split" in self._settings("rollout"):
+            return {}
+        self.console.warn(f"{recordings.address} has no test episode: all its episodes are rolled out and scored")
+        return {"split": "all"}
+
+    def _settings(self, command: str) -> Mapping[str, Any]:
+        return read_settings_file(self.store.workspace / SETTINGS_FILE, _COMMANDS).get(command, {})
+
     def _made(self, command: str, inputs: Mapping[str, str | Path], extra: Mapping[str, Any]) -> Artifact:
         stage = stage_ref(command).load()
-        layer = read_settings_file(self.store.workspace / SETTINGS_FILE, _COMMANDS).get(command, {})
-        config = resolve(stage.config, command, (SETTINGS_FILE, layer), ("plop", dict(extra)))
+        config = resolve(stage.config, command, (SETTINGS_FILE, self._settings(command)), ("plop", dict(extra)))
         with self.console.progress(command) as progress:
             outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress)
         if not outcome.skipped:

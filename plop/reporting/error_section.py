@@ -103,7 +103,10 @@ def _scores(facts: ReportFacts) -> str:
     if not rows:
         return ""
     head = ["", "CD [mm]", "EMD [mm]", "HD [mm]", "PSNR [dB]", "SSIM", "J"]
-    return "<h3>Scores of <code>plop eval</code> (mean over test episodes, 95 % interval)</h3>" + table(
+    scored: list[str] = facts.scores[0][1]["episodes"]
+    seen = sum(name in facts.fitted for name in scored)
+    where = f"mean over {len(scored)} episodes" + (f", to {seen} of which effects were fitted" if seen else "")
+    return f"<h3>Scores of <code>plop eval</code> ({where}; 95 % interval)</h3>" + table(
         head, rows, numeric=range(1, 7)
     )
 

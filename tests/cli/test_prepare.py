@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
 from plop_cli.console import Console
 from plop_cli.execute import execute
 from plop_cli.inputs import LEFT_OUT
@@ -79,6 +81,17 @@ def test_recordings_that_the_model_was_made_from_are_no_reference_of_themselves(
         found: dict[str, str | Path] = {"recordings": asked.address}
         preparation(store)._reference(found, base)
         assert found["reference"] == expected
+
+
+@pytest.mark.parametrize(("test", "written", "chosen"), [
+    (["c"], "", {}), ([], "", {"split": "all"}), ([], '[rollout]\nsplit = "train"\n', {}),
+])  # fmt: skip
+def test_recordings_without_test_episodes_are_rolled_out_whole(store, test, written, chosen):
+    """Unless the workspace says which; else neither `eval` nor `report` could be made of them."""
+    RecordingSet(store.workspace, "blocks", ["a", "b"], test).save()
+    (store.workspace / "plop.toml").write_text(written)
+    artifact = Artifact(store.workspace, Manifest("ingest", "f", 1, config={}, inputs={}))
+    assert preparation(store)._split(artifact) == chosen
 
 
 def test_which_commands_prepare():
