@@ -78,10 +78,11 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     reference, warnings = None, list[str]()
     if "reference" in inputs:
         others = RecordingSet.load(inputs["reference"].path)
-        names, warnings = _unseen(others.names, model)
+        judges = judges_of(model)
+        names, warnings = _unseen(others.names, trained_on(model) - set(judges))
         # what was added to the base was fitted to recordings that have it; the base's own have not
         reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed,
-                                    judges=judges_of(model))  # fmt: skip
+                                    judges=judges)  # fmt: skip
         seen = dict.fromkeys(set(others.names) - set(names), "the model was trained on it")
         left_out |= {f"reference {name}": why for name, why in sorted((more | seen).items())}
     sensors = _sensors(recordings, measured, config, out)
@@ -99,13 +100,16 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     return Summary(figures, rows_of(facts), warnings)
 
 
-def _unseen(names: list[str], model: Path) -> tuple[list[str], list[str]]:
-    """Choose the reference episodes on which a model was not trained, or all with a warning where these are too few.
+def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[str]]:
+    """Choose the reference episodes on which no model was trained, or all with a warning where these are too few.
 
     Where it has been trained it errs less than anywhere else, so that any other recording would seem to miss something.
-    A recording that one of its folds has not seen counts as unseen: that fold predicts it.
+
+    Args:
+        names: The reference episodes.
+        trained: Those that whatever predicts them was trained on: a fold that has not seen an episode predicts it.
     """
-    seen = trained_on(model) & set(names) - set(judges_of(model))
+    seen = trained & set(names)
     unseen = [name for name in names if name not in seen]
     if not seen or len(unseen) >= LEAST_UNSEEN:
         return unseen, []
