@@ -11,6 +11,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from plop.freed_memory import keep_freed_memory
+
 HERE = Path(__file__).resolve().parent
 RESULT = HERE.parent / "docs" / "results" / "bench.json"
 
@@ -61,6 +63,7 @@ def main() -> int:
     parser.add_argument("words", nargs="*", help="run only cases whose file or name holds one of these")
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
+    keep_freed_memory()  # as every command does
     facts = machine()
     figures: dict[str, float] = {}
     failed = False

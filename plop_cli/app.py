@@ -7,6 +7,7 @@ import sys
 import typer
 
 from plop.errors import PlopError
+from plop.freed_memory import keep_freed_memory
 from plop_cli.commands import add_commands
 from plop_cli.console import Console
 from stages import PIPELINE, StageRef
@@ -62,6 +63,7 @@ add_commands(app)
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; return its exit code: 0 fine, 1 a problem, 2 wrong usage, 130 interrupted."""
+    keep_freed_memory()
     given = sys.argv[1:] if arguments is None else arguments
     console = Console(as_json="--json" in given)
     try:

@@ -53,14 +53,16 @@ def mirrored_in_table(vectors: Tensor) -> Tensor:
 
 
 def object_features(
-    state: ParticleState, action: ToolStep, frame: StepFrame, *, length_m: float, motion_m: float, kind: FeatureSet
-) -> Tensor:
+    state: ParticleState, action: ToolStep, frame: StepFrame, with_tool: Tensor, *, length_m: float, motion_m: float,
+    kind: FeatureSet,
+) -> Tensor:  # fmt: skip
     """Encode the object's particles.
 
     Args:
         state: The particles.
         action: The tool's motion in this step.
         frame: The frame in which the network sees the step.
+        with_tool: `rigid_displacement` of the particles, shape [N, 3] [m].
         length_m: Size of the object, unit of places [m].
         motion_m: Typical motion in a step, unit of displacements [m].
         kind: Which features.
@@ -79,15 +81,15 @@ def object_features(
         flag,
     ]
     if kind != "paper":
-        columns += _contact_features(gaussians.means, state.side, action, frame, length_m, motion_m)
+        moved = frame.vectors_in(with_tool) / motion_m
+        columns += _contact_features(gaussians.means, state.side, action, frame, moved, length_m)
     if kind == "oriented":
-        mirrored = mirrored_in_table(rigid_displacement(gaussians.means, action))
-        columns.append(frame.vectors_in(mirrored)[:, :2] / motion_m)
+        columns.append(frame.vectors_in(mirrored_in_table(with_tool))[:, :2] / motion_m)
     return torch.cat(columns, dim=-1)
 
 
 def _contact_features(
-    means: Tensor, side: Tensor, action: ToolStep, frame: StepFrame, length_m: float, motion_m: float
+    means: Tensor, side: Tensor, action: ToolStep, frame: StepFrame, moved: Tensor, length_m: float
 ) -> list[Tensor]:
     pose = action.world_from_tool.to(means)
     center = pose[:3, :3] @ action.tool.center.to(means) + pose[:3, 3]
@@ -99,14 +101,13 @@ def _contact_features(
     place = frame.points_in(means)
     # The side is told along the frame's x axis, so that it means the same in a mirrored frame.
     normal_x = frame.vectors_in(axes[:, 0])[0].sign()
-    moved = frame.vectors_in(rigid_displacement(means, action))
     distance = outside.norm(dim=-1, keepdim=True)
     return [
         place / length_m,
         gap / length_m,
         torch.exp(-distance / (0.1 * length_m)),
         torch.exp(-distance / (0.03 * length_m)),
-        moved / motion_m,
+        moved,
         (side * normal_x)[:, None],
         (center[2] - half.max() - frame.origin[2]).expand(len(means), 1) / length_m,
         (means[:, 2:] - center[2:]) / length_m,

@@ -72,12 +72,14 @@ class PlopModel(nn.Module):
         """
         frames = frames or [self.frame(action) for action in actions]
         units = {"motion_m": self.config.motion_m}
-        parts, tools = [], []
+        parts, tools, with_tool = [], [], []
         for b, (state, action, frame) in enumerate(zip(states, actions, frames, strict=True)):
             means = state.gaussians.means
+            with_tool.append(rigid_displacement(means, action))
             features = object_features(
-                state, action, frame, length_m=self.config.length_m, kind=self.config.network.features, **units
-            )
+                state, action, frame, with_tool[b], length_m=self.config.length_m, kind=self.config.network.features,
+                **units,
+            )  # fmt: skip
             parts.append(ParticleBatch(frame.points_in(means), features, _filled(means, b)))
             pose = action.world_from_tool.to(means)
             points = action.tool.surface_points(self.config.tool_points).to(means) @ pose[:3, :3].T + pose[:3, 3]
@@ -85,18 +87,20 @@ class PlopModel(nn.Module):
             tools.append(ParticleBatch(frame.points_in(points), told, _filled(points, b)))
         raw = self.network(_join(parts), _join(tools), len(states), self.spacing_m)
         pieces = raw.split([len(state.gaussians) for state in states])
-        return [self._advance(*item) for item in zip(states, actions, frames, pieces, strict=True)]
+        return [self._advance(*item) for item in zip(states, actions, frames, with_tool, pieces, strict=True)]
 
     def frame(self, action: ToolStep) -> StepFrame:
         """Give the frame in which this model sees a step."""
         return tool_frame(action) if self.config.frame == "tool" else world_frame(action)
 
-    def _advance(self, state: ParticleState, action: ToolStep, frame: StepFrame, raw: Tensor) -> ParticleState:
+    def _advance(
+        self, state: ParticleState, action: ToolStep, frame: StepFrame, with_tool: Tensor, raw: Tensor
+    ) -> ParticleState:
         gaussians = state.gaussians
         shift = frame.vectors_out(raw[:, 0:3]) * self.config.motion_m
         if self.config.coupled:
             # What is pushed goes where the tool goes: a share is easier to learn than a motion.
-            tool_motion = rigid_displacement(gaussians.means.detach(), action)
+            tool_motion = with_tool.detach()
             shift = shift + raw[:, 10:11] * tool_motion
             if self.config.network.features == "oriented":
                 shift = shift + raw[:, 11:12] * mirrored_in_table(tool_motion)

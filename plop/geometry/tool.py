@@ -62,8 +62,8 @@ class ToolGeometry:
         corners = self.outline.to(points)
         edge = corners.roll(-1, 0) - corners
         outward = torch.stack([edge[:, 1], -edge[:, 0]], -1) / edge.norm(dim=-1, keepdim=True)
-        distance = ((points[..., None, :] - corners) * outward).sum(-1)
-        return (distance <= margin_m).all(-1)
+        beyond_m = points @ outward.T - (corners * outward).sum(-1)
+        return (beyond_m <= margin_m).all(-1)
 
     def surface_points(self, count: int) -> Tensor:
         """Spread points over the surface by area, the same ones each time.

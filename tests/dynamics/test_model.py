@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from plop.dynamics.features import object_features
+from plop.dynamics.features import object_features, rigid_displacement
 from plop.dynamics.frames import tool_frame
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.interface import ParticleState, ToolStep, at_rest
@@ -80,8 +80,9 @@ def test_a_mirrored_window_shows_the_mirrored_experiment(block, cut_step):
     step = replace(step, world_from_tool=turned @ step.world_from_tool,
                    next_world_from_tool=turned @ step.next_world_from_tool)  # fmt: skip
     state, frame = moving(block), tool_frame(step)
+    with_tool = rigid_displacement(state.gaussians.means, step)
     plain, mirrored = (
-        object_features(state, step, f, length_m=0.06, motion_m=1e-3, kind="oriented")[:, -2:]
+        object_features(state, step, f, with_tool, length_m=0.06, motion_m=1e-3, kind="oriented")[:, -2:]
         for f in (frame, frame.reflected(True, False))
     )
     assert plain.abs().min() > 0.1
