@@ -1,4 +1,4 @@
-"""Run every benchmark and write docs/results/bench.json and the table of docs/speed.md: `python -m benchmarks [WORD ...]`."""
+"""Run every benchmark, write docs/results/bench.json and the table of docs/speed.md: `python -m benchmarks [WORD]`."""
 
 from __future__ import annotations
 
