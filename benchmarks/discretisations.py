@@ -1,6 +1,6 @@
 """What the mean over discretisations is worth: `python -m benchmarks.discretisations --work W`.
 
-The engine of the missing-physics benchmark (`benchmarks.physics --particles 1300 --work W`) predicts fresh episodes of
+The engine of the missing-physics benchmark (`benchmarks.physics --work W`) predicts fresh episodes of
 each kind of motion, in which nothing is hidden, and responds to a few hidden laws: by itself, and as the mean over its
 discretisations. No noise; the truth is the finer simulation. Writes docs/results/discretisations.json.
 """
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from benchmarks.physics import SCENE, fitted_engine
+from benchmarks.physics import PARTICLES, SCENE, fitted_engine
 from benchmarks.physics_response import response_error
 from plop.diagnosis.discretisations import OTHERS, discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
@@ -43,8 +43,8 @@ LAWS: tuple[tuple[str, dict[str, float]], ...] = (
 def main() -> None:
     """Measure and write the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics-1300"), help="Holds the engine.")
-    parser.add_argument("--particles", type=int, default=1300, help="Of the diagnosing engine.")
+    parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics"), help="Holds the engine.")
+    parser.add_argument("--particles", type=int, default=PARTICLES, help="Of the diagnosing engine.")
     parser.add_argument("--episodes", type=int, default=12, help="Of each kind of motion.")
     parser.add_argument("--jobs", type=int, default=-1, help="Processes.")
     parser.add_argument("--out", type=Path, default=Path("docs/results/discretisations.json"))

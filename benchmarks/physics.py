@@ -49,7 +49,7 @@ NOISE_M = 2e-4
 """Standard deviation of one coordinate of a followed point [m]."""
 FLOOR_M = NOISE_M * 3**0.5
 """Noise floor: RMS length of the noise of a followed point [m]."""
-FITTED, REFERENCE, EPISODES, SEARCHED, PARTICLES = 6, 12, 8, 4, 570
+FITTED, REFERENCE, EPISODES, SEARCHED, PARTICLES = 6, 12, 8, 4, 1300
 """Episodes without anything hidden that the engine is fitted to, and all of them (the others tell how far it is off
 in motions that it has not seen); episodes to explain, and those of them in which a signal is measured; particles of
 the diagnosing engine."""

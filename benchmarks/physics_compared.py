@@ -6,14 +6,14 @@ from typing import Any
 
 
 def compared(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> str:
-    """Give a table with a line for each run that both engines diagnosed, and those that only the second did.
+    """Give a table with a line for each run that the second engine diagnosed; the first may not have.
 
     Args:
         first: Runs as results/<name>.json keeps them.
         second: The same of the other engine.
     """
     ours = {row["name"]: row for row in first}
-    lines = ["| run | hidden | SNR | verdict, share of the gap | with the finer engine | amplitude off by [%] "
+    lines = ["| run | hidden | SNR | with the coarser engine: verdict, share of the gap | with the finer | amplitude off by [%] "
              "| cosine of its response [-] |", "|---|---|---|---|---|---|---|"]  # fmt: skip
     for row in sorted(second, key=lambda row: (row["set"], -row["snr"])):
         if row["set"] != "unreachable":

@@ -122,8 +122,9 @@ def _fresh() -> list[Plan]:
 PLAN = [*_designed(), *_fresh(), *_plan()]
 
 REASONS = frozenset({"snr4-relaxation", "snr2-softening", "pair-more-relaxation-tilt", "base-more-damping",
-                     "null-more-2", "pair-more-adhesion-tilt"})  # fmt: skip
-"""Runs for whose sake the rules of the verdict were changed last: laws at the end of their range, base parameters, laws
-that one episode alone carries."""
+                     "null-more-2", "pair-more-adhesion-tilt",
+                     "null-more-4", "null-more-5", "null-more-6", "null-more-7"})  # fmt: skip
+"""Runs for whose sake rules of the verdict were changed: laws at the end of their range, base parameters, laws that one
+episode alone carries, and the mean over discretisations (the last four)."""
 DEVELOPED = REASONS | {plan.name for plan in _plan()}
 """Runs whose recordings were looked at while the rules of the verdict were being changed; the others' never were."""

@@ -16,6 +16,8 @@ from plop_cli.execute import versions
 
 RESULT = "physics"
 """Name of the file of the benchmark's own result."""
+EARLIER = "physics-570"
+"""That of the coarser engine that the benchmark had before."""
 _NAMING = ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER")
 
 
@@ -135,7 +137,7 @@ def write_results(
     """Write results/<result>.json and the tables of results-physics.md between their markers.
 
     Markers are called rates, runs and confusion; those of another result than RESULT begin with its name and a hyphen.
-    Where both results are there, those of the runs that both made stand side by side under "compared".
+    Where there is the EARLIER result, too, the runs of both stand side by side under "compared".
 
     Args:
         rows: Of the runs.
@@ -162,9 +164,9 @@ def write_results(
         tables = {"rates": rates, "runs": _runs(rows), "confusion": _confused(facts)}
         prefix = "" if result == RESULT else f"{result}-"
         tables = {f"{prefix}{name}": table for name, table in tables.items()}
-        main = out / "results" / f"{RESULT}.json"
-        if prefix and main.is_file():
-            tables["compared"] = compared(json.loads(main.read_text())["runs"], facts["runs"])
+        earlier = out / "results" / f"{EARLIER}.json"
+        if not prefix and earlier.is_file():
+            tables["compared"] = compared(json.loads(earlier.read_text())["runs"], facts["runs"])
         for name, table in tables.items():
             if f"<!-- {name}:begin -->" in text:
                 text = replace_between_markers(text, name, table)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks.physics_plan import DEVELOPED, PLAN, REASONS
-from benchmarks.physics_tables import confusion, summary, wilson, write_results
+from benchmarks.physics_tables import EARLIER, confusion, summary, wilson, write_results
 
 
 def run(name: str, **changes: Any) -> dict[str, Any]:
@@ -100,9 +100,9 @@ def test_two_engines_stand_side_by_side(tmp_path: Path):
     (tmp_path / "results-physics.md").write_text("<!-- compared:begin -->\n<!-- compared:end -->\n")
     coarse = run("a", named=["viscosity"], verdict="EFFECT", left=2.2)
     fine = [run("a", named=["tilt"], verdict="PARTLY", left=3.4), run("b", named=[], verdict="NONE OF THESE")]
-    write_results([coarse], tmp_path, command="make bench-physics")
-    write_results(fine, tmp_path, command="python -m benchmarks.physics", result="physics-fine")
+    write_results([coarse], tmp_path, command="python -m benchmarks.physics --particles 570", result=EARLIER)
+    write_results(fine, tmp_path, command="make bench-physics")
     page = (tmp_path / "results-physics.md").read_text()
     assert "| EFFECT viscosity (70 %) | PARTLY tilt (40 %) |" in page
     assert "| not run | NONE OF THESE |" in page
-    assert len(json.loads((tmp_path / "results" / "physics.json").read_text())["runs"]) == 1, "untouched"
+    assert len(json.loads((tmp_path / "results" / f"{EARLIER}.json").read_text())["runs"]) == 1, "untouched"
