@@ -14,17 +14,15 @@ Groups are kinds of states, e.g. "states" of a rollout, "predicted" and "updated
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import h5py
 import numpy as np
 import torch
 from torch import Tensor
 
-from plop.artifacts.whole_file import scratch_of
+from plop.artifacts.atomic_hdf5 import AtomicHdf5
+from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 
@@ -32,28 +30,13 @@ TRAJECTORY_SCHEMA = 1
 _FIELDS = ("means", "quats", "scales", "opacities")
 
 
-class TrajectoryWriter:
+class TrajectoryWriter(AtomicHdf5):
     """Write a trajectory; use as a context manager. The file appears when the block ends without error."""
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self._temporary = scratch_of(self.path)
-        self._file = h5py.File(self._temporary, "w", track_order=False)
-        self._file.attrs["schema"] = TRAJECTORY_SCHEMA
-        self._file.attrs["units"] = "m"
+        super().__init__(path)
+        self.file.attrs.update(schema=TRAJECTORY_SCHEMA, units="m")
         self._last_sh: dict[str, tuple[int, Tensor]] = {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
-        if kind is None:
-            os.replace(self._temporary, self.path)
-        else:
-            self._temporary.unlink(missing_ok=True)
 
     def append(self, group: str, frame: int, gaussians: Gaussians, **extra: Tensor | np.ndarray) -> None:
         """Add one frame to a group.
@@ -65,12 +48,12 @@ class TrajectoryWriter:
             extra: Further arrays of this frame, any shape.
 
         Raises:
-            PlopError: The frame is there already.
+            PlopError: The frame is there already, or the disk is full.
         """
-        if f"{group}/{frame}" in self._file:
+        if f"{group}/{frame}" in self.file:
             raise PlopError("A frame was written twice.", where=f"{self.path}:/{group}/{frame}")
         gaussians = gaussians.detach().to("cpu")
-        node = self._file.create_group(f"{group}/{frame}")
+        node = self.file.create_group(f"{group}/{frame}")
         for name in _FIELDS:
             _store(node, name, getattr(gaussians, name).float().numpy())
         _store(node, "ids", gaussians.ids.long().numpy())
@@ -78,6 +61,7 @@ class TrajectoryWriter:
         for name, values in extra.items():
             array = values.detach().cpu().numpy() if isinstance(values, Tensor) else np.asarray(values)
             _store(node, f"extra/{name}", array)
+        self.check()
 
     def _store_sh(self, node: h5py.Group, group: str, frame: int, sh: Tensor) -> None:
         last = self._last_sh.get(group)
@@ -93,37 +77,10 @@ def _store(node: h5py.Group, name: str, array: np.ndarray) -> None:
     node.create_dataset(name, data=array, track_times=False, **packing)
 
 
-class Trajectory:
-    """Read a trajectory, one frame at a time; use as a context manager or call `close`."""
+class Trajectory(Hdf5Reader):
+    """Read a trajectory, one frame at a time."""
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        if not self.path.is_file():
-            raise PlopError("There is no such trajectory.", where=self.path, expected="an HDF5 trajectory",
-                            found="no file", fix="Run the stage that writes it, or correct the path.")  # fmt: skip
-        try:
-            self._file = h5py.File(self.path, "r")
-        except OSError as error:
-            raise PlopError("The trajectory cannot be opened.", where=self.path, expected="a complete HDF5 file",
-                            found=str(error), fix="Run the stage that writes it again.") from error  # fmt: skip
-        schema = int(self._file.attrs.get("schema", -1))
-        if schema != TRAJECTORY_SCHEMA:
-            self._file.close()
-            raise PlopError("The trajectory has another schema.", where=self.path,
-                            expected=f"schema {TRAJECTORY_SCHEMA}", found=f"schema {schema}",
-                            fix="Update plop." if schema > TRAJECTORY_SCHEMA else "Write it again.")  # fmt: skip
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+    noun, schema, maker = "trajectory", TRAJECTORY_SCHEMA, "Run the stage that writes it"
 
     @property
     def groups(self) -> list[str]:

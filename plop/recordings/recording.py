@@ -23,12 +23,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import h5py
 import numpy as np
 
+from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 
@@ -78,36 +77,20 @@ class Mesh:
     """[F, 3] int64, counter-clockwise seen from outside"""
 
 
-class Recording:
+class Recording(Hdf5Reader):
     """Read one recording lazily; use as a context manager. `/truth` cannot be reached from here."""
 
+    noun, schema, maker = "recording", RECORDING_SCHEMA, "Run `plop ingest` for this episode"
+
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        if not self.path.is_file():
-            raise PlopError("There is no such recording.", where=self.path, expected="an HDF5 recording",
-                            found="no file", fix="Run `plop ingest` first, or correct the path.")  # fmt: skip
-        try:
-            self._file = h5py.File(self.path, "r")
-        except OSError as error:
-            raise PlopError("The recording cannot be opened.", where=self.path, expected="a complete HDF5 file",
-                            found=str(error), fix="Run `plop ingest` again for this episode.") from error  # fmt: skip
         self._nodes: dict[tuple[str, str], dict[str, h5py.Dataset]] = {}
-        try:
-            self._check()
-        except BaseException:
-            self._file.close()
-            raise
+        super().__init__(path)
 
     def _check(self) -> None:
-        schema = int(self._file.attrs.get("schema", -1))
-        if schema != RECORDING_SCHEMA:
-            fix = "Update plop." if schema > RECORDING_SCHEMA else "Run `plop ingest` again."
-            raise PlopError("The recording has another schema.", where=self.path,
-                            expected=f"schema {RECORDING_SCHEMA}", found=f"schema {schema}", fix=fix)  # fmt: skip
         for key in ("frames/time_s", "cameras", "tool/world_from_tool"):
             if key not in self._file:
                 raise PlopError("The recording is incomplete.", where=f"{self.path}:/{key}", expected="this key",
-                                found="nothing", fix="Run `plop ingest` again for this episode.")  # fmt: skip
+                                found="nothing", fix=f"{self.maker} again.")  # fmt: skip
         frames = len(self._file["frames/time_s"])
         lengths = {f"cameras/{name}/rgb": len(group["rgb"]) for name, group in self._file["cameras"].items()}
         lengths["tool/world_from_tool"] = len(self._file["tool/world_from_tool"])
@@ -115,19 +98,7 @@ class Recording:
             if length != frames:
                 raise PlopError("The recording's lengths do not match.", where=f"{self.path}:/{key}",
                                 expected=f"{frames} frames, as in /frames/time_s", found=f"{length} frames",
-                                fix="Run `plop ingest` again for this episode.")  # fmt: skip
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+                                fix=f"{self.maker} again.")  # fmt: skip
 
     @property
     def name(self) -> str:

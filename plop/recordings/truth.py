@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import h5py
 import numpy as np
 
+from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
-from plop.recordings.recording import Mesh
+from plop.recordings.recording import Mesh, Recording
 
 
-class Truth:
+class Truth(Hdf5Reader):
     """Read `/truth` of one recording lazily; use as a context manager."""
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        try:
-            self._file = h5py.File(self.path, "r")
-        except OSError as error:
-            raise PlopError("The recording cannot be opened.", where=self.path, expected="a complete HDF5 file",
-                            found=str(error), fix="Run `plop ingest` again for this episode.") from error  # fmt: skip
+    noun, schema, maker = Recording.noun, Recording.schema, Recording.maker
+
+    def _check(self) -> None:
         if "truth/surface_vertices_m" not in self._file:
-            self._file.close()
             raise PlopError("This recording holds no truth.", where=f"{self.path}:/truth",
                             expected="a recording of a simulator", found="nothing",
                             fix="Score this recording by its images only.")  # fmt: skip
@@ -35,14 +30,6 @@ class Truth:
         """Tell whether a recording holds the truth."""
         with h5py.File(path, "r") as file:
             return "truth/surface_vertices_m" in file
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
 
     def __len__(self) -> int:
         return len(self._file["truth/surface_vertices_m"])

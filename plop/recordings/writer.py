@@ -8,8 +8,8 @@ from typing import Self
 
 import numpy as np
 
+from plop.artifacts.atomic_hdf5 import AtomicHdf5
 from plop.errors import PlopError
-from plop.recordings.atomic_hdf5 import AtomicHdf5
 from plop.recordings.recording import RECORDING_SCHEMA, Mesh
 
 

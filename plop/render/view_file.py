@@ -12,15 +12,13 @@ One frame a chunk, gzip level 1. Cameras themselves are those of the recording.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import h5py
 import numpy as np
 
-from plop.artifacts.whole_file import scratch_of
+from plop.artifacts.atomic_hdf5 import AtomicHdf5
+from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.recordings.recording import View
@@ -28,70 +26,43 @@ from plop.recordings.recording import View
 VIEW_FILE_SCHEMA = 1
 
 
-class ViewWriter:
+class ViewWriter(AtomicHdf5):
     """Write predicted views frame by frame; the file appears when the block ends without error."""
 
     def __init__(self, path: Path, *, name: str, environment: str, frames: int) -> None:
-        self.path = path
+        super().__init__(path)
         self.frames = frames
-        self._scratch = scratch_of(path)
-        self._file = h5py.File(self._scratch, "w")
-        self._file.attrs.update(schema=VIEW_FILE_SCHEMA, name=name, environment=environment, units="m")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
-        if kind is None:
-            os.replace(self._scratch, self.path)
-        else:
-            self._scratch.unlink(missing_ok=True)
+        self.file.attrs.update(schema=VIEW_FILE_SCHEMA, name=name, environment=environment, units="m")
 
     def write_frame(self, frame: int, views: list[View]) -> None:
-        """Write all cameras of one frame."""
+        """Write all cameras of one frame.
+
+        Raises:
+            PlopError: The disk is full.
+        """
         for view in views:
             arrays = {"rgb": view.rgb, "depth_m": view.depth_m.astype(np.float32), "mask": view.mask}
             for key, array in arrays.items():
                 self._dataset(f"cameras/{view.camera.name}/{key}", array)[frame] = array
+        self.check()
 
     def _dataset(self, path: str, like: np.ndarray) -> h5py.Dataset:
-        if path not in self._file:
-            self._file.create_dataset(path, (self.frames, *like.shape), like.dtype, chunks=(1, *like.shape),
+        if path not in self.file:
+            self.file.create_dataset(path, (self.frames, *like.shape), like.dtype, chunks=(1, *like.shape),
                                       compression="gzip", compression_opts=1, shuffle=True,
                                       track_times=False)  # fmt: skip
-        return self._file[path]
+        return self.file[path]
 
 
-class ViewFile:
+class ViewFile(Hdf5Reader):
     """Read predicted views lazily; use as a context manager."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        if not path.is_file():
-            raise PlopError("There are no predicted views.", where=path, expected="images.h5 of `plop rollout`",
-                            found="no file", fix="Run `plop rollout` for this episode, with images.")  # fmt: skip
-        try:
-            self._file = h5py.File(path, "r")
-        except OSError as error:
-            raise PlopError("The predicted views cannot be opened.", where=path, expected="a complete HDF5 file",
-                            found=str(error), fix="Run `plop rollout` again.") from error  # fmt: skip
-        schema = int(self._file.attrs.get("schema", -1))
-        if schema != VIEW_FILE_SCHEMA or "cameras" not in self._file:
-            self._file.close()
-            raise PlopError("The predicted views have another schema.", where=path,
-                            expected=f"schema {VIEW_FILE_SCHEMA}", found=f"schema {schema}",
-                            fix="Run `plop rollout` again, with this version.")  # fmt: skip
+    noun, schema, maker = "file of predicted views", VIEW_FILE_SCHEMA, "Run `plop rollout` for this episode"
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
+    def _check(self) -> None:
+        if "cameras" not in self._file:
+            raise PlopError("The file of predicted views is incomplete.", where=f"{self.path}:/cameras",
+                            expected="this key", found="nothing", fix=f"{self.maker} again.")  # fmt: skip
 
     def __len__(self) -> int:
         return min((len(group["rgb"]) for group in self._file["cameras"].values()), default=0)

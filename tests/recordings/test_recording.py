@@ -26,7 +26,7 @@ def test_missing_and_truncated_files(tmp_path: Path) -> None:
 
 def test_another_schema(tmp_path: Path) -> None:
     write(tmp_path / "one.h5")
-    for schema, fix in ((99, "Update plop."), (0, "Run `plop ingest` again.")):
+    for schema, fix in ((99, "Update plop."), (0, "Run `plop ingest` for this episode again.")):
         with h5py.File(tmp_path / "one.h5", "a") as file:
             file.attrs["schema"] = schema
         with pytest.raises(PlopError, match="another schema") as caught:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import h5py
 
@@ -19,6 +21,8 @@ from plop.errors import PlopError
 
 class AtomicHdf5:
     """Write under a scratch name, rename it on `commit`, leave nothing on `discard`.
+
+    As a context manager it commits where the block ends well, and discards elsewhere.
 
     Args:
         path: Where the file goes; its folder is made.
@@ -36,6 +40,17 @@ class AtomicHdf5:
         except OSError as error:
             raise self._explained(error) from error
         self.file = h5py.File(self._disk, "w")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.commit()
+        else:
+            self.discard()
 
     def check(self) -> None:
         """Raise PlopError, leaving nothing, when something could not be written so far."""
