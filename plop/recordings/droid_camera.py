@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -23,20 +23,37 @@ BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
 
 
 @dataclass(frozen=True)
+class DroidCameraSettings:
+    """What a user may have to tell about DROID cameras; the defaults are written only here."""
+
+    exterior_focal_px: float = 0.0
+    """Focal length of exterior cameras without intrinsics, at 1280 px width [px] (ZED 2: about 530); 0 = none."""
+    wrist_focal_px: float = 0.0
+    """Focal length of a wrist camera without intrinsics, at 1280 px width [px] (ZED Mini: about 733); 0 = none."""
+    baseline_m: float = 0.0
+    """Distance between the eyes of every stereo camera [m]; 0 = from its left and right extrinsics."""
+    match_width: int = 640
+    """Width at which stereo pairs are matched [px]."""
+    nearest_m: float = 0.2
+    """Nearest depth that stereo matching looks for [m]."""
+    farthest_m: float = 2.5
+    """Farther stereo depth is dropped [m]."""
+    camera_delay_ms: float = 0.0
+    """How much earlier than its time stamp says a picture was taken [ms]; `plop calibrate` measures it."""
+
+
+@dataclass(frozen=True)
 class DroidOptions:
     """How to read DROID cameras."""
 
-    exterior_focal_px: float = 0.0
-    wrist_focal_px: float = 0.0
-    baseline_m: float = 0.0
-    match_width: int = 640
-    nearest_m: float = 0.2
-    farthest_m: float = 2.5
-    camera_delay_ms: float = 0.0
-    intrinsics: dict[str, Any] = field(default_factory=dict)
-    intrinsics_name: str = "intrinsics.json"
-    extrinsics: dict[str, Any] = field(default_factory=dict)
-    extrinsics_name: str = "cam2base_extrinsics.json"
+    settings: DroidCameraSettings
+    intrinsics: dict[str, Any]
+    """Of a file beside the episodes, by serial number."""
+    intrinsics_name: str
+    """That file."""
+    extrinsics: dict[str, Any]
+    """Poses of a file beside the episodes, by episode."""
+    extrinsics_name: str
 
 
 @dataclass(frozen=True)
@@ -109,10 +126,10 @@ def open_camera(
     frame_of_row, more = frames_of_rows(received, video.frames, stamps, video.path)
     warnings += more
     captured = capture_times(trajectory.captured_ms.get(serial, received), received, trajectory.robot_time_ms)
-    captured = captured - options.camera_delay_ms
+    captured = captured - options.settings.camera_delay_ms
     poses, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
     warnings += more
-    focal = options.wrist_focal_px if wrist else options.exterior_focal_px
+    focal = options.settings.wrist_focal_px if wrist else options.settings.exterior_focal_px
     intrinsics, more = find_intrinsics(
         episode, serial, (video.width, video.height), stored=trajectory.intrinsics, side=options.intrinsics,
         side_name=options.intrinsics_name, focal_px=focal,
@@ -181,10 +198,11 @@ def _computed_depth(
     pair: tuple[np.ndarray, np.ndarray] | None, options: DroidOptions,
 ) -> tuple[DepthSource, list[str]]:  # fmt: skip
     if video.stereo:
-        focal_720p = intrinsics[0, 0] * 1280 / video.width
-        baseline, warnings = _baseline(f"{episode.name}: camera {serial}", pair, focal_720p, options.baseline_m)
-        return StereoDepth(intrinsics[0, 0], baseline, video.width, match_width=options.match_width,
-                           nearest_m=options.nearest_m, farthest_m=options.farthest_m), warnings  # fmt: skip
+        settings, focal_720p = options.settings, intrinsics[0, 0] * 1280 / video.width
+        baseline, warnings = _baseline(f"{episode.name}: camera {serial}", pair, focal_720p, settings.baseline_m)
+        depth = StereoDepth(intrinsics[0, 0], baseline, video.width, match_width=settings.match_width,
+                            nearest_m=settings.nearest_m, farthest_m=settings.farthest_m)  # fmt: skip
+        return depth, warnings
     svo = find_svo(episode.recordings, serial)
     if svo is not None and zed_sdk_present():
         return ZedDepth(svo), []

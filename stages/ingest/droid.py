@@ -14,7 +14,7 @@ import numpy as np
 
 from plop.artifacts.whole_file import write_json
 from plop.errors import PlopError
-from plop.recordings.droid_camera import DroidOptions
+from plop.recordings.droid_camera import DroidCameraSettings, DroidOptions
 from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
 from plop.recordings.droid_layout import DroidFolder, find_episodes
@@ -26,8 +26,8 @@ from stages.ingest.masks import MaskRules
 
 
 @dataclass(frozen=True)
-class DroidConfig:
-    """Settings of `ingest droid`; their defaults are written only here."""
+class DroidConfig(DroidCameraSettings):
+    """Settings of `ingest droid`, besides those of its cameras."""
 
     environment: str = ""
     """Name of the environment; empty = the lab's name."""
@@ -53,20 +53,6 @@ class DroidConfig:
     """Episodes with fewer frames are skipped."""
     scan_frames: int = 40
     """Most frames of the wrist camera's scan."""
-    exterior_focal_px: float = 0.0
-    """Focal length of exterior cameras without intrinsics, at 1280 px width [px] (ZED 2: about 530); 0 = none."""
-    wrist_focal_px: float = 0.0
-    """Focal length of a wrist camera without intrinsics, at 1280 px width [px] (ZED Mini: about 733); 0 = none."""
-    baseline_m: float = 0.0
-    """Distance between the eyes of every stereo camera [m]; 0 = from its left and right extrinsics."""
-    match_width: int = 640
-    """Width at which stereo pairs are matched [px]."""
-    nearest_m: float = 0.2
-    """Nearest depth that stereo matching looks for [m]."""
-    farthest_m: float = 2.5
-    """Farther stereo depth is dropped [m]."""
-    camera_delay_ms: float = 0.0
-    """How much earlier than its time stamp says a picture was taken [ms]; `plop calibrate` measures it."""
     workspace_min: tuple[float, float, float] = (0.2, -0.45, -0.1)
     """Lowest corner of the workspace where plop_episode.json gives none, robot base [m]."""
     workspace_max: tuple[float, float, float] = (0.85, 0.45, 0.5)
@@ -124,11 +110,8 @@ def _droid_options(inputs: Inputs, config: DroidConfig, root: Path) -> DroidOpti
             raise PlopError(f"There is no such file of {name}.", where=paths[name], expected=file, found="nothing",
                             fix="Correct the path.")  # fmt: skip
     return DroidOptions(
-        exterior_focal_px=config.exterior_focal_px, wrist_focal_px=config.wrist_focal_px,
-        baseline_m=config.baseline_m, match_width=config.match_width, nearest_m=config.nearest_m,
-        farthest_m=config.farthest_m, camera_delay_ms=config.camera_delay_ms,
-        intrinsics=load_side_file(paths["intrinsics"], "intrinsics"), intrinsics_name=paths["intrinsics"].name,
-        extrinsics=load_side_file(paths["extrinsics"], "extrinsics"), extrinsics_name=paths["extrinsics"].name,
+        config, load_side_file(paths["intrinsics"], "intrinsics"), paths["intrinsics"].name,
+        load_side_file(paths["extrinsics"], "extrinsics"), paths["extrinsics"].name,
     )  # fmt: skip
 
 
