@@ -9,6 +9,7 @@ import json
 import os
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -45,6 +46,9 @@ class Finishable(Protocol):
         """Record that a piece is whole."""
         ...
 
+
+# Where one piece fails, the others are stopped: joblib warns of that, and the error says it better.
+warnings.filterwarnings("ignore", message=r"\d+ tasks which were still being processed", category=UserWarning)
 
 Out = TypeVar("Out", bound=Finishable)
 Work = Callable[[str, Out], None]

@@ -17,7 +17,7 @@ import pytest
 from plop.artifacts.manifest import content_files
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop.side_by_side import each_piece
+from plop.side_by_side import each_piece, every_piece  # noqa: F401 - named in a program
 from plop_cli.app import main
 from stages.contract import Output
 
@@ -90,6 +90,13 @@ def test_what_no_plop_error_explains_is_raised(tmp_path: Path) -> None:
     for jobs in (1, 2):
         with pytest.raises(json.JSONDecodeError):
             list(each_piece(_broken, NAMES[:2], Output(tmp_path), jobs=jobs))
+
+
+def test_a_piece_that_fails_stops_the_others_without_a_word_of_its_helpers(tmp_path: Path) -> None:
+    program = ("from pathlib import Path; from tests.pipeline.test_side_by_side import *; "
+               f"every_piece(partial(write, 'a'), [*'abcdefgh'], Output(Path({str(tmp_path)!r})), jobs=2)")  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "It cannot be read." in done.stderr and "Warning" not in done.stderr
 
 
 def _broken(name: str, out: Output) -> None:
