@@ -13,8 +13,8 @@ def compared(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> str:
         second: The same of the other engine.
     """
     ours = {row["name"]: row for row in first}
-    lines = ["| run | hidden | SNR | with the coarser engine: verdict, share of the gap | with the finer | amplitude off by [%] "
-             "| cosine of its response [-] |", "|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines = ["| run | hidden | SNR | with the coarser engine: verdict, share of the gap | with the finer "
+             "| amplitude off by [%] | cosine of its response [-] |", "|---|---|---|---|---|---|---|"]  # fmt: skip
     for row in sorted(second, key=lambda row: (row["set"], -row["snr"])):
         if row["set"] != "unreachable":
             pair = [ours.get(row["name"]), row]
