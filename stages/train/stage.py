@@ -294,7 +294,7 @@ def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
 
 STAGE = Stage(
     name="train",
-    version=5,
+    version=6,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
