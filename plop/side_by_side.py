@@ -48,7 +48,7 @@ class Finishable(Protocol):
 
 
 # Where one piece fails, the others are stopped: joblib warns of that, and the error says it better.
-warnings.filterwarnings("ignore", message=r"\d+ tasks which were still being processed", category=UserWarning)
+warnings.filterwarnings("ignore", message=r"\d+ tasks (which were still|have been successfully)", category=UserWarning)
 
 Out = TypeVar("Out", bound=Finishable)
 Work = Callable[[str, Out], None]
