@@ -26,7 +26,6 @@ from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopModel
 from plop.dynamics.model_io import load_model
 from plop.dynamics.rollout import predict
-from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.metrics.frame import FrameOptions, score_frame
@@ -35,7 +34,7 @@ from plop.metrics.table import replace_between_markers
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
-from plop.render.scene import render_scene
+from plop.render.scene import render_scene, tool_above_table
 from stages.contract import Input, Output
 from stages.train.stage import STAGE as TRAIN
 from stages.train.stage import TrainConfig
@@ -109,7 +108,8 @@ def _scores(
     now: Gaussians, start: Gaussians, tool: Gaussians, recording: Recording, truth: Truth, frame: int
 ) -> dict[str, float]:
     views = [recording.view(camera, frame) for camera in recording.camera_names]
-    drawn = render_scene(now, moved_rigidly(tool, recording.world_from_tool[frame]), [view.camera for view in views])
+    placed = tool_above_table(tool, recording.world_from_tool[frame], recording.table_z_m)
+    drawn = render_scene(now, placed, [view.camera for view in views])
     found = score_frame(drawn, views, FrameOptions())
     (known, before), (names, after) = (
         ancestor_means(g.ids.numpy(), g.means.double().numpy(), g.opacities.numpy()) for g in (start, now)

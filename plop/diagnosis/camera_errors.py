@@ -14,10 +14,9 @@ import numpy as np
 
 from plop.diagnosis.carrier import Carrier
 from plop.diagnosis.error_fields import ErrorField
-from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
 from plop.recordings.recording import MaskLabel, Recording, View
-from plop.render.scene import render_scene
+from plop.render.scene import render_scene, tool_above_table
 
 
 class CarriedScene:
@@ -35,7 +34,7 @@ class CarriedScene:
 
     def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:
         """Render what cameras would see at a frame if the followed points were at `points` [M, 3] [m]."""
-        placed = moved_rigidly(self._tool, recording.world_from_tool[frame])
+        placed = tool_above_table(self._tool, recording.world_from_tool[frame], recording.table_z_m)
         seen = [recording.camera(name, frame) for name in cameras]
         return render_scene(self._carrier.gaussians_at(self._first, points), placed, seen)
 

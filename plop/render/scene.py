@@ -6,11 +6,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera
 from plop.recordings.recording import MaskLabel, View
 from plop.render.rasterize import Backend, render, render_many
 from plop.render.sh import C0
+
+
+def tool_above_table(tool: Gaussians, world_from_tool: np.ndarray, table_z_m: float | None) -> Gaussians:
+    """Place a tool with its pose, without what a table hides from every camera above it.
+
+    Args:
+        tool: In its own frame.
+        world_from_tool: Its pose, [4, 4].
+        table_z_m: Height of the table [m]; None for no table.
+
+    Returns:
+        The tool in the world; the Gaussians below the table are left out.
+    """
+    placed = moved_rigidly(tool, world_from_tool)
+    return placed if table_z_m is None else placed.select(placed.means[:, 2] >= table_z_m)
 
 
 @torch.no_grad()
@@ -25,7 +41,7 @@ def render_scene(
 
     Args:
         object_gaussians: The object, world frame.
-        tool_gaussians: The tool, world frame (already placed); None for no tool.
+        tool_gaussians: The tool, world frame (see `tool_above_table`); None for no tool.
         cameras: Views.
         backend: See `plop.render.rasterize.render`.
 

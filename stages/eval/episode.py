@@ -25,7 +25,7 @@ from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
 from plop.render.panels import over_black, sheet, side_by_side
-from plop.render.scene import render_scene
+from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile
 from stages.contract import Progress
 from stages.eval.baselines import RigidFit
@@ -120,7 +120,7 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
             fit = RigidFit(cloud.points, config.seed)
         elif fit is not None and len(cloud):
             pose = fit.best(cloud.points, [pose, np.eye(4)])
-        placed = moved_rigidly(tool, poses[index])
+        placed = tool_above_table(tool, poses[index], recording.table_z_m)
         drawn = {
             method: render_scene(moved_rigidly(start, motion), placed, cameras, backend=config.backend)  # type: ignore[arg-type]
             for method, motion in (("persistence", np.eye(4)), ("rigid", pose))

@@ -106,7 +106,7 @@ def _summary(report: dict) -> Summary:
 
 STAGE = Stage(
     name="eval",
-    version=2,
+    version=3,
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from plop.gaussians.nearest import nearest_distance, nearest_index
 from plop.gaussians.state import Gaussians
@@ -14,7 +15,9 @@ from stages.fit_init.shell import farthest_points, pixels_of, quats_along
 
 _DEPTH_TOLERANCE_M = 0.003
 _FLATNESS = 5.0
-_OVERLAP = 0.65
+_OVERLAP = 0.5
+_SINGLE_GAP_M = 1e-3
+_ROUNDS = 5
 _FRAMES = 6
 
 
@@ -33,20 +36,29 @@ def tool_gaussians(recording: Recording, cameras: list[str], count: int, seed: i
     """
     points, normals = sample_mesh(recording.tool_mesh, count, seed)
     colours, seen = _colours(recording, cameras, points)
-    means = torch.from_numpy(points).float()
     if seen.any():
-        donors = torch.from_numpy(np.flatnonzero(seen))
+        means, donors = torch.from_numpy(points), torch.from_numpy(np.flatnonzero(seen))
         colours = colours[donors[nearest_index(means, means[donors])].numpy()]
-    along = _OVERLAP * nearest_distance(means).clamp_min(1e-4)
-    gaussians = Gaussians(
-        means=means,
+    return splats_on(points, normals, colours), float(seen.mean())
+
+
+def splats_on(points: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> Gaussians:
+    """Make flat, opaque Gaussians that cover a surface.
+
+    Args:
+        points: Spread evenly over it, [N, 3] [m].
+        normals: Of length 1, [N, 3].
+        colours: 0 to 1, [N, 3].
+    """
+    along = _OVERLAP * _gaps(points, normals)
+    return Gaussians(
+        means=torch.from_numpy(points).float(),
         quats=quats_along(torch.from_numpy(normals).float()),
         scales=torch.stack([along, along, along / _FLATNESS], dim=-1),
-        opacities=torch.full((len(means),), 0.99),
+        opacities=torch.full((len(points),), 0.99),
         sh=((torch.from_numpy(colours).float() - 0.5) / C0)[:, None],
-        ids=torch.arange(len(means)),
+        ids=torch.arange(len(points)),
     )
-    return gaussians, float(seen.mean())
 
 
 def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -71,9 +83,38 @@ def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarr
     a, b, c = corners[face].transpose(1, 0, 2)
     points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
     normals = cross[face] / area[face, None]
-    # The two sides of a thin blade are as far apart as its length: one must not stand for the other.
-    chosen = farthest_points(np.concatenate([points, 0.2 * np.sqrt(area.sum()) * normals], axis=1), count)
-    return points[chosen], normals[chosen]
+    return _centred(points, normals, farthest_points(_sides_apart(points, normals), count))
+
+
+def _centred(points: np.ndarray, normals: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Move chosen points to the middle of the parts of the surface that they stand for (Lloyd's relaxation).
+
+    Points on the outline, where choosing the farthest puts them, would draw the tool wider than it is.
+    """
+    sides = _sides_apart(points, normals)
+    centres = sides[chosen]
+    for _ in range(_ROUNDS):
+        owner = cKDTree(centres).query(sides)[1]
+        sums = np.stack([np.bincount(owner, column, len(centres)) for column in sides.T], axis=1)
+        owned = np.bincount(owner, minlength=len(centres))[:, None]
+        centres = np.where(owned > 0, sums / np.maximum(owned, 1), centres)
+    return centres[:, :3], normals[cKDTree(sides).query(centres)[1]]
+
+
+def _gaps(points: np.ndarray, normals: np.ndarray) -> torch.Tensor:
+    """Measure how far the next point on the same side is, [N] m, within 0.5 and 1.5 times the median.
+
+    The other side of a thin blade is no neighbour: Gaussians as small as a cutting edge is thin would leave holes.
+    """
+    if len(points) == 1:
+        return torch.tensor([_SINGLE_GAP_M])
+    gaps = nearest_distance(torch.from_numpy(_sides_apart(points, normals))).float()
+    return gaps.clamp(0.5 * gaps.median(), 1.5 * gaps.median())
+
+
+def _sides_apart(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Set the two sides of a thin blade as far apart as it is long: one must not stand for the other, [N, 6]."""
+    return np.concatenate([points, np.ptp(points, axis=0).max() * normals], axis=1)
 
 
 def _colours(recording: Recording, cameras: list[str], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

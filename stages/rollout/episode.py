@@ -15,7 +15,6 @@ from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
-from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import TrajectoryWriter
@@ -24,7 +23,7 @@ from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
 from plop.render.panels import over_black, side_by_side
-from plop.render.scene import render_scene
+from plop.render.scene import render_scene, tool_above_table
 from plop.render.video import VideoWriter
 from plop.render.view_file import ViewWriter
 from stages.contract import Output
@@ -68,7 +67,7 @@ def roll_out(
             for frame, (state, ms) in enumerate(predict(model, at_rest(start), moves, name, config.seed)):
                 states.append("states", frame, state.gaussians, side=state.side)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
-                placed = moved_rigidly(tool, poses[frame])
+                placed = tool_above_table(tool, poses[frame], recording.table_z_m)
                 views = render_scene(state.gaussians, placed, cameras, backend=config.backend)  # type: ignore[arg-type]
                 images.write_frame(frame, views)
                 video.append(_picture(recording.view(video_camera, frame), views, recording.time_s[frame]))

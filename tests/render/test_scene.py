@@ -5,11 +5,11 @@ import pytest
 import torch
 
 from plop.errors import PlopError
-from plop.gaussians.state import Gaussians
+from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera, look_at
 from plop.recordings.recording import MaskLabel, View
 from plop.render.panels import side_by_side
-from plop.render.scene import render_scene
+from plop.render.scene import render_scene, tool_above_table
 from plop.render.sh import C0
 from plop.render.video import VideoWriter
 from plop.render.view_file import ViewFile, ViewWriter
@@ -44,6 +44,19 @@ def test_the_nearer_one_is_seen_with_its_own_depth():
 def test_the_farther_tool_is_hidden():
     (view,) = render_scene(wall(0.1, -0.05, 0.05, 0.8), wall(0.0, -0.05, 0.05, 0.3), [CAMERA])
     assert not view.tool_mask.any()
+
+
+def test_the_table_hides_the_part_of_a_tool_that_is_below_it():
+    pose = np.eye(4)
+    pose[0, 3] = 0.01
+    tool = concatenate([wall(0.02, -0.03, 0.0, 0.3), wall(-0.001, 0.0, 0.03, 0.3)])
+    placed = tool_above_table(tool, pose, 0.0)
+    assert placed.means[:, 2].min() == pytest.approx(0.02)
+    assert placed.means[:, 0].max() == pytest.approx(0.01, abs=0.004)
+    (view,) = render_scene(wall(0.0, -0.05, -0.04, 0.8), placed, [CAMERA])
+    assert view.mask[20, 18] == MaskLabel.TOOL
+    assert view.mask[20, 26] == MaskLabel.BACKGROUND
+    assert len(tool_above_table(tool, pose, None)) == len(tool)
 
 
 def test_without_a_tool_only_object_and_background_remain():

@@ -1,0 +1,57 @@
+"""The tool as Gaussians: without holes and as wide as its mesh, down to a thin cutting edge."""
+
+import numpy as np
+import pytest
+import torch
+
+from plop.gaussians.state import Gaussians
+from plop.geometry.cameras import Camera, look_at
+from plop.recordings.recording import Mesh
+from plop.render.scene import render_scene
+from plop.render.sh import C0
+from stages.fit_init.tool_splats import sample_mesh, splats_on
+
+LENGTH_M, HEIGHT_M, THICK_M = 0.12, 0.03, 0.002
+INTRINSICS = np.array([[100.0, 0, 48], [0, 100, 48], [0, 0, 1]])
+SIDE = Camera("side", 96, 96, INTRINSICS, look_at(np.array([0.0, -0.15, 0.015]), np.array([0.0, 0, 0.015]),
+                                                  np.array([0.0, 0, 1])))  # fmt: skip
+
+
+def wedge() -> Mesh:
+    """A blade whose two sides meet in a cutting edge at z = 0."""
+    x, y = LENGTH_M / 2, THICK_M / 2
+    corners = [[-x, 0, 0], [x, 0, 0], [-x, -y, HEIGHT_M], [x, -y, HEIGHT_M], [-x, y, HEIGHT_M], [x, y, HEIGHT_M]]
+    faces = [[0, 1, 3], [0, 3, 2], [0, 4, 5], [0, 5, 1], [2, 3, 5], [2, 5, 4], [0, 2, 4], [1, 5, 3]]
+    return Mesh(np.array(corners), np.array(faces))
+
+
+@pytest.mark.parametrize("count", [1500, 3000])
+def test_a_blade_is_drawn_whole_and_no_wider_than_it_is(count):
+    points, normals = sample_mesh(wedge(), count, seed=0)
+    tool = splats_on(points, normals, np.full((count, 3), 0.5))
+    (view,) = render_scene(tool.select(torch.zeros(0, dtype=torch.int64)), tool, [SIDE])
+    rows, columns = np.mgrid[:96, :96] + 0.5
+    x, z = (columns - 48) / 100 * 0.15, 0.015 - (rows - 48) / 100 * 0.15
+    pixel = 0.15 / 100
+    inner = (np.abs(x) < LENGTH_M / 2 - pixel) & (z > pixel) & (z < HEIGHT_M - pixel)
+    outer = (np.abs(x) < LENGTH_M / 2 + 1.5 * pixel) & (z > -1.5 * pixel) & (z < HEIGHT_M + 1.5 * pixel)
+    assert view.tool_mask[inner].all()
+    assert not view.tool_mask[~outer].any()
+    assert view.rgb[inner].mean() == pytest.approx(128, abs=5)
+    assert view.rgb[inner].min() > 100
+
+
+def test_points_lie_on_the_mesh_with_the_normals_of_their_faces():
+    points, normals = sample_mesh(wedge(), 400, seed=1)
+    assert (np.linalg.norm(normals, axis=1)) == pytest.approx(1)
+    sides = np.abs(normals[:, 1]) > 0.9
+    off = np.abs(points[sides, 1]) - THICK_M / 2 * points[sides, 2] / HEIGHT_M
+    assert np.abs(off).max() < 1e-9
+    assert sides.mean() > 0.8
+
+
+def test_a_single_splat_has_a_size():
+    tool = splats_on(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.full((1, 3), 0.5))
+    assert isinstance(tool, Gaussians)
+    assert torch.isfinite(tool.scales).all() and (tool.scales > 0).all()
+    assert ((tool.sh[:, 0] * C0 + 0.5) - 0.5).abs().max() < 1e-6
