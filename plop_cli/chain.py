@@ -103,7 +103,7 @@ def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict
         fitting = [outcome for source, outcome in made.items() if source in spec.stages]
         if not spec.stages and raw is not None and not spec.optional:
             found[name] = raw
-        elif fitting:
+        elif fitting and not spec.only_named:
             latest = max(fitting, key=lambda outcome: ORDER[outcome.artifact.manifest.stage])
             found[name] = "@".join(latest.artifact.key)
         elif spec.stages and spec.optional:

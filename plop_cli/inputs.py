@@ -2,8 +2,8 @@
 
 Without an address an input is taken from one line of descent: the most recent artifact of the most
 advanced stage is chosen first, and the other inputs from what it was made of. When artifacts of several
-environments would fit, none is guessed. An optional input is taken when one fits. An input that takes many
-artifacts is resolved to `<name>.0`, `<name>.1`, ...
+environments would fit, none is guessed. An optional input is taken when one fits, unless it is one that only the
+user names. An input that takes many artifacts is resolved to `<name>.0`, `<name>.1`, ...
 """
 
 from __future__ import annotations
@@ -59,6 +59,8 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
             chosen |= {f"{name}.{k}": _fitting(store, stage, name, spec, a) for k, a in enumerate(addresses)}
         elif name in given:
             chosen[name] = _fitting(store, stage, name, spec, str(given[name]))
+        elif spec.only_named:
+            continue
         elif spec.stages:
             open_specs[name] = spec
         elif not spec.optional:

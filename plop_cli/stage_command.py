@@ -185,6 +185,7 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
     if spec.stages:
         source = " or ".join(spec.stages)
         default = "the latest that fits, or none" if spec.optional else "the latest that fits"
+        default = "none" if spec.only_named else default
         text = escape(f"{spec.help} Address of an artifact of {source}.")
         metavar = "ADDRESS,..." if spec.many else "ADDRESS"
         option = typer.Option(_option(name), metavar=metavar, help=text, show_default=default,

@@ -22,6 +22,8 @@ class InputSpec:
     """Names of the stages whose artifacts fit; empty for a raw file or folder given by the user."""
     help: str
     optional: bool = False
+    only_named: bool = False
+    """Optional, and taken only where the user names it: it would change a result that does not need it."""
     many: bool = False
     """Takes any number of artifacts, addresses with commas between; the stage finds them as `<name>.0`,
     `<name>.1`, ... in the order given."""

@@ -141,7 +141,7 @@ class State:
         contrast = self._contrast(score.rows, len(columns), whole_library=beside)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
-                       self._apart(score))  # fmt: skip
+                       self._apart(score), self.evidence[_most_helped(score.before, score.after)].name)  # fmt: skip
 
     def beyond(self, best: Score, shams: np.ndarray) -> tuple[Finding, float] | None:
         """Find the law that explains most of what the best one leaves; its gain is a share of that.
@@ -198,8 +198,12 @@ class State:
 
 def _steady(before: np.ndarray, after: np.ndarray) -> float:
     """Gain over all episodes but the one that gains most [-]: what misleads in one motion does not count."""
-    rest = np.arange(len(before)) != np.argmax(before - after)
+    rest = np.arange(len(before)) != _most_helped(before, after)
     return gain(before[rest], after[rest])
+
+
+def _most_helped(before: np.ndarray, after: np.ndarray) -> int:
+    return int(np.argmax(before - after))
 
 
 def _parameters(

@@ -1,4 +1,8 @@
-"""Which motion would tell confounded effects apart best: judged by the motions that were recorded."""
+"""Which motion to record next: judged by the motions that were recorded.
+
+Confounded effects are told apart by the motion in which their responses differ most; an effect that one episode alone
+shows, by more of its kind.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,24 @@ from plop.diagnosis.evidence import Evidence
 
 
 def next_motion(found: Diagnosis) -> dict[str, Any] | None:
+    """Choose the motion to record next.
+
+    Returns:
+        {"episode", "separation" (per effect pair, standard deviations), "text"}; None where no motion would help.
+    """
+    lone = found.verdict.evidence.get("lone")
+    if lone is not None:
+        text = (f"Only {lone['episode']} shows {lone['effect']}: record more motions like it, at other speeds and "
+                "places, so that it can be told from chance.")  # fmt: skip
+        return {"episode": lone["episode"], "separation": {}, "text": text}
+    return _apart(found) if found.verdict.evidence.get("alternatives") else None
+
+
+def _apart(found: Diagnosis) -> dict[str, Any] | None:
     """Compare the best effect's response with its rivals', episode by episode.
 
     In an episode two effects are told apart by what is left of one response when the other's multiple is taken
     off, in units of the expected error. The episode with the most left shows the motion to repeat, larger.
-
-    Returns:
-        {"episode", "separation" (per effect pair, standard deviations), "text"}; None for fewer than two effects.
     """
     named = [s for s in found.scores if s.candidate.effect in found.verdict.named]
     if len(named) < 2:

@@ -21,6 +21,10 @@ SECOND_LEAST = 0.1
 is wrong with it resembles other laws."""
 AT_BOUND = "a parameter is at its bound"
 """Why a law is named only as a part whose fitted amplitude is at the end of its range."""
+CARRIED = "one episode alone carries it"
+"""Why a law is not named that says nothing about the other episodes."""
+
+_NOTHING = "No effect of the library can be detected in these recordings."
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class Finding:
     """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
     alone_error: float = 0.0
     """Standard error of the difference between `alone` and what the base's own parameters take away [-]."""
+    helps: str = ""
+    """The episode that it helps most."""
 
     @property
     def at_bound(self) -> bool:
@@ -79,7 +85,7 @@ class Finding:
         if self.at_bound:
             found.append(AT_BOUND)
         if self.carried:
-            found.append("one episode alone carries it")
+            found.append(CARRIED)
         if self.contrast is not None and not self.differs:
             distance = f"{self.contrast.errors:.1f} standard errors, p = {self.contrast.p:.2f}"
             found.append(f"the same amplitude as in the reference recordings ({distance})")
@@ -149,8 +155,20 @@ def judge(
         others = [f for f in findings if f is not first]  # a law that is refused does not hide the base's parameter
         return _by_base(base, others, None, size, facts) or verdict
     if decoys or size.stands_out:
-        return Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", facts)
-    return _nothing(facts)
+        return _unnamed("NONE OF THESE", findings, facts)
+    return _unnamed("NOTHING DETECTABLE", findings, facts)
+
+
+def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdict:
+    """Name nothing, but say which law would have been named if more than one episode showed it."""
+    lone = next((f for f in findings if f.kind == "physics" and f.reasons() == [CARRIED]), None)
+    missing = kind == "NONE OF THESE"
+    if lone is None:
+        return Verdict(kind, [], "Something is missing that the library does not hold." if missing else _NOTHING, facts)
+    start = "Something is missing" if missing else "No effect can be detected in more than one episode"
+    text = (f"{start}: {lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but {lone.helps} alone "
+            "shows it, so that it is not named.")  # fmt: skip
+    return Verdict(kind, [], text, {**facts, "lone": {"effect": lone.name, "episode": lone.helps}})
 
 
 def _law(
@@ -189,7 +207,7 @@ def _may_be_chance(size: ErrorSize) -> bool:
 
 
 def _nothing(facts: dict[str, Any]) -> Verdict:
-    return Verdict("NOTHING DETECTABLE", [], "No effect of the library can be detected in these recordings.", facts)
+    return Verdict("NOTHING DETECTABLE", [], _NOTHING, facts)
 
 
 def _by_base(

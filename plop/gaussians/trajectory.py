@@ -73,7 +73,7 @@ class TrajectoryWriter(AtomicHdf5):
 
 
 def _store(node: h5py.Group, name: str, array: np.ndarray) -> None:
-    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if array.size else {}
+    packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if array.ndim and array.size else {}
     node.create_dataset(name, data=array, track_times=False, **packing)
 
 

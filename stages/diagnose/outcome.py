@@ -37,7 +37,7 @@ def facts_of(
         "shams": {"count": len(found.shams), "quantile_98": float(np.quantile(found.shams, 0.98))},
         "error": found.size.error, "floor": found.size.floor, "excess": found.size.excess,
         "closed_share": found.size.closed(left),
-        "next_motion": next_motion(found) if len(confounded) > 1 else None,
+        "next_motion": next_motion(found),
         "episodes": [e.name for e in found.evidence],
         "reference_episodes": [e.name for e in found.control],
         "dropped": {**left_out, **found.dropped},

@@ -74,6 +74,7 @@ def optimise(
     weights: LossWeights,
     out: Output,
     *,
+    judged: int | None = None,
     about: Mapping[str, Any] | None = None,
     device: torch.device | str = "cpu",
 ) -> dict[str, float]:
@@ -86,6 +87,7 @@ def optimise(
         plan: Schedule.
         weights: Weights of the loss.
         out: Where to write; a checkpoint found there is taken up.
+        judged: Episodes from the first on whose rollouts choose the weights; all when absent.
         about: What the model is a model of; kept beside the weights.
         device: Where the model is trained; `track` gives tracks that live there.
 
@@ -108,7 +110,7 @@ def optimise(
                 journal.write(step, loss, log)
                 done = step + 1
                 if processes.first and (done % plan.validate_every == 0 or done == plan.steps):
-                    at = _validate(model, averaged, track, episodes, at, done, out, about or {})
+                    at = _validate(model, averaged, track, judged or episodes, at, done, out, about or {})
                     journal.write(step, loss, {"rollout_error_mm": at.best_error_m * 1e3})
                 at = replace(at, step=done)
                 if processes.first and (done % plan.checkpoint_every == 0 or done == plan.steps):

@@ -4,6 +4,8 @@
 2. Optimise the model: first on the tracks alone, then with the rendering loss, horizons growing.
 3. Keep the averaged weights that roll out the training episodes best.
 
+With an engine, episodes that it makes up are learned from, too (`stages.train.made_up`).
+
 With `folds`, further models are trained first, each without its share of the episodes.
 """
 
@@ -32,14 +34,17 @@ from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
 from plop.models import FOLDS
+from plop.physics.varied_motion import VariationRanges
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from plop.side_by_side import every_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.train.lessons import Lessons
+from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up
 from stages.train.objective import LossWeights
 from stages.train.optimise import Schedule, optimise
 from stages.train.processes import Processes
-from stages.train.tracks import Track, load_track, track_episode
+from stages.train.tracks import Track, track_episode
 
 _TRACK = "track-"
 """Beginning of a track's name among the finished pieces."""
@@ -119,10 +124,19 @@ class TrainConfig:
     folds: int = 0
     """Models trained besides, each without its share of the episodes (2 or more; 0: none), so that `diagnose` can tell
     how far the model is off in episodes that it has not seen."""
+    made_up: int = 24
+    """Episodes that the engine makes up, where one is given."""
+    made_up_reach: float = 1.6
+    """Largest factor of the recorded ways along the table in made-up episodes; the smallest is 0.5 [-]."""
+    made_up_speed: float = 1.4
+    """Largest factor of the recorded speeds in made-up episodes; the smallest is its inverse [-]."""
+    made_up_turn_deg: float = 20.0
+    """Largest turn of a made-up motion about the vertical [degrees]."""
     device: str = "auto"
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     jobs: int = field(default=-1, metadata={"in_fingerprint": False})
-    """Tracks that are made at a time, each in a process; -1 is one a core. On a GPU one after the other."""
+    """Tracks that are made at a time, made-up ones as well, each in a process; -1 is one a core. On a GPU one after
+    the other."""
 
 
 @deterministic()
@@ -130,18 +144,20 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     """Train a model on the training episodes of a recording set.
 
     Args:
-        inputs: "recordings" and "init" (fitted Gaussians of frame 0).
+        inputs: "recordings", "init" (fitted Gaussians of frame 0) and, if wanted, the "engine" that makes up episodes.
         config: Settings.
-        out: Receives model.safetensors, model.json, log.jsonl, tensorboard/ and tracks/; folds/<k>/ with the same but
-            for the tracks.
+        out: Receives model.safetensors, model.json, log.jsonl, tensorboard/, tracks/ and made-up/; folds/<k>/ with the
+            same but for the tracks.
 
     Returns:
         Figures of the tracks and of the chosen weights.
 
     Raises:
-        PlopError: There is no training episode, or one has no fitted Gaussians.
+        PlopError: There is no training episode, one has no fitted Gaussians, or the engine is none.
     """
     _check(config)
+    if "engine" in inputs:
+        engine_model(inputs["engine"].path)
     recordings = RecordingSet.load(inputs["recordings"].path)
     if not recordings.train:
         raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
@@ -154,6 +170,7 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     with Processes.join(chosen_device(config.device)) as processes:
         if processes.first:
             _make_tracks(recordings, inputs["init"].path, config, out)
+            _make_up(recordings, inputs, config, out)
         processes.wait()
         return _train_on_tracks(recordings, inputs, config, out)
 
@@ -165,7 +182,8 @@ def _check(config: TrainConfig) -> None:
         "track_steps": (0, inf), "image_steps": (0, inf), "batch": (1, inf), "horizon": (1, inf),
         "learning_rate": (0, 1), "averaging": (0, 1), "noise_m": (0, 1), "validate_every": (1, inf),
         "checkpoint_every": (1, inf), "width": (2, 4096), "cells_across": (1, 256), "merge_below": (0, 1),
-        "folds": (0, inf), "split_above": (1, inf), "length_unit_m": (1e-6, inf),
+        "folds": (0, inf), "made_up": (0, inf), "made_up_reach": (0, 10), "made_up_speed": (1, 10),
+        "made_up_turn_deg": (0, 180), "split_above": (1, inf), "length_unit_m": (1e-6, inf),
         "filter_iterations": (0, inf), **{f"{name}_weight": (0, inf) for name in weights},
     })  # fmt: skip
     if config.track_steps + config.image_steps < 1:
@@ -174,43 +192,40 @@ def _check(config: TrainConfig) -> None:
 
 
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
-    device = chosen_device(config.device)
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
-
-    def track(name: str) -> Track:
-        return load_track(name, recordings.path(name), out.path / "tracks" / f"{name}.h5", device)
-
-    names = list(recordings.train)
-    sizes = [_size_m(track(name)) for name in names]
-    about = {"environment": recordings.environment, "size_m": np.median(sizes, axis=0).tolist()}
+    followed, warnings = _make_up(recordings, inputs, config, out)
+    lessons = Lessons(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
+    sizes = [_size_m(lessons.track(i)) for i in range(len(lessons.recorded))]
+    about = {"environment": recordings.environment, "size_m": np.median(sizes, axis=0).tolist(),
+             "made_up": len(followed)}  # fmt: skip
     for k in range(config.folds):
-        _train_fold(k, names, track, config, out, about)
-    model, chosen = train_on(lambda i: track(names[i]), len(names), config, out, about=about)
-    return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "motion_mm":
-                            model.motion_m * 1e3, "length_mm": model.length_m * 1e3})  # fmt: skip
+        _train_fold(k, lessons, config, out, about)
+    model, chosen = train_on(lessons.track, len(lessons), config, out, about=about, judged=len(lessons.recorded))
+    return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "made_up_episodes":
+                            len(followed), "motion_mm": model.motion_m * 1e3, "length_mm": model.length_m * 1e3},
+                   warnings=warnings)  # fmt: skip
 
 
-def _train_fold(
-    k: int, names: list[str], track: Callable[[str], Track], config: TrainConfig, out: Output, about: Mapping[str, Any]
-) -> None:  # fmt: skip
+def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, about: Mapping[str, Any]) -> None:
     """Train a model without every `folds`-th episode, once; its model.json tells which (`plop.models.judges_of`)."""
-    piece, left_out = f"fold-{k}", names[k :: config.folds]
+    piece, left_out = f"fold-{k}", lessons.recorded[k :: config.folds]
     if out.is_done(piece):
         return
-    kept = [name for name in names if name not in left_out]
+    kept = lessons.without(left_out)
     folder = out.path / FOLDS / str(k)
     folder.mkdir(parents=True, exist_ok=True)
 
     def progress(done: float, total: float, label: str = "", **figures: Any) -> None:
         out.progress(done, total, f"fold {k + 1} of {config.folds}: {label}", **figures)
 
-    train_on(lambda i: track(kept[i]), len(kept), config, replace(out, path=folder, progress=progress),
+    train_on(kept.track, len(kept), config, replace(out, path=folder, progress=progress), judged=len(kept.recorded),
              about={**about, "left_out": left_out})  # fmt: skip
     out.mark_done(piece)
 
 
 def train_on(
-    track: Callable[[int], Track], episodes: int, config: TrainConfig, out: Output, *, about: Mapping[str, Any]
+    track: Callable[[int], Track], episodes: int, config: TrainConfig, out: Output, *, about: Mapping[str, Any],
+    judged: int | None = None,
 ) -> tuple[PlopConfig, dict[str, float]]:  # fmt: skip
     """Optimise a model on tracks.
 
@@ -220,6 +235,7 @@ def train_on(
         config: Settings.
         out: Receives model.safetensors, model.json, log.jsonl and tensorboard/.
         about: What the model is a model of; kept beside the weights.
+        judged: Episodes from the first on whose rollouts choose the weights; all when absent.
 
     Returns:
         The model's form and units, and the figures of the chosen weights.
@@ -231,7 +247,7 @@ def train_on(
         validate_every=config.validate_every, checkpoint_every=config.checkpoint_every, seed=config.seed,
     )  # fmt: skip
     chosen = optimise(model, track, episodes, plan, _loss_weights(config, _render_weights(config)), out,
-                      about=about, device=chosen_device(config.device))  # fmt: skip
+                      judged=judged, about=about, device=chosen_device(config.device))  # fmt: skip
     return model, chosen
 
 
@@ -263,6 +279,17 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece
                           lambda done, frames: out.progress(done, frames, f"track {name}"),
                           chosen_device(config.device))  # fmt: skip
     write_json(out.path / "tracks" / f"{name}.json", error)
+
+
+def _make_up(
+    recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output
+) -> tuple[list[MadeUp], list[str]]:
+    """Let the engine make up episodes, where there is one; gives those that it followed, and a warning of others."""
+    if "engine" not in inputs:
+        return [], []
+    ranges = VariationRanges(config.made_up_reach, config.made_up_speed, config.made_up_turn_deg)
+    paths = inputs["init"].path, inputs["engine"].path
+    return make_up(recordings, *paths, MakingUp(config.made_up, ranges, config.seed, config.jobs), out)
 
 
 def _model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
@@ -300,6 +327,9 @@ STAGE = Stage(
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings; only training episodes are opened."),
         "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
+        "engine": InputSpec(
+            ("identify", "augment"), "Engine that makes up episodes to learn from, too.", optional=True, only_named=True
+        ),
     },
     run=run,
 )

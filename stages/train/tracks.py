@@ -7,10 +7,11 @@ tracks/<episode>.h5 (Trajectory, group "updated"), kept when training is stopped
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -49,9 +50,9 @@ def track_episode(
     initial = read_splat(splat_path).to(device)
     rows: list[dict[str, float]] = []
     with Recording(recording_path) as recording, TrajectoryWriter(track_path) as writer:
-        _append(writer, 0, at_rest(initial))
+        append_state(writer, 0, at_rest(initial))
         for step in run_filter(ConstantVelocity(), recording, initial, config):
-            _append(writer, step.frame, step.updated)
+            append_state(writer, step.frame, step.updated)
             rows += step.innovation.values()
             on_frame(step.frame + 1, len(recording))
     count = max(len(rows), 1)
@@ -61,19 +62,21 @@ def track_episode(
     }
 
 
-def _append(writer: TrajectoryWriter, frame: int, state: ParticleState) -> None:
+def append_state(writer: TrajectoryWriter, frame: int, state: ParticleState, **extra: Tensor | np.ndarray) -> None:
+    """Add a state to a track's file, with whatever else belongs to the frame."""
     writer.append(
-        "updated", frame, state.gaussians,
-        last_translation=state.last_translation, last_rotation=state.last_rotation, side=state.side,
+        "updated", frame, state.gaussians, last_translation=state.last_translation,
+        last_rotation=state.last_rotation, side=state.side, **extra,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Track:
-    """The filter's states of one episode, in memory; the Gaussians are the same ones in every frame."""
+    """States of one episode, in memory: the filter's or the engine's; the same Gaussians in every frame."""
 
     name: str
-    recording_path: Path
+    recording_path: Path | None
+    """Where the images are; None for an episode that was made up."""
     initial: Gaussians
     means: Tensor
     """Shape [T, N, 3] [m]."""
@@ -103,19 +106,33 @@ class Track:
         )
 
 
-@lru_cache(maxsize=8)
-def load_track(name: str, recording_path: Path, track_path: Path, device: torch.device | str = "cpu") -> Track:
-    """Read a track to a device; a few episodes stay in memory, however many there are."""
+@lru_cache(maxsize=32)
+def load_track(
+    name: str, recording_path: Path, track_path: Path, device: torch.device | str = "cpu", *, made_up: bool = False
+) -> Track:
+    """Read a track to a device; some episodes stay in memory, however many there are.
+
+    Args:
+        name: The episode.
+        recording_path: Its recording; of a made-up one the recording that it is like.
+        track_path: The track's file.
+        device: Where its tensors live.
+        made_up: The file holds the tool's motion (`stages.train.made_up`); the recording's does not count.
+    """
     with Trajectory(track_path) as track, Recording(recording_path) as recording:
         frames = track.frames("updated")
+        actions = Actions.of(recording, device)
         states = [track.read("updated", frame).to(device) for frame in frames]
 
         def extra(key: str) -> Tensor:
             return torch.stack([track.extra("updated", frame, key) for frame in frames]).to(device)
 
+        if made_up:
+            times = extra("time_s").cpu().numpy()
+            actions = replace(actions, world_from_tool=extra("world_from_tool"), time_s=times)
         return Track(
             name=name,
-            recording_path=recording_path,
+            recording_path=None if made_up else recording_path,
             initial=states[0],
             means=torch.stack([s.means for s in states]),
             quats=torch.stack([s.quats for s in states]),
@@ -123,6 +140,6 @@ def load_track(name: str, recording_path: Path, track_path: Path, device: torch.
             translations=extra("last_translation"),
             rotations=extra("last_rotation"),
             sides=extra("side"),
-            actions=Actions.of(recording, device),
+            actions=actions,
             pairs=Neighbourhood.of(states[0].means),
         )

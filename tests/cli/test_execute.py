@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -73,6 +74,15 @@ def test_optional_input_can_be_left_out(store: Store):
     run(store, fake.FUSE)
     assert set(sources(run(store, fake.FIT))) == {"recordings", "clouds"}
     assert set(sources(run(store, fake.FIT, inputs={"clouds": "none"}))) == {"recordings"}
+
+
+def test_an_input_that_only_the_user_names_is_not_guessed(store: Store):
+    ingest(store)
+    fuse = run(store, fake.FUSE).artifact
+    spec = replace(fake.FIT.inputs["clouds"], only_named=True)
+    fit = replace(fake.FIT, inputs={**fake.FIT.inputs, "clouds": spec})
+    assert set(sources(run(store, fit))) == {"recordings"}
+    assert set(sources(run(store, fit, inputs={"clouds": fuse.address}))) == {"recordings", "clouds"}
 
 
 def test_several_environments_are_never_guessed(store: Store):

@@ -10,6 +10,7 @@ import pytest
 from plop.diagnosis.amplitude import RESPONSE_ERROR
 from plop.diagnosis.diagnose import _conclude, _turned
 from plop.diagnosis.next_motion import next_motion
+from plop.diagnosis.verdict import CARRIED
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import facts_of, rows_of
@@ -114,6 +115,20 @@ def test_confounded_laws_come_with_the_motion_that_tells_them_apart():
         apart[e.name] = np.linalg.norm(a - (a @ b) / (b @ b) * b)
     assert following["episode"] == max(apart, key=apart.__getitem__)
     assert following["episode"] in following["text"]
+
+
+def test_of_a_law_that_one_episode_alone_shows_more_is_asked_for():
+    shown = []
+    for k, e in enumerate(episodes(17)):
+        response = e.responses[key("tilt")] * (1.0 if k == 2 else 0.05)
+        shown.append(replace(e, responses={**e.responses, key("tilt"): response}, residual=e.residual + 0.8 * response))
+    found = conclude(shown, episodes(18))
+    name = shown[2].name
+    assert found.verdict.named == [] and finding(found, "tilt").reasons() == [CARRIED]
+    following = next_motion(found)
+    assert following is not None and following["episode"] == name
+    assert "tilt" in following["text"] and f"{name} alone shows it" in found.verdict.text
+    assert facts_of(found, library(), [], {})["next_motion"] == following
 
 
 def test_one_named_effect_needs_no_next_motion():

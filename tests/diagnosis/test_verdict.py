@@ -286,6 +286,18 @@ def test_a_law_that_one_episode_alone_carries_does_not_stand_before_one_that_all
     assert told([alone], [], None, [], **FACTS).kind == "NONE OF THESE"
 
 
+def test_a_law_that_one_episode_alone_carries_is_told_with_the_episode():
+    alone = finding("adhesion", gain=0.7, steady=0.01, helps="press_3")
+    for size, kind in ((FACTS, "NONE OF THESE"), (QUIET, "NOTHING DETECTABLE")):
+        verdict = told([alone, finding("fibres", **WEAK)], [], None, [], **size)
+        assert (verdict.kind, verdict.named) == (kind, [])
+        assert "adhesion takes 70 % of the held-out error away, but press_3 alone shows it" in verdict.text
+        assert verdict.evidence["lone"] == {"effect": "adhesion", "episode": "press_3"}
+    for other in (replace(alone, p=0.4), finding("drag", gain=0.7, steady=0.01, helps="press_3")):
+        verdict = told([other], [], None, [], **FACTS)
+        assert "lone" not in verdict.evidence and "press_3" not in verdict.text
+
+
 def test_a_base_parameter_that_leaves_most_of_the_gap_needs_an_error_that_stands_out():
     facts: dict[str, Any] = {"error": 3.2, "floor": 1.2, "left": 2.4, "excess_p": 0.004}
     assert told([finding("damping")], [], None, [], **facts, excess=2.2).kind == "NOTHING DETECTABLE"

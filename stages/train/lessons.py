@@ -1,0 +1,49 @@
+"""What a model learns from: the tracks of recorded episodes and of those that the engine made up."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import torch
+
+from plop.recordings.set import RecordingSet
+from stages.train.made_up import FOLDER, MadeUp
+from stages.train.tracks import Track, load_track
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Episodes by number, the recorded ones first; those are repeated so that the made-up ones do not outweigh them."""
+
+    recordings: RecordingSet
+    folder: Path
+    """Holds tracks/ and made-up/."""
+    device: torch.device
+    recorded: list[str]
+    made_up: list[MadeUp]
+
+    @cached_property
+    def _order(self) -> list[str | MadeUp]:
+        return [*self.recorded * max(1, round(len(self.made_up) / len(self.recorded))), *self.made_up]
+
+    def __len__(self) -> int:
+        """Number of episodes, repeated ones counted each time."""
+        return len(self._order)
+
+    def track(self, number: int) -> Track:
+        """Read the track of an episode."""
+        episode = self._order[number]
+        if isinstance(episode, MadeUp):
+            path = self.recordings.path(episode.recorded)
+            return load_track(
+                episode.name, path, self.folder / FOLDER / f"{episode.name}.h5", self.device, made_up=True
+            )
+        return load_track(episode, self.recordings.path(episode), self.folder / "tracks" / f"{episode}.h5", self.device)
+
+    def without(self, names: Collection[str]) -> Lessons:
+        """Leave out recorded episodes and what was made up from them."""
+        return replace(self, recorded=[name for name in self.recorded if name not in names],
+                       made_up=[episode for episode in self.made_up if episode.recorded not in names])  # fmt: skip

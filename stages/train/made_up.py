@@ -1,0 +1,132 @@
+"""Episodes that the engine makes up: tracks of motions that were not recorded, but might have been.
+
+A network knows nothing of what it has not seen: pushes farther or faster than the recorded ones, a blade turned
+otherwise. The engine that was fitted to the same recordings does. Each made-up episode begins with the fitted
+Gaussians of a recorded one; the engine carries them through the changed motion of its tool.
+
+One file an episode, made-up/<name>.h5: a track (see `stages.train.tracks`) with the tool's motion beside its states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from plop.artifacts.whole_file import write_json
+from plop.dynamics.episodes import Actions
+from plop.dynamics.interface import at_rest
+from plop.dynamics.rollout import predict
+from plop.errors import PlopError
+from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.trajectory import TrajectoryWriter
+from plop.geometry.tool import ToolGeometry
+from plop.models import load_model
+from plop.physics.filled_model import FilledEngineModel
+from plop.physics.tool_motion import ToolMotion
+from plop.physics.varied_motion import VariationRanges, another_motion
+from plop.recordings.set import RecordingSet
+from plop.side_by_side import every_piece
+from stages.contract import Output
+from stages.train.tracks import append_state
+
+FOLDER = "made-up"
+"""Folder of the tracks."""
+
+
+@dataclass(frozen=True)
+class MadeUp:
+    """One episode to make up."""
+
+    number: int
+    recorded: str
+    """Name of the recorded episode whose object, tool and motion it takes."""
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return f"{self.recorded}-{self.number}"
+
+
+@dataclass(frozen=True)
+class MakingUp:
+    """How episodes are made up."""
+
+    count: int
+    ranges: VariationRanges
+    """How far motions may differ from the recorded ones."""
+    seed: int
+    """Of all made-up motions."""
+    jobs: int
+    """Episodes at a time, each in a process; -1 is one a core."""
+
+
+def make_up(
+    recordings: RecordingSet, init: Path, engine: Path, how: MakingUp, out: Output
+) -> tuple[list[MadeUp], list[str]]:
+    """Make up episodes like the training episodes, which take their turns; those that are there already are kept.
+
+    Args:
+        recordings: Their training episodes are varied.
+        init: Folder of `<episode>/object.ply`, fitted Gaussians of the first frame.
+        engine: Folder of an engine's model.
+        how: How many, and how different.
+        out: Receives made-up/; <name>.json instead of <name>.h5 tells why the engine could not follow an episode.
+
+    Returns:
+        The episodes that it followed, and a warning if there are others.
+    """
+    folder = out.path / FOLDER
+    folder.mkdir(exist_ok=True)
+    names = list(recordings.train)
+    episodes = [MadeUp(number, names[number % len(names)]) for number in range(how.count)]
+    pieces = {f"{FOLDER}-{episode.name}": episode for episode in episodes}
+    every_piece(partial(_make_one_up, pieces, recordings, init, engine, how), list(pieces), out, jobs=how.jobs)
+    followed = [episode for episode in episodes if (folder / f"{episode.name}.h5").is_file()]
+    lost = len(episodes) - len(followed)
+    return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
+
+
+def _make_one_up(
+    pieces: Mapping[str, MadeUp], recordings: RecordingSet, init: Path, engine: Path, how: MakingUp, piece: str,
+    out: Output,
+) -> None:  # fmt: skip
+    episode, model = pieces[piece], engine_model(engine)
+    initial = read_splat(init / episode.recorded / "object.ply")
+    with recordings.open(episode.recorded) as recording:
+        mesh, height = recording.tool_mesh, recording.table_z_m
+        recorded = ToolMotion(mesh.vertices, mesh.faces, recording.time_s, recording.world_from_tool)
+    generator = np.random.default_rng([how.seed, episode.number])
+    motion = another_motion(recorded, initial.means.double().numpy(), how.ranges, generator)
+    poses = torch.as_tensor(motion.world_from_tool, dtype=torch.float32)
+    actions = Actions(ToolGeometry.from_mesh(mesh.vertices, mesh.faces), poses, motion.times, height)
+    path = out.path / FOLDER / f"{episode.name}.h5"
+    states = []
+    try:
+        for state, _ in predict(model, at_rest(initial), actions.steps(), episode.name, how.seed):
+            states.append(state)
+            out.progress(len(states), len(actions), f"make up {episode.name}")
+    except PlopError as error:
+        write_json(path.with_suffix(".json"), {"not_followed": error.problem})
+        return
+    with TrajectoryWriter(path) as writer:
+        for frame, state in enumerate(states):
+            append_state(writer, frame, state, world_from_tool=poses[frame], time_s=np.array(motion.times[frame]))
+
+
+def engine_model(folder: Path) -> FilledEngineModel:
+    """Read the engine that makes episodes up.
+
+    Raises:
+        PlopError: The model is a learned one.
+    """
+    model = load_model(folder)
+    if not isinstance(model, FilledEngineModel):
+        raise PlopError("Only an engine makes up episodes.", where=folder, expected="a model of `plop identify`",
+                        found="a learned model",
+                        fix="Give the engine that was fitted to these recordings.")  # fmt: skip
+    return model

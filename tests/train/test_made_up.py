@@ -1,0 +1,151 @@
+"""Training on episodes that the engine makes up beside the recorded ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from plop.dynamics.model import PlopModel
+from plop.dynamics.model_io import save_model
+from plop.errors import PlopError
+from plop.gaussians.trajectory import Trajectory
+from plop.models import trained_on
+from plop.physics.filled_model import FilledEngineModel
+from plop.recordings.set import RecordingSet
+from stages.contract import Input, Output
+from stages.train import made_up, stage
+from stages.train.lessons import Lessons
+from stages.train.made_up import MadeUp
+from stages.train.stage import TrainConfig, run, train_on
+from tests.small_episode import PUSH_M, write_set
+from tests.tracked_set import write_engine
+
+QUICK = TrainConfig(track_steps=3, image_steps=2, batch=2, horizon=1, width=4, cells_across=4, filter_iterations=1,
+                    made_up=3, made_up_reach=3.0, jobs=1)  # fmt: skip
+NAMES = ["episode_0-0", "episode_1-1", "episode_0-2"]
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("set")
+    recordings, init = write_set(folder)
+    return {"recordings": Input(recordings), "init": Input(init), "engine": write_engine(folder / "engine", "block")}
+
+
+@pytest.fixture(scope="module")
+def trained(inputs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("trained")
+    return folder, run(inputs, QUICK, Output(folder))
+
+
+def lessons(inputs, folder) -> Lessons:
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    episodes = [MadeUp(k, f"episode_{k % 2}") for k in range(3)]
+    return Lessons(recordings, folder, torch.device("cpu"), list(recordings.train), episodes)
+
+
+def test_the_engine_carries_the_fitted_gaussians_through_other_motions(inputs, trained):
+    folder, summary = trained
+    assert sorted(p.name for p in (folder / "made-up").iterdir()) == sorted(f"{name}.h5" for name in NAMES)
+    assert summary.figures["made_up_episodes"] == 3 and not summary.warnings
+    tracks = [lessons(inputs, folder).track(k) for k in range(4, 7)]
+    recorded = lessons(inputs, folder).track(0)
+    for track in tracks:
+        assert track.recording_path is None and track.actions.table_z_m == 0.0
+        assert len(track) == len(track.actions)
+        assert torch.equal(track.means[0], recorded.means[0])
+        assert not torch.equal(track.actions.world_from_tool[0], recorded.actions.world_from_tool[0])
+    pushes = [float((t.actions.world_from_tool[-1] - t.actions.world_from_tool[0])[:2, 3].norm()) for t in tracks]
+    carried = [float((t.means[-1] - t.means[0])[t.sides[-1] != 0, :2].norm(dim=-1).max()) for t in tracks]
+    assert max(pushes) > 1.3 * 3 * PUSH_M
+    assert carried[int(np.argmax(pushes))] > 0.3 * max(pushes)
+
+
+def test_recorded_episodes_weigh_as_much_as_made_up_ones_and_alone_choose_the_weights(inputs, tmp_path, monkeypatch):
+    def noted(track, episodes, config, out, *, judged, **more):
+        seen.append(([track(i).name for i in range(episodes)], judged))
+        return train_on(track, episodes, config, out, judged=judged, **more)
+
+    seen: list[tuple[list[str], int]] = []
+    monkeypatch.setattr(stage, "train_on", noted)
+    run(inputs, replace(QUICK, folds=2), Output(tmp_path))
+    recorded = ["episode_0", "episode_1"]
+    assert seen == [(["episode_1", "episode_1-1"], 1), (["episode_0", "episode_0", "episode_0-0", "episode_0-2"], 1),
+                    ([*recorded, *recorded, *NAMES], 2)]  # fmt: skip
+    assert trained_on(tmp_path) == {"episode_0", "episode_1"}
+    assert json.loads((tmp_path / "model.json").read_text())["training"]["made_up"] == 3
+
+
+def test_they_change_what_is_learned_and_nothing_when_there_are_none(inputs, trained, tmp_path):
+    weights = {}
+    for name, config, given in (("none", replace(QUICK, made_up=0), inputs),
+                                ("no engine", QUICK, {k: v for k, v in inputs.items() if k != "engine"})):  # fmt: skip
+        (tmp_path / name).mkdir()
+        run(given, config, Output(tmp_path / name))
+        weights[name] = load_file(tmp_path / name / "model.safetensors")
+    assert all(torch.equal(value, weights["no engine"][key]) for key, value in weights["none"].items())
+    with_them = load_file(trained[0] / "model.safetensors")
+    assert any(not torch.equal(value, with_them[key]) for key, value in weights["none"].items())
+
+
+def test_the_same_seed_makes_up_the_same(inputs, trained, tmp_path):
+    run(inputs, QUICK, Output(tmp_path))
+    for name in NAMES:
+        with (
+            Trajectory(trained[0] / "made-up" / f"{name}.h5") as one,
+            Trajectory(tmp_path / "made-up" / f"{name}.h5") as two,
+        ):
+            last = one.frames("updated")[-1]
+            assert torch.equal(one.read("updated", last).means, two.read("updated", last).means)
+
+
+def test_what_the_engine_cannot_follow_is_left_out_and_said(inputs, tmp_path, monkeypatch):
+    def failing(model, start, steps, name, seed):
+        if name == NAMES[1]:
+            raise PlopError("It flew apart.")
+        return real(model, start, steps, name, seed)
+
+    real = made_up.predict
+    monkeypatch.setattr(made_up, "predict", failing)
+    summary = run(inputs, QUICK, Output(tmp_path))
+    assert summary.figures["made_up_episodes"] == 2
+    assert summary.warnings == ["the engine could not follow 1 of 3 made-up episodes"]
+    assert json.loads((tmp_path / "made-up" / f"{NAMES[1]}.json").read_text()) == {"not_followed": "It flew apart."}
+    assert not (tmp_path / "made-up" / f"{NAMES[1]}.h5").exists()
+
+
+class _Stopped(Exception):
+    pass
+
+
+def test_a_stopped_run_keeps_the_episodes_that_were_made_up(inputs, tmp_path, monkeypatch):
+    def progress(done, total, label="", **figures):
+        if label.startswith("train"):
+            raise _Stopped
+
+    with pytest.raises(_Stopped):
+        run(inputs, QUICK, Output(tmp_path, progress))
+    monkeypatch.setattr(FilledEngineModel, "step", None)
+    assert run(inputs, QUICK, Output(tmp_path)).figures["made_up_episodes"] == 3
+
+
+def test_a_learned_model_makes_nothing_up(inputs, tmp_path):
+    from plop.dynamics.i2n import I2NConfig
+    from plop.dynamics.model import PlopConfig
+
+    save_model(tmp_path / "learned", PlopModel(PlopConfig(network=I2NConfig(width=4))), training={})
+    (tmp_path / "out").mkdir()
+    with pytest.raises(PlopError, match="Only an engine makes up episodes"):
+        run({**inputs, "engine": Input(tmp_path / "learned")}, QUICK, Output(tmp_path / "out"))
+    assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("setting", [{"made_up": -1}, {"made_up_speed": 0.5}, {"made_up_turn_deg": 200.0}])
+def test_settings_out_of_range_are_refused(inputs, tmp_path, setting):
+    with pytest.raises(PlopError, match=next(iter(setting))):
+        run(inputs, replace(QUICK, **setting), Output(tmp_path))
