@@ -25,6 +25,7 @@ from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_jobs, check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
+from plop.diagnosis.same_object import check_same_object
 from plop.dynamics.features import FeatureSet
 from plop.dynamics.filtering import UpdateConfig
 from plop.dynamics.i2n import I2NConfig
@@ -153,12 +154,14 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
         Figures of the tracks and of the chosen weights.
 
     Raises:
-        PlopError: There is no training episode, one has no fitted Gaussians, or the engine is none.
+        PlopError: No training episode, one without fitted Gaussians, or an engine that is none or of another object.
     """
     _check(config)
+    recordings = RecordingSet.load(inputs["recordings"].path)
     if "engine" in inputs:
         engine_model(inputs["engine"].path)
-    recordings = RecordingSet.load(inputs["recordings"].path)
+        check_same_object(inputs["engine"].path, recordings.environment, [],
+                          fix="Give the engine that was fitted to these recordings.")  # fmt: skip
     if not recordings.train:
         raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
                         found=f"{len(recordings.test)} test episodes",

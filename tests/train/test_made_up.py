@@ -145,6 +145,14 @@ def test_a_learned_model_makes_nothing_up(inputs, tmp_path):
     assert not list((tmp_path / "out").iterdir())
 
 
+def test_an_engine_of_another_object_is_refused(inputs, tmp_path):
+    other = write_engine(tmp_path / "engine", "apple")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(PlopError, match="different objects"):
+        run({**inputs, "engine": other}, QUICK, Output(tmp_path / "out"))
+    assert not list((tmp_path / "out").iterdir())
+
+
 @pytest.mark.parametrize("setting", [{"made_up": -1}, {"made_up_speed": 0.5}, {"made_up_turn_deg": 200.0}])
 def test_settings_out_of_range_are_refused(inputs, tmp_path, setting):
     with pytest.raises(PlopError, match=next(iter(setting))):
