@@ -172,7 +172,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=5,
+    version=6,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={

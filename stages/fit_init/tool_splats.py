@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from plop.gaussians.nearest import nearest_distance, nearest_index
 from plop.gaussians.state import Gaussians
 from plop.geometry.rigid import transform_points
+from plop.geometry.tool import ToolGeometry
 from plop.recordings.recording import Mesh, Recording
 from plop.render.sh import C0
 from stages.fit_init.shell import farthest_points, pixels_of, quats_along
@@ -16,6 +17,8 @@ from stages.fit_init.shell import farthest_points, pixels_of, quats_along
 _DEPTH_TOLERANCE_M = 0.003
 _FLATNESS = 5.0
 _OVERLAP = 0.5
+_DRAWN_IN = 0.4
+"""How far the outline is drawn in, as a share of the distance between Gaussians, which show beyond their centres."""
 _SINGLE_GAP_M = 1e-3
 _ROUNDS = 5
 _FRAMES = 6
@@ -34,7 +37,7 @@ def tool_gaussians(recording: Recording, cameras: list[str], count: int, seed: i
         Gaussians in the tool's frame, opacity 0.99, and the share of them that a camera saw. The others
         take the colour of the nearest seen one; all are grey when none was seen.
     """
-    points, normals = sample_mesh(recording.tool_mesh, count, seed)
+    points, normals = sample_mesh(drawn_in(recording.tool_mesh, count), count, seed)
     colours, seen = _colours(recording, cameras, points)
     if seen.any():
         means, donors = torch.from_numpy(points), torch.from_numpy(np.flatnonzero(seen))
@@ -61,6 +64,24 @@ def splats_on(points: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> G
     )
 
 
+def drawn_in(mesh: Mesh, count: int) -> Mesh:
+    """Shrink a tool along its principal axes, so that Gaussians all over it look as large as it is.
+
+    Args:
+        mesh: The tool.
+        count: Number of Gaussians that will stand for it; the more, the smaller they are.
+
+    Returns:
+        The mesh, smaller along every axis on which at least a few of them lie side by side.
+    """
+    tool = ToolGeometry.from_mesh(mesh.vertices, mesh.faces)
+    axes, center, half = (part.double().numpy() for part in (tool.axes, tool.center, tool.half_extent))
+    apart = np.sqrt(_faces(mesh)[1].sum() / count)
+    share = np.where(half > 2 * apart, 1 - _DRAWN_IN * apart / half, 1.0)
+    local = (mesh.vertices - center) @ axes
+    return Mesh((local * share) @ axes.T + center, mesh.faces)
+
+
 def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Spread points evenly over a mesh.
 
@@ -72,9 +93,7 @@ def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarr
     Returns:
         Points [count, 3] in the mesh's unit and unit normals [count, 3].
     """
-    corners = mesh.vertices[mesh.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(cross, axis=1)
+    corners, area, across = _faces(mesh)
     random = np.random.default_rng(seed)
     face = random.choice(len(area), size=8 * count, p=area / area.sum())
     u, v = random.random((2, 8 * count))
@@ -82,8 +101,16 @@ def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarr
     u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
     a, b, c = corners[face].transpose(1, 0, 2)
     points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-    normals = cross[face] / area[face, None]
+    normals = across[face]
     return _centred(points, normals, farthest_points(_sides_apart(points, normals), count))
+
+
+def _faces(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners [F, 3, 3] [m], areas [F] [m2] and unit normals [F, 3] of a mesh's triangles."""
+    corners = mesh.vertices[mesh.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(cross, axis=1)
+    return corners, twice / 2, cross / np.maximum(twice, 1e-30)[:, None]
 
 
 def _centred(points: np.ndarray, normals: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

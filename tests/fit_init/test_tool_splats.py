@@ -6,10 +6,11 @@ import torch
 
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera, look_at
+from plop.geometry.rigid import pose_from_euler_xyz, transform_points
 from plop.recordings.recording import Mesh
 from plop.render.scene import render_scene
 from plop.render.sh import C0
-from stages.fit_init.tool_splats import sample_mesh, splats_on
+from stages.fit_init.tool_splats import drawn_in, sample_mesh, splats_on
 
 LENGTH_M, HEIGHT_M, THICK_M = 0.12, 0.03, 0.002
 INTRINSICS = np.array([[100.0, 0, 48], [0, 100, 48], [0, 0, 1]])
@@ -27,18 +28,20 @@ def wedge() -> Mesh:
 
 @pytest.mark.parametrize("count", [1500, 3000])
 def test_a_blade_is_drawn_whole_and_no_wider_than_it_is(count):
-    points, normals = sample_mesh(wedge(), count, seed=0)
+    points, normals = sample_mesh(drawn_in(wedge(), count), count, seed=0)
     tool = splats_on(points, normals, np.full((count, 3), 0.5))
     (view,) = render_scene(tool.select(torch.zeros(0, dtype=torch.int64)), tool, [SIDE])
     rows, columns = np.mgrid[:96, :96] + 0.5
     x, z = (columns - 48) / 100 * 0.15, 0.015 - (rows - 48) / 100 * 0.15
     pixel = 0.15 / 100
     inner = (np.abs(x) < LENGTH_M / 2 - pixel) & (z > pixel) & (z < HEIGHT_M - pixel)
-    outer = (np.abs(x) < LENGTH_M / 2 + 1.5 * pixel) & (z > -1.5 * pixel) & (z < HEIGHT_M + 1.5 * pixel)
+    outer = (np.abs(x) < LENGTH_M / 2 + pixel) & (z > -pixel) & (z < HEIGHT_M + pixel)
+    whole = (np.abs(x) < LENGTH_M / 2) & (z > 0) & (z < HEIGHT_M)
     assert view.tool_mask[inner].all()
     assert not view.tool_mask[~outer].any()
+    assert view.tool_mask.sum() == pytest.approx(whole.sum(), rel=0.06)
     assert view.rgb[inner].mean() == pytest.approx(128, abs=5)
-    assert view.rgb[inner].min() > 100
+    assert view.rgb[inner].min() > 90
 
 
 def test_points_lie_on_the_mesh_with_the_normals_of_their_faces():
@@ -48,6 +51,17 @@ def test_points_lie_on_the_mesh_with_the_normals_of_their_faces():
     off = np.abs(points[sides, 1]) - THICK_M / 2 * points[sides, 2] / HEIGHT_M
     assert np.abs(off).max() < 1e-9
     assert sides.mean() > 0.8
+
+
+def test_a_tool_is_drawn_in_where_splats_lie_side_by_side_and_stays_as_thin_as_it_is():
+    turned = pose_from_euler_xyz(np.array([0.3, -0.1, 0.2, 0.4, 0.2, 1.1]))
+    mesh = Mesh(transform_points(turned, wedge().vertices), wedge().faces)
+    inside = transform_points(np.linalg.inv(turned), drawn_in(mesh, 3000).vertices)
+    small = np.ptp(inside, axis=0) / [LENGTH_M, THICK_M, HEIGHT_M]
+    assert small[1] == pytest.approx(1, abs=1e-4)
+    assert 0.97 < small[0] < 0.995 and 0.9 < small[2] < 0.98
+    assert LENGTH_M * (1 - small[0]) == pytest.approx(HEIGHT_M * (1 - small[2]), rel=1e-3)
+    assert inside.mean(0) == pytest.approx(wedge().vertices.mean(0), abs=1e-3)
 
 
 def test_a_single_splat_has_a_size():
