@@ -64,8 +64,8 @@ def parameters_text(parameters: dict[str, dict[str, Any]]) -> str:
 
 
 def _next(found: dict[str, Any]) -> str:
-    wish = found.get("next_motion")
-    return f"<p><b>What to record next:</b> {text(wish['text'])}</p>" if wish else ""
+    step = found.get("next_step")
+    return f"<p><b>What to do next:</b> {text(step)}</p>" if step else ""
 
 
 def _sensors(found: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from plop.diagnosis.diagnose import Diagnosis
 from plop.diagnosis.next_motion import next_motion
+from plop.diagnosis.next_step import next_step
 from plop.diagnosis.verdict import Finding
 from plop.law_values import short_number, with_unit
 from plop.physics.effects.library import EffectType
@@ -37,6 +38,7 @@ def facts_of(
         "shams": {"count": len(found.shams), "quantile_98": float(np.quantile(found.shams, 0.98))},
         "error": found.size.error, "floor": found.size.floor, "excess": found.size.excess,
         "closed_share": found.size.closed(left),
+        "next_step": next_step(found),
         "next_motion": next_motion(found),
         "episodes": [e.name for e in found.evidence],
         "reference_episodes": [e.name for e in found.control],

@@ -95,7 +95,8 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
               "engine_runs": runs.done}  # fmt: skip
     write_json(out.path / "diagnosis.json", facts, sort_keys=False)
     figures = {"verdict": found.verdict.kind, "named": ", ".join(found.verdict.named) or "-",
-               "text": found.verdict.text, "episodes": len(found.evidence), "engine_runs": runs.done}  # fmt: skip
+               "text": found.verdict.text, "next": facts["next_step"], "episodes": len(found.evidence),
+               "engine_runs": runs.done}  # fmt: skip
     warnings += [f"{name} is left out: {why}" for name, why in facts["dropped"].items()]
     return Summary(figures, rows_of(facts), warnings)
 

@@ -10,7 +10,8 @@ import pytest
 from plop.diagnosis.amplitude import RESPONSE_ERROR
 from plop.diagnosis.diagnose import _conclude, _turned
 from plop.diagnosis.next_motion import next_motion
-from plop.diagnosis.verdict import CARRIED
+from plop.diagnosis.next_step import next_step
+from plop.diagnosis.verdict import CARRIED, Verdict
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import facts_of, rows_of
@@ -131,6 +132,21 @@ def test_of_a_law_that_one_episode_alone_shows_more_is_asked_for():
     assert facts_of(found, library(), [], {})["next_motion"] == following
 
 
+@pytest.mark.parametrize(("kind", "named", "says"), [
+    ("SENSOR", ["cam_0"], "plop calibrate"), ("EFFECT", ["tilt"], "plop augment --effect tilt --diagnosis"),
+    ("EFFECT", ["tilt", "fibres"], "more is missing"), ("PARTLY", ["fibres"], "diagnose again with"),
+    ("BASE PARAMETER", ["stiffness"], "plop identify"), ("NONE OF THESE", [], "--effect-file"),
+    ("CONFOUNDED", ["tilt", "fibres"], "tell tilt and fibres apart"), ("NOTHING DETECTABLE", [], "(0."),
+])  # fmt: skip
+def test_after_every_verdict_it_is_said_what_to_do_next(kind, named, says):
+    found = conclude(episodes(3), episodes(4))
+    told = next_step(replace(found, verdict=Verdict(kind, named, "", {})))
+    assert says in told and told.endswith(".")
+    if kind == "NOTHING DETECTABLE":
+        easiest = min((f["displacement_m"], name) for name, f in found.limits.items() if name != "drag")[1]
+        assert f"{easiest} from" in told and "drag" not in told
+
+
 def test_one_named_effect_needs_no_next_motion():
     assert next_motion(conclude(episodes(1, {"tilt": 0.3}), episodes(2))) is None
 
@@ -142,7 +158,7 @@ def test_facts_are_plain_json_with_every_key():
     facts = facts_of(found, library(), [], {"e9": "no track"})
     text = json.dumps(facts, allow_nan=False)
     assert set(json.loads(text)) >= {"schema", "verdict", "ranking", "base", "confounded", "limits", "sensors", "shams",
-                                     "error", "floor", "excess", "closed_share", "next_motion", "episodes",
+                                     "error", "floor", "excess", "closed_share", "next_step", "next_motion", "episodes",
                                      "dropped"}  # fmt: skip
     assert facts["ranking"][0]["effect"] == "tilt" and facts["ranking"][0]["passes"]
     assert facts["base"]["effect"] == "stiffness" and facts["dropped"] == {"e9": "no track"}

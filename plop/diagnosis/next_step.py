@@ -1,0 +1,52 @@
+"""What to do after a verdict, in one or two sentences: a command to type, or a motion to record."""
+
+from __future__ import annotations
+
+from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.next_motion import next_motion
+from plop.law_values import short_number, with_unit
+
+_EASIEST = 3
+"""Effects whose limits are told where nothing was found."""
+
+
+def next_step(found: Diagnosis) -> str:
+    """Say what to do next; the commands are meant for the workspace in which this diagnosis is the latest."""
+    verdict, motion = found.verdict, next_motion(found)
+    if verdict.kind == "SENSOR":
+        return ("`plop calibrate` checks the cameras again and says how to mend them; to go on without one: "
+                "`plop diagnose --exclude CAMERA`.")  # fmt: skip
+    if verdict.kind == "CONFOUNDED":
+        return motion["text"] if motion else f"Record motions that tell {' and '.join(verdict.named)} apart."
+    if verdict.kind == "NOTHING DETECTABLE":
+        return motion["text"] if motion else _limits(found)
+    if verdict.kind == "NONE OF THESE":
+        return motion["text"] if motion else (
+            "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
+            "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`.")  # fmt: skip
+    return _added(verdict.kind, verdict.named)
+
+
+def _added(kind: str, named: list[str]) -> str:
+    """Name the command that adds what was found."""
+    first = f"Add it: `plop augment --effect {named[0]} --diagnosis diagnose@latest --name better`"
+    if kind == "BASE PARAMETER":
+        return f"{first}, or fit the base to these recordings (`plop identify`); then `plop compare --model better`."
+    if kind == "PARTLY" or len(named) > 1:
+        return f"{first}; then diagnose again with `--model better`: more is missing than this."
+    return f"{first}; then `plop compare --model better` shows how far the error has fallen."
+
+
+def _limits(found: Diagnosis) -> str:
+    """Say from where on effects would have been named, those that are seen most easily first."""
+    laws = {score.candidate.effect for score in found.scores if score.candidate.kind == "physics"}
+    known = [(limit["displacement_m"], name, limit) for name, limit in found.limits.items()
+             if limit.get("displacement_m") is not None and name in laws]  # fmt: skip
+    ease = sorted(known, key=lambda entry: entry[:2])[:_EASIEST]
+    if not ease:
+        return "These motions show no effect of the library; record larger or faster ones."
+    seen = ", ".join(
+        f"{name} from {with_unit(short_number(abs(limit['amplitude'])), limit.get('unit'))} on "
+        f"({short_number(1000 * size)} mm)" for size, name, limit in ease)  # fmt: skip
+    return (f"What would have been named: {seen}; all limits are in the diagnosis. Larger or faster motions, or more "
+            "episodes, show weaker effects.")  # fmt: skip
