@@ -75,8 +75,8 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
     value = best["parameters"]["gx_m_s2"]
     assert value["unit"] == "m/s^2" and value["value"] == pytest.approx(3.0, rel=0.4)
     assert set(facts) == {"schema", "verdict", "ranking", "base", "confounded", "limits", "sensors", "shams", "error",
-                          "floor", "excess", "closed_share", "next_step", "next_motion", "episodes", "reference_episodes", "dropped",
-                          "environment", "seconds", "engine_runs"}  # fmt: skip
+                          "floor", "excess", "closed_share", "next_step", "next_motion", "episodes",
+                          "reference_episodes", "dropped", "environment", "seconds", "engine_runs"}  # fmt: skip
     assert len(facts["episodes"]) == 4 and facts["floor"] is None and facts["environment"] == "block"
     assert facts["limits"]["tilt"]["displacement_m"] < best["size_mm"] / 1000
     assert facts["engine_runs"] > 20
