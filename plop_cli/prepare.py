@@ -57,11 +57,13 @@ class Preparation:
         model = self.store.find(str(found["model"])) if "model" in found else None
         if "reference" in stage.inputs and "reference" not in found and model is not None:
             self._reference(found, model)
+        self._fit_of_tracks(found)
         for name, spec in stage.inputs.items():
             source = found.get(spec.along) if spec.along else None
             if name not in found and source not in (None, LEFT_OUT):
                 recordings = self.store.find(str(source))
-                found[name] = self.derived(spec.stages[0], recordings, model).address
+                fit = found.get(name.replace("tracks", "init")) if name.endswith("tracks") else None
+                found[name] = self.derived(spec.stages[0], recordings, model, fit).address
             elif spec.along and name not in found and spec.optional:
                 found[name] = LEFT_OUT
         if "engine" in stage.inputs and "engine" not in found:
@@ -69,6 +71,15 @@ class Preparation:
         if "model" not in stage.inputs:
             found.pop("model", None)
         return found
+
+    def _fit_of_tracks(self, found: dict[str, str | Path]) -> None:
+        """Take the fit that given tracks were made from: those of another are other Gaussians."""
+        for prefix in ("", "reference_"):
+            tracks, init = f"{prefix}tracks", f"{prefix}init"
+            if tracks in found and init not in found and found[tracks] != LEFT_OUT:
+                key = parents(self.store.find(str(found[tracks]))).get("init")
+                if key in self._known():
+                    found[init] = "@".join(key)
 
     def _reference(self, found: dict[str, str | Path], model: Artifact) -> None:
         """Take the recordings that the model was made from, unless they are those to be explained."""
@@ -103,14 +114,16 @@ class Preparation:
             return LEFT_OUT
         return self.derived("identify", source, None).address
 
-    def derived(self, command: str, recordings: Artifact, model: Artifact | None) -> Artifact:
-        """Make one artifact of some recordings, and before it what it needs."""
+    def derived(
+        self, command: str, recordings: Artifact, model: Artifact | None, fit: str | Path | None = None
+    ) -> Artifact:
+        """Make one artifact of some recordings, and before it what it needs; `fit`: the Gaussians that are tracked."""
         inputs: dict[str, str | Path] = {"recordings": recordings.address}
         extra: dict[str, Any] = {}
         if command == "fit-init":
             inputs["clouds"] = self.derived("fuse", recordings, None).address
         if command in ("filter", "identify", "rollout", "eval", "compare"):
-            inputs["init"] = self.derived("fit-init", recordings, None).address
+            inputs["init"] = fit or self.derived("fit-init", recordings, None).address
         if command == "filter":
             inputs["model"] = LEFT_OUT
             extra = {"exclude": list(self.exclude)}

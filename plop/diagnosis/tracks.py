@@ -38,7 +38,7 @@ def episode_from_track(
         seed: Chooses among the Gaussians.
 
     Raises:
-        PlopError: The track is of another recording, or too few Gaussians lie on the measured surface.
+        PlopError: The track is of another recording or another fit, or too few Gaussians lie on the measured surface.
     """
     with Recording(recording_path) as recording:
         cloud = _first_cloud(recording)
@@ -92,6 +92,10 @@ def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.nd
         for frame in known:
             state = track.read("updated", frame)
             ids = state.ids.numpy()
+            if len(ids) and ids.max() >= count:
+                raise PlopError("The track follows other Gaussians than those of the fit.", where=path,
+                                expected=f"{count} Gaussians of the first frame", found=f"number {ids.max()}",
+                                fix="Run `plop filter` with the same --init.")  # fmt: skip
             number = np.bincount(ids, minlength=count)[:, None]
             sums = np.stack([np.bincount(ids, state.means[:, c].numpy(), count) for c in range(3)], 1)
             paths[frame] = np.where(number > 0, sums / np.maximum(number, 1), np.nan)

@@ -83,6 +83,24 @@ def test_recordings_that_the_model_was_made_from_are_no_reference_of_themselves(
         assert found["reference"] == expected
 
 
+def test_tracks_are_made_from_the_fit_that_is_given_and_a_fit_is_that_of_the_given_tracks(store, monkeypatch):
+    def noted(self, command, inputs, extra):
+        asked[command] = dict(inputs)
+        return made(store, command, recordings=plain)
+
+    asked: dict[str, dict] = {}
+    monkeypatch.setattr(Preparation, "_made", noted)
+    plain = recordings(store, "blocks")
+    mine = made(store, "fit-init", 7, recordings=plain)
+    given = {"recordings": plain.address, "init": mine.address}
+    identify = stage_ref("identify").load()
+    assert preparation(store).inputs(identify, given, None)["init"] == mine.address
+    assert asked["filter"]["init"] == mine.address and "fit-init" not in asked
+    tracks = made(store, "filter", 7, recordings=plain, init=mine)
+    found = preparation(store).inputs(identify, {"recordings": plain.address, "tracks": tracks.address}, None)
+    assert store.find(str(found["init"])).key == mine.key and "fit-init" not in asked
+
+
 @pytest.mark.parametrize(("test", "written", "chosen"), [
     (["c"], "", {}), ([], "", {"split": "all"}), ([], '[rollout]\nsplit = "train"\n', {}),
 ])  # fmt: skip
