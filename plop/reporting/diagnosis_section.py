@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from plop.law_values import with_unit
@@ -65,7 +66,8 @@ def parameters_text(parameters: dict[str, dict[str, Any]]) -> str:
 
 def _next(found: dict[str, Any]) -> str:
     step = found.get("next_step")
-    return f"<p><b>What to do next:</b> {text(step)}</p>" if step else ""
+    with_code = re.sub("`(.*?)`", r"<code>\1</code>", text(step)) if step else ""
+    return f"<p><b>What to do next:</b> {with_code}</p>" if step else ""
 
 
 def _sensors(found: dict[str, Any]) -> str:
