@@ -16,14 +16,15 @@ def next_step(found: Diagnosis) -> str:
     if verdict.kind == "SENSOR":
         return ("`plop calibrate` checks the cameras again and says how to mend them; to go on without one: "
                 "`plop diagnose --exclude CAMERA`.")  # fmt: skip
-    if verdict.kind == "CONFOUNDED":
-        return motion["text"] if motion else f"Record motions that tell {' and '.join(verdict.named)} apart."
+    if motion is not None:
+        return str(motion["text"])
     if verdict.kind == "NOTHING DETECTABLE":
-        return motion["text"] if motion else _limits(found)
+        return _limits(found)
     if verdict.kind == "NONE OF THESE":
-        return motion["text"] if motion else (
-            "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
-            "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`.")  # fmt: skip
+        return ("`plop compare` shows where and when the model fails; write the law that you suspect as a file "
+                "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`.")  # fmt: skip
+    if verdict.kind == "CONFOUNDED":
+        return f"Record motions that tell {' and '.join(verdict.named)} apart."
     return _added(verdict.kind, verdict.named)
 
 

@@ -23,7 +23,7 @@ def nearest_index(points: Tensor, among: Tensor) -> Tensor:
 
 
 def nearest_distance(points: Tensor) -> Tensor:
-    """Measure the distance from each point to its nearest neighbour in the same set, [N, 3] -> [N] m.
+    """Measure the distance from each point to its nearest neighbour in the same set, [N, D] -> [N] in their unit.
 
     Infinite for a single point; no gradient.
     """

@@ -108,7 +108,9 @@ def test_confounded_laws_come_with_the_motion_that_tells_them_apart():
     found = conclude(data, other)
     assert found.verdict.kind == "CONFOUNDED" and set(found.verdict.named) == {"tilt", "fibres"}
     following = next_motion(found)
-    assert following is not None
+    assert following is not None and next_step(found) == following["text"]
+    partly = replace(found, verdict=replace(found.verdict, kind="PARTLY"))
+    assert next_step(partly) == following["text"], "what cannot be told apart is not added"
     apart = {}
     for e in found.evidence:  # what is left of one response when the other's multiple is taken off
         sigma = found.misfit.sigma(e)
