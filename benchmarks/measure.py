@@ -30,6 +30,17 @@ def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2)
     return 1000 * statistics.median(times)
 
 
+def median_ratio(work: Callable[[], object], over: Callable[[], object], *, repeats: int = 31) -> float:
+    """Time two pieces of work in turn, so that what else runs on the machine slows both; the ratio of their medians."""
+    times: tuple[list[float], list[float]] = ([], [])
+    for turn in range(repeats + 2):
+        for piece, kept in zip((work, over), times, strict=True):
+            taken = median_ms(piece, repeats=1, warm_up=0)
+            if turn >= 2:
+                kept.append(taken)
+    return statistics.median(times[0]) / statistics.median(times[1])
+
+
 def plain_json(value: Any) -> Any:
     """Turn numpy numbers into Python's, and what is not finite into null."""
     text = json.dumps(value, default=float)

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from plop.kernel_cache import watch_sources
+from plop.openmp import run_on_torch_threads
 
 FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
 """Allowed floating-point freedoms; NaN and infinity keep their meaning."""
@@ -47,7 +48,7 @@ def _threads() -> int:
     return 1 if crowded else torch.get_num_threads()
 
 
-def run_parallel(steps: Sequence[Step], *, parts: int | None = None) -> None:
+def run_parallel(steps: Sequence[Step], *, parts: int | None = None, lent: bool = False) -> None:
     """Run kernels share by share on as many threads as torch uses, at most; returns when all is done.
 
     A thread takes a share, runs every step on it, and takes the next one; so step 2 must need only the same
@@ -58,6 +59,8 @@ def run_parallel(steps: Sequence[Step], *, parts: int | None = None) -> None:
     Args:
         steps: Kernels f(part, parts, *args) that release the interpreter lock.
         parts: Number of shares; PARTS_PER_THREAD for each thread when absent.
+        lent: Use torch's own threads where they can be had: for kernels of a millisecond between torch's operations,
+            after which these threads spin on the cores that plain ones would need.
     """
     threads = _threads()
     parts = parts or (PARTS_PER_THREAD * threads if threads > 1 else 1)
@@ -71,6 +74,8 @@ def run_parallel(steps: Sequence[Step], *, parts: int | None = None) -> None:
     helpers = min(threads, parts) - 1
     if helpers < 1:
         return work()
+    if lent and run_on_torch_threads(work, helpers + 1):
+        return None
     if helpers not in _pools:
         _pools[helpers] = ThreadPoolExecutor(helpers, thread_name_prefix="kernels")
     pool = _pools[helpers]

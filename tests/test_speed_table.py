@@ -11,7 +11,7 @@ def test_a_goal_that_is_missed_or_not_measured_says_so():
     lines = goals_table({"i2n_step_10000_over_300": 1.7, "plop_help_s": 0.7, "ingest_128_images_per_s": 9.0,
                          "engine_5k_2_threads_particle_steps_per_s": 4.2e6}).splitlines()  # fmt: skip
     told = {line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:5]] for line in lines[2:]}
-    assert told["a step of I2N, 10,000 particles over 300"] == ["1.7 times", "<= 1.6 times", "**no**"]
+    assert told["a whole step of the model, 10,000 particles over 300"] == ["1.7 times", "<= 1.6 times", "**no**"]
     assert told["`plop --help`"] == ["0.7 s", "<= 0.7 s", "yes"]
     assert told["ingest: images of 128x128 drawn"][2] == "**no**"
     engine = told["engine, 5,000 particles, two threads, cut and contact included"]

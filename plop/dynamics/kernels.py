@@ -84,30 +84,14 @@ def build_stencil(
     Returns:
         The stencil with K = 8, 27 or 64 nodes a particle.
     """
-    first, weights = axis_weights(positions / spacing_m, kernel)
+    offset = positions / spacing_m
     size = shape[0] * shape[1] * shape[2]
-    shift = torch.zeros_like(first[:, 0]) if batch is None else batch * size
-    nodes, product = _Product.apply(first, weights, shift, shape)
+    shift = torch.zeros(len(offset), dtype=torch.int64, device=offset.device) if batch is None else batch * size
+    if offset.device.type == "cpu":
+        nodes, product = _Compiled.apply(offset, shift, shape, NODES_PER_AXIS[kernel])
+    else:
+        nodes, product = _spread(*axis_weights(offset, kernel), shift, shape)
     return Stencil(nodes, product, batches * size)
-
-
-class _Product(torch.autograd.Function):
-    """From the first node and the weights along each axis to all nodes and their weights, [N, n^3]."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]
-    ) -> tuple[Tensor, Tensor]:
-        ctx.save_for_backward(weights)
-        nodes, product = (_spread_cpu if weights.device.type == "cpu" else _spread)(first, weights, shift, shape)
-        ctx.mark_non_differentiable(nodes)
-        return nodes, product
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        (weights,) = ctx.saved_tensors
-        grad = gradients[1]
-        return None, (_slopes_cpu if weights.device.type == "cpu" else _slopes)(weights, grad), None, None
 
 
 def _spread(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
@@ -121,26 +105,72 @@ def _spread(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int
     return nodes.flatten(1) + shift[:, None], product.flatten(1)
 
 
-def _slopes(weights: Tensor, grad: Tensor) -> Tensor:
-    n = weights.shape[-1]
-    wx, wy, wz = weights[:, 0], weights[:, 1], weights[:, 2]
-    cube = grad.reshape(-1, n, n, n)
-    terms = ("pijk,pj,pk->pi", wy, wz), ("pijk,pi,pk->pj", wx, wz), ("pijk,pi,pj->pk", wx, wy)
-    return torch.stack([torch.einsum(form, cube, one, other) for form, one, other in terms], dim=1)
+class _Compiled(torch.autograd.Function):
+    """From offsets in spacings, [N, 3], to nodes and weights, [N, n^3], with hand-written gradients."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, offset: Tensor, shift: Tensor, shape: tuple[int, int, int], nodes_per_axis: int
+    ) -> tuple[Tensor, Tensor]:
+        count, n = len(offset), nodes_per_axis
+        nodes, product = shift.new_empty(count, n**3), offset.new_empty(count, n**3)
+        first, weights = shift.new_empty(count, 3), offset.new_empty(count, 3, n)
+        along = (array_of(offset), first.numpy(), weights.detach().numpy())
+        spread = (*along[1:], array_of(shift), shape, nodes.numpy(), product.detach().numpy())
+        run_parallel([(_fill_axes, along), (_fill_stencil, spread)], lent=True)
+        ctx.save_for_backward(offset, weights)
+        ctx.mark_non_differentiable(nodes)
+        return nodes, product
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        offset, weights = ctx.saved_tensors
+        out = torch.zeros_like(offset)
+        arguments = (array_of(offset), array_of(weights), array_of(gradients[1]), out.numpy())
+        run_parallel([(_fill_slopes, arguments)], lent=True)
+        return out, None, None, None
 
 
-def _spread_cpu(first: Tensor, weights: Tensor, shift: Tensor, shape: tuple[int, int, int]) -> tuple[Tensor, Tensor]:
-    count, n = len(first), weights.shape[-1]
-    nodes, product = first.new_empty(count, n**3), weights.new_empty(count, n**3)
-    arguments = (array_of(first), array_of(weights), array_of(shift), shape, nodes.numpy(), product.detach().numpy())
-    run_parallel([(_fill_stencil, arguments)])
-    return nodes, product
+@compiled
+def _fill_axes(part: int, parts: int, offset: np.ndarray, first: np.ndarray, weights: np.ndarray) -> None:
+    """`axis_weights`; the number of nodes tells the kernel."""
+    count, _, n = weights.shape
+    for p in range(part * count // parts, (part + 1) * count // parts):
+        for axis in range(3):
+            w = weights[p, axis]
+            if n == 3:
+                node = np.floor(offset[p, axis] + 0.5) - 1
+                x = offset[p, axis] - node - 1
+                w[0], w[1], w[2] = 0.5 * (0.5 - x) ** 2, 0.75 - x * x, 0.5 * (0.5 + x) ** 2
+            else:
+                node = np.floor(offset[p, axis])
+                x = offset[p, axis] - node
+                y = 1 - x
+                near, far = x * x * x / 2 - x * x + 2 / 3, y * y * y / 2 - y * y + 2 / 3
+                if n == 2:
+                    w[0], w[1] = near / (near + far), far / (near + far)
+                else:
+                    node -= 1
+                    w[0], w[1], w[2], w[3] = y * y * y / 6, near, far, x * x * x / 6
+            first[p, axis] = int(node)
 
 
-def _slopes_cpu(weights: Tensor, grad: Tensor) -> Tensor:
-    out = torch.zeros_like(weights)
-    run_parallel([(_fill_slopes, (array_of(weights), array_of(grad), out.numpy()))])
-    return out
+@compiled
+def _axis_slopes(offset: float, w: np.ndarray, slopes: np.ndarray) -> None:
+    """Derivatives of a particle's weights along one axis with respect to its offset."""
+    if len(w) == 3:
+        x = offset - np.floor(offset + 0.5)
+        slopes[0], slopes[1], slopes[2] = x - 0.5, -2 * x, x + 0.5
+        return
+    x = offset - np.floor(offset)
+    y = 1 - x
+    near, far = 1.5 * x * x - 2 * x, 2 * y - 1.5 * y * y
+    if len(w) == 4:
+        slopes[0], slopes[1], slopes[2], slopes[3] = -0.5 * y * y, near, far, 0.5 * x * x
+    else:
+        total = (x * x * x + y * y * y) / 2 - x * x - y * y + 4 / 3
+        slopes[0] = (near - w[0] * (near + far)) / total
+        slopes[1] = -slopes[0]
 
 
 @compiled
@@ -164,10 +194,14 @@ def _fill_stencil(
 
 
 @compiled
-def _fill_slopes(part: int, parts: int, weights: np.ndarray, grad: np.ndarray, out: np.ndarray) -> None:
-    """Derivatives of the products with respect to the weights along each axis."""
+def _fill_slopes(
+    part: int, parts: int, offset: np.ndarray, weights: np.ndarray, grad: np.ndarray, out: np.ndarray
+) -> None:
+    """From gradients of the products to gradients of the offsets."""
     count, _, n = weights.shape
+    to_weights, slopes = np.empty((3, n)), np.empty(n)
     for p in range(part * count // parts, (part + 1) * count // parts):
+        to_weights[:] = 0
         k = 0
         for i in range(n):
             for j in range(n):
@@ -175,7 +209,11 @@ def _fill_slopes(part: int, parts: int, weights: np.ndarray, grad: np.ndarray, o
                 total = 0 * along
                 for m in range(n):
                     total += grad[p, k] * weights[p, 2, m]
-                    out[p, 2, m] += grad[p, k] * along
+                    to_weights[2, m] += grad[p, k] * along
                     k += 1
-                out[p, 0, i] += total * weights[p, 1, j]
-                out[p, 1, j] += total * weights[p, 0, i]
+                to_weights[0, i] += total * weights[p, 1, j]
+                to_weights[1, j] += total * weights[p, 0, i]
+        for axis in range(3):
+            _axis_slopes(offset[p, axis], weights[p, axis], slopes)
+            for i in range(n):
+                out[p, axis] += to_weights[axis, i] * slopes[i]

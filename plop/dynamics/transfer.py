@@ -36,31 +36,38 @@ def _gather(
 def _scatter(
     part: int, parts: int, values: np.ndarray, nodes: np.ndarray, weights: np.ndarray, partial: np.ndarray
 ) -> None:
+    """The last column of the partial grids is the sum of the weights."""
     count, touched = nodes.shape
+    columns = values.shape[1]
     for p in range(part * count // parts, (part + 1) * count // parts):
         for k in range(touched):
             node, weight = nodes[p, k], weights[p, k]
-            for c in range(values.shape[1]):
+            for c in range(columns):
                 partial[part, node, c] += weight * values[p, c]
+            partial[part, node, columns] += weight
 
 
 @kernel
 def _weight_gradient(
     part: int, parts: int, values: np.ndarray, features: np.ndarray, nodes: np.ndarray, out: np.ndarray
 ) -> None:
+    """A last column that only the features have counts as if all values there were 1."""
     count, touched = nodes.shape
+    columns = values.shape[1]
     for p in range(part * count // parts, (part + 1) * count // parts):
         for k in range(touched):
             node = nodes[p, k]
-            for c in range(values.shape[1]):
+            for c in range(columns):
                 out[p, k] += values[p, c] * features[node, c]
+            if features.shape[1] > columns:
+                out[p, k] += features[node, columns]
 
 
 def _gather_any(features: Tensor, stencil: tuple[Tensor, Tensor]) -> Tensor:
     nodes, weights = stencil
     if features.device.type == "cpu":
         out = features.new_zeros(len(nodes), features.shape[1])
-        run_parallel([(_gather, (array_of(features), array_of(nodes), array_of(weights), out.numpy()))])
+        run_parallel([(_gather, (array_of(features), array_of(nodes), array_of(weights), out.numpy()))], lent=True)
         return out
     return (features[nodes] * weights[..., None]).sum(1)
 
@@ -68,20 +75,27 @@ def _gather_any(features: Tensor, stencil: tuple[Tensor, Tensor]) -> Tensor:
 def _scatter_any(values: Tensor, stencil: tuple[Tensor, Tensor], node_count: int) -> Tensor:
     nodes, weights = stencil
     if values.device.type == "cpu":
-        partial = values.new_zeros(_CHUNKS, node_count, values.shape[1])
+        partial = values.new_zeros(_CHUNKS, node_count, values.shape[1] + 1)
         step = (_scatter, (array_of(values), array_of(nodes), array_of(weights), partial.numpy()))
-        run_parallel([step], parts=_CHUNKS)
+        run_parallel([step], parts=_CHUNKS, lent=True)
         return partial.sum(0)
+    values = _with_ones(values)
     out = values.new_zeros(node_count, values.shape[1])
     spread = (values[:, None, :] * weights[..., None]).flatten(0, 1)
     return out.index_add_(0, nodes.flatten(), spread)
 
 
+def _with_ones(values: Tensor) -> Tensor:
+    return torch.cat([values, values.new_ones(len(values), 1)], dim=1)
+
+
 def _weight_gradient_any(values: Tensor, features: Tensor, nodes: Tensor) -> Tensor:
     if values.device.type == "cpu":
         out = values.new_zeros(nodes.shape)
-        run_parallel([(_weight_gradient, (array_of(values), array_of(features), array_of(nodes), out.numpy()))])
+        arguments = (array_of(values), array_of(features), array_of(nodes), out.numpy())
+        run_parallel([(_weight_gradient, arguments)], lent=True)
         return out
+    values = _with_ones(values) if features.shape[1] > values.shape[1] else values
     return (features[nodes] * values[:, None, :]).sum(-1)
 
 
@@ -95,7 +109,8 @@ class _Gather(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         features, weights, nodes = ctx.saved_tensors
         (grad,) = gradients
-        to_features = _scatter_any(grad, (nodes, weights), features.shape[0]) if ctx.needs_input_grad[0] else None
+        needed = ctx.needs_input_grad[0]
+        to_features = _scatter_any(grad, (nodes, weights), features.shape[0])[:, :-1] if needed else None
         to_weights = _weight_gradient_any(grad, features, nodes) if ctx.needs_input_grad[1] else None
         return to_features, to_weights, None
 
@@ -110,7 +125,7 @@ class _Scatter(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         values, weights, nodes = ctx.saved_tensors
         (grad,) = gradients
-        to_values = _gather_any(grad, (nodes, weights)) if ctx.needs_input_grad[0] else None
+        to_values = _gather_any(grad[:, :-1], (nodes, weights)) if ctx.needs_input_grad[0] else None
         to_weights = _weight_gradient_any(values, grad, nodes) if ctx.needs_input_grad[1] else None
         return to_values, to_weights, None, None
 
@@ -128,9 +143,18 @@ def g2p(features: Tensor, stencil: Stencil) -> Tensor:
     return _Gather.apply(features, stencil.weights, stencil.nodes)
 
 
-def p2g_sum(values: Tensor, stencil: Stencil) -> Tensor:
-    """Add particle values to the nodes, weighted: sum_p w_ip v_p, shape [N, C] -> [nodes, C]."""
-    return _Scatter.apply(values, stencil.weights, stencil.nodes, stencil.node_count)
+def p2g_sums(values: Tensor, stencil: Stencil) -> tuple[Tensor, Tensor]:
+    """Add particle values to the nodes, weighted.
+
+    Args:
+        values: Shape [N, C].
+        stencil: Nodes and weights of the N particles.
+
+    Returns:
+        sum_p w_ip v_p, shape [nodes, C], and the mass sum_p w_ip, shape [nodes, 1].
+    """
+    total = _Scatter.apply(values, stencil.weights, stencil.nodes, stencil.node_count)
+    return total[:, :-1], total[:, -1:]
 
 
 def p2g(values: Tensor, stencil: Stencil) -> tuple[Tensor, Tensor]:
@@ -143,7 +167,5 @@ def p2g(values: Tensor, stencil: Stencil) -> tuple[Tensor, Tensor]:
     Returns:
         Node features, shape [nodes, C], exactly 0 where no particle is near; mass (sum of weights), shape [nodes, 1].
     """
-    ones = values.new_ones(values.shape[0], 1)
-    total = p2g_sum(torch.cat([values, ones], dim=1), stencil)
-    mass = total[:, -1:]
-    return total[:, :-1] / mass.clamp_min(1e-12), mass
+    total, mass = p2g_sums(values, stencil)
+    return total / mass.clamp_min(1e-12), mass

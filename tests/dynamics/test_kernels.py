@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from plop.dynamics.kernels import NODES_PER_AXIS, _slopes, _spread, axis_weights, build_stencil
+from plop.dynamics.kernels import NODES_PER_AXIS, _spread, axis_weights, build_stencil
 
 
 @pytest.mark.parametrize("kernel", list(NODES_PER_AXIS))
@@ -50,7 +50,7 @@ def test_cubic_matches_its_closed_form():
 
 
 @pytest.mark.parametrize("kernel", list(NODES_PER_AXIS))
-def test_the_compiled_product_is_the_torch_form(kernel):
+def test_the_compiled_stencil_is_the_torch_form(kernel):
     torch.manual_seed(0)
     positions = torch.rand(40, 3, dtype=torch.float64) * 0.09 - 0.01  # some reach beyond the grid
     batch = torch.randint(0, 2, (40,))
@@ -61,7 +61,5 @@ def test_the_compiled_product_is_the_torch_form(kernel):
     assert torch.equal(stencil.nodes, nodes) and stencil.node_count == 420
     torch.testing.assert_close(stencil.weights, product)
     grad = torch.randn_like(product)
-    by_autograd = torch.autograd.grad((product * grad).sum(), weights, retain_graph=True)[0]
-    torch.testing.assert_close(_slopes(weights, grad), by_autograd)
     wanted = torch.autograd.grad((product * grad).sum(), positions)[0]
     torch.testing.assert_close(torch.autograd.grad((stencil.weights * grad).sum(), positions)[0], wanted)
