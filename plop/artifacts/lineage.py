@@ -47,7 +47,7 @@ def stale_reasons(
 
     An artifact is stale when its stage has a new version, a raw input has changed or gone, an input is
     gone, was made again with another content, is stale itself, or was replaced by a more recent artifact
-    of the same stage and origin (see `_origin`).
+    (see `_Succession`).
 
     Args:
         store: The workspace.
@@ -56,8 +56,7 @@ def stale_reasons(
         raw_digest: Digest of a raw input as it is now.
     """
     by_key = {a.key: a for a in artifacts}
-    names = {full: name for name, full in store.names().items()}
-    successors = _successors(artifacts, {a.key: _origin(by_key, names, a) for a in artifacts})
+    successors = _Succession(by_key, store.names()).latest()
     reasons: dict[Key, str] = {}
     visited: set[Key] = set()
 
@@ -112,35 +111,52 @@ def _input_reason(
     return None
 
 
-Origin = tuple[frozenset[str], frozenset[str]]
-"""What an artifact descends from: (environment and raw inputs, names of the first artifacts that have one)."""
+class _Succession:
+    """Which artifact took the place of which.
 
-
-def _origin(known: Mapping[Key, Artifact], names: Mapping[str, str], artifact: Artifact) -> Origin:
-    raw, named = {artifact.manifest.environment}, set()
-    for key in closure(known, artifact):
-        first = known.get(key)
-        if first is not None and not parents(first):
-            raw |= {str(facts.get("name", "")) for facts in first.manifest.inputs.values()}
-            named |= {names["@".join(key)]} if "@".join(key) in names else set()
-    return frozenset(raw), frozenset(named)
-
-
-def _successors(artifacts: list[Artifact], origins: Mapping[Key, Origin]) -> dict[Key, Artifact]:
-    """Find the most recent artifact of each one's stage and origin.
-
-    Sets of recordings of one environment stand side by side when they have names or raw inputs of their own, and
-    so does all that is made of them.
+    A more recent artifact of the same stage replaces another one when it was made from the same things: from the same
+    environment and raw inputs, and, input by input, from the same artifact or one that replaced it. A name keeps what
+    bears it: sets of recordings, models and verdicts with names of their own stand side by side, and so does all that
+    is made of them, until the name is given to another one.
     """
-    alike: dict[tuple[str, frozenset[str]], list[Artifact]] = {}
-    for artifact in artifacts:
-        alike.setdefault((artifact.key[0], origins[artifact.key][0]), []).append(artifact)
-    found: dict[Key, Artifact] = {}
-    for group in alike.values():
-        for k, artifact in enumerate(group):
-            named = origins[artifact.key][1]
-            found[artifact.key] = next(b for b in reversed(group[k:]) if named <= origins[b.key][1])
-    return found
+
+    def __init__(self, known: Mapping[Key, Artifact], names: Mapping[str, str]) -> None:
+        """Take all artifacts, least recently used first, and name -> "<stage>@<fingerprint>"."""
+        self._known = known
+        self._age = {key: place for place, key in enumerate(known)}
+        self._named = set(names.values())
+        self._found: dict[tuple[Key, Key], bool] = {}
+
+    def latest(self) -> dict[Key, Artifact]:
+        """Give the most recent one in the place of each."""
+        alike: dict[tuple[str, frozenset[str]], list[Artifact]] = {}
+        for artifact in self._known.values():
+            alike.setdefault((artifact.key[0], self._raw(artifact)), []).append(artifact)
+        return {old.key: next(new for new in reversed(group) if new is old or self._replaced(old.key, new.key))
+                for group in alike.values() for old in group}  # fmt: skip
+
+    def _replaced(self, old: Key, new: Key) -> bool:
+        if old == new:
+            return True
+        if (old, new) not in self._found:
+            self._found[old, new] = self._newer(old, new) and self._made_alike(old, new)
+        return self._found[old, new]
+
+    def _newer(self, old: Key, new: Key) -> bool:
+        known = old in self._known and new in self._known
+        return known and old[0] == new[0] and "@".join(old) not in self._named and self._age[old] < self._age[new]
+
+    def _made_alike(self, old: Key, new: Key) -> bool:
+        before, after = parents(self._known[old]), parents(self._known[new])
+        return all(name in after and self._replaced(key, after[name]) for name, key in before.items())
+
+    def _raw(self, artifact: Artifact) -> frozenset[str]:
+        found = {artifact.manifest.environment}
+        for key in closure(self._known, artifact):
+            first = self._known.get(key)
+            if first is not None and not parents(first):
+                found |= {str(facts.get("name", "")) for facts in first.manifest.inputs.values()}
+        return frozenset(found)
 
 
 def _differ_in_seed_only(one: Artifact, two: Artifact) -> bool:

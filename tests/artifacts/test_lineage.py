@@ -65,6 +65,29 @@ def test_named_recordings_of_one_environment_stand_side_by_side(store: Store):
     assert reasons(store) == {}
 
 
+def test_named_models_of_the_same_recordings_stand_side_by_side(store: Store):
+    ingest(store)
+    store.set_name("base", make(store, fake.FUSE))
+    first = make(store, fake.FIT)
+    store.set_name("base+law", make(store, fake.FUSE, upper=True))
+    second = make(store, fake.FIT)
+    assert first.key != second.key
+    assert reasons(store) == {}
+    store.set_name("base", make(store, fake.FUSE, upper=True))
+    found = reasons(store)
+    assert "was replaced by" in found[first.key] and second.key not in found
+
+
+def test_an_input_that_was_made_again_is_followed_through_two_stages(store: Store):
+    ingest(store)
+    make(store, fake.FUSE), make(store, fake.FIT)
+    ingest(store, pieces=5)
+    fuse = make(store, fake.FUSE)
+    fit = make(store, fake.FIT)
+    found = reasons(store)
+    assert fuse.key not in found and fit.key not in found and len(found) == 2
+
+
 def test_a_name_that_moves_on_replaces(store: Store):
     store.set_name("plain", ingest(store))
     fuse = make(store, fake.FUSE)
