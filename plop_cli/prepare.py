@@ -51,9 +51,9 @@ class Preparation:
         """
         found = dict(given)
         if "model" in stage.inputs and "model" not in found and not stage.inputs["model"].optional:
-            found["model"] = self._only(MODELS, environment, "model").address
+            found["model"] = self.only(MODELS, environment, "model").address
         if "recordings" not in found:
-            found["recordings"] = self._only(RECORDINGS, environment, "recordings").address
+            found["recordings"] = self.only(RECORDINGS, environment, "recordings").address
         model = self.store.find(str(found["model"])) if "model" in found else None
         if "reference" in stage.inputs and "reference" not in found and model is not None:
             self._reference(found, model)
@@ -137,6 +137,15 @@ class Preparation:
             inputs["model"] = model.address
         return self._made(command, inputs, extra)
 
+    def diagnosed(
+        self, model: Artifact, recordings: Artifact, effect: str, files: Mapping[str, str | Path]
+    ) -> Artifact:
+        """Diagnose a model by some recordings; with one effect only, where it is named."""
+        stage = stage_ref("diagnose").load()
+        given = {"model": model.address, "recordings": recordings.address, **files}
+        extra = {"effects": [effect]} if effect else {}
+        return self._made("diagnose", self.inputs(stage, given, None), extra)
+
     def _split(self, recordings: Artifact) -> dict[str, Any]:
         """Take all episodes of recordings that have none for testing, unless the workspace's settings say which."""
         from plop.recordings.set import RecordingSet
@@ -160,7 +169,7 @@ class Preparation:
             self.console.warn(f"{command}: {text}")
         return outcome.artifact
 
-    def _only(self, stages: tuple[str, ...], environment: str | None, what: str) -> Artifact:
+    def only(self, stages: tuple[str, ...], environment: str | None, what: str) -> Artifact:
         """Take the latest artifact when there is no doubt which is meant."""
         pool = [a for a in self.store.artifacts(*stages) if environment in (None, a.manifest.environment)]
         if len({a.manifest.environment for a in pool}) != 1 or (what == "recordings" and len(pool) > 1

@@ -17,7 +17,8 @@ from plop.artifacts.store import Store
 from plop_cli.console import Console, format_seconds
 from plop_cli.convert import describe
 from plop_cli.execute import Outcome, Plan, execute, is_first_process, plan
-from plop_cli.prepare import MODELS, Preparation, takes_model_instead, wants_preparation
+from plop_cli.prepare import MODELS, RECORDINGS, Preparation, takes_model_instead, wants_preparation
+from plop_cli.prepare_augment import FIT, augment_inputs
 from plop_cli.prepare_report import labels_of_models, report_inputs
 from plop_cli.settings import Setting, resolve, settings_of
 from plop_cli.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
@@ -66,6 +67,9 @@ def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
     if takes_model_instead(stage):
         spec = InputSpec(MODELS, "Instead of rollouts: roll this model out first.", optional=True)
         parameters.append(_parameter("input_model", *_input_option("model", spec)))
+    if stage.name == "augment":
+        spec = InputSpec(RECORDINGS, "Recordings to fit the effect to, by their diagnosis.", True, only_named=True)
+        parameters.append(_parameter(f"input_{FIT}", *_input_option(FIT, spec)))
     taken = {option for name in stage.inputs for option in [_option(name)]}
     taken |= {f"--{name.replace('_', '-').strip('-')}" for name in COMMON} | {"--json", "--set", "--help"}
     for setting in settings:
@@ -106,6 +110,9 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
             config = replace(config, labels=labels_of_models(str(inputs["models"])))
         inputs = (report_inputs(preparation, inputs) if stage.name == "report"
                   else preparation.inputs(stage, inputs, values["env"]))  # fmt: skip
+    if stage.name == "augment":
+        preparation = Preparation(store, console)
+        inputs = augment_inputs(preparation, inputs, config, values["env"], may_run=not values["dry_run"])
     if values["dry_run"]:
         planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"])
         report_plan(console, planned)

@@ -41,8 +41,11 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
         return _without(folder, out.path)
     diagnosis = _diagnosis(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
+    types = library(files)
+    if config.effect:
+        effect_type(config.effect, types)  # told before it is looked for in what was fitted
     name, parameters = _chosen(config, diagnosis)
-    kind = effect_type(name, library(files))
+    kind = effect_type(name, types)
     values = {key: p["value"] for key, p in parameters.items()}
     kind(**values)  # made only to refuse values out of range before anything is written
     units = {p.name: p.unit for p in kind.parameters()}
@@ -125,7 +128,9 @@ STAGE = Stage(
     config=AugmentConfig,
     inputs={
         "model": InputSpec(("train", "identify", "augment"), "the model to add to"),
-        "diagnosis": InputSpec(("diagnose",), "what was fitted", optional=True),
+        "diagnosis": InputSpec(
+            ("diagnose",), "what was fitted; the model's latest without it and --value.", optional=True, only_named=True
+        ),
         "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },

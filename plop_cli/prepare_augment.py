@@ -1,0 +1,64 @@
+"""Where the amplitude of an added effect comes from: the diagnosis of the recordings that it is fitted to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from plop.artifacts.lineage import parents
+from plop.artifacts.store import Artifact
+from plop.errors import PlopError
+from plop_cli.prepare import MODELS, Preparation
+
+if TYPE_CHECKING:
+    from stages.augment.stage import AugmentConfig
+
+FIT = "fit"
+"""Not an input of the stage: recordings whose diagnosis by the model is one."""
+
+
+def augment_inputs(
+    preparation: Preparation, given: Mapping[str, str | Path], config: AugmentConfig, environment: str | None, *,
+    may_run: bool = True,
+) -> dict[str, str | Path]:  # fmt: skip
+    """Find the diagnosis of the model, of the recordings named with `--fit` where there are such, or make it.
+
+    Args:
+        preparation: Makes what is missing.
+        given: What the user named: inputs of the stage, and "fit".
+        config: Which effect is wanted, and whether its values are given.
+        environment: Take a model of this environment where none is named.
+        may_run: Make a diagnosis of the recordings where there is none that fitted the effect.
+
+    Raises:
+        PlopError: Both `--fit` and `--diagnosis` are named, or what is named is not there.
+    """
+    found = {name: address for name, address in given.items() if name != FIT}
+    if FIT in given and "diagnosis" in given:
+        raise PlopError("Both --fit and --diagnosis are named.", found=f"{given[FIT]}, {given['diagnosis']}",
+                        fix="Name the recordings to fit to, or the diagnosis that has done it.")  # fmt: skip
+    if config.remove or "diagnosis" in given or (config.value and FIT not in given):
+        return found
+    store = preparation.store
+    model = store.find(str(given["model"])) if "model" in given else preparation.only(MODELS, environment, "model")
+    found["model"] = model.address
+    recordings = store.find(str(given[FIT])) if FIT in given else None
+    wanted = {"model": model.key} | ({} if recordings is None else {"recordings": recordings.key})
+    fitting = [a for a in store.artifacts("diagnose")
+               if wanted.items() <= parents(a).items() and _has_fitted(a, config.effect)]  # fmt: skip
+    if fitting:
+        found["diagnosis"] = fitting[-1].address
+    elif recordings is not None and not may_run:
+        preparation.console.warn(f"`plop diagnose` would run first: no diagnosis has fitted this to {given[FIT]}")
+    elif recordings is not None:
+        files = {"effect_file": given["effect_file"]} if "effect_file" in given else {}
+        found["diagnosis"] = preparation.diagnosed(model, recordings, config.effect, files).address
+    return found
+
+
+def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
+    facts = json.loads((diagnosis.path / "diagnosis.json").read_text())
+    fitted = {row.get("effect") for row in [*facts.get("ranking", []), facts.get("base", {})]}
+    return not effect or effect in fitted
