@@ -30,7 +30,7 @@ _PART = "_part_"
 
 
 def collected(store: Store) -> tuple[str, dict[str, Any]]:
-    """Read a workspace: its environment, and for each method the test episodes' scores over the whole and at the end."""
+    """Read a workspace: its environment, and each method's scores by test episode, over the whole and at the end."""
     found: dict[str, Any] = {}
     environment = ""
     for method, name in METHODS.items():
