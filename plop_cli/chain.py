@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,21 @@ Layers = list[tuple[str, Mapping[str, Mapping[str, Any]]]]
 """(where the overrides come from, overrides by command), later ones winning."""
 
 
-def read_profile(name: str) -> tuple[list[int], dict[str, dict[str, Any]]]:
-    """Read a profile that ships with plop: its seeds, and its settings by command.
+@dataclass(frozen=True)
+class Profile:
+    """Settings that ship with plop for a whole chain."""
+
+    name: str
+    seeds: list[int]
+    """One training each."""
+    settings: dict[str, dict[str, Any]]
+    """By command."""
+    engine: bool = False
+    """Fit the engine to the tracks first, so that it makes up episodes to learn from, too."""
+
+
+def read_profile(name: str) -> Profile:
+    """Read a profile: a TOML file with a table a command, `seeds`, `engine`, and `based_on`, another profile.
 
     Raises:
         PlopError: There is no such profile.
@@ -36,14 +50,18 @@ def read_profile(name: str) -> tuple[list[int], dict[str, dict[str, Any]]]:
     if name not in names:
         raise PlopError("There is no such profile.", expected=", ".join(names), found=name)
     tables = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
-    seeds = [int(seed) for seed in tables.pop("seeds", [0])]
-    return seeds, settings_by_command(tables, COMMANDS, where=f"profile {name}")
+    base = read_profile(tables.pop("based_on")) if "based_on" in tables else Profile(name, [0], {})
+    seeds = [int(seed) for seed in tables.pop("seeds", base.seeds)]
+    engine = bool(tables.pop("engine", base.engine))
+    own = settings_by_command(tables, COMMANDS, where=f"profile {name}")
+    settings = {command: base.settings.get(command, {}) | own.get(command, {}) for command in {**base.settings, **own}}
+    return Profile(name, seeds, settings, engine)
 
 
-def layers_of(store: Store, profile: tuple[str, dict[str, dict[str, Any]]], assignments: list[str]) -> Layers:
-    """Stack the sources of settings: profile (name, settings), plop.toml of the workspace, --set."""
+def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
+    """Stack the sources of settings: profile, plop.toml of the workspace, --set."""
     return [
-        (f"profile {profile[0]}", profile[1]),
+        (f"profile {profile.name}", profile.settings),
         (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS)),
         ("--set", parse_assignments(assignments, COMMANDS)),
     ]
@@ -57,6 +75,7 @@ def run_step(
     layers: Layers,
     made: Mapping[str, Outcome],
     raw: Path | None = None,
+    named: Mapping[str, Outcome] | None = None,
     extra: Mapping[str, Any] | None = None,
     title: str = "",
 ) -> Outcome:
@@ -69,6 +88,7 @@ def run_step(
         layers: Settings.
         made: Outcomes of the stages before, by stage name.
         raw: The raw folder, for an ingest.
+        named: Outcomes that are taken for an input of that name whatever `made` holds.
         extra: Settings that win over the layers.
         title: What to write before the command, e.g. the environment.
     """
@@ -80,7 +100,7 @@ def run_step(
             stage,
             store=store,
             config=config,
-            inputs=_inputs(stage, made, raw),
+            inputs=_inputs(stage, made, raw) | {name: _address(one) for name, one in (named or {}).items()},
             progress=progress,
             on_wait=lambda pid: console.warn(f"another run (process {pid}) is making {command}; waiting for it"),
         )
@@ -105,7 +125,11 @@ def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict
             found[name] = raw
         elif fitting and not spec.only_named:
             latest = max(fitting, key=lambda outcome: ORDER[outcome.artifact.manifest.stage])
-            found[name] = "@".join(latest.artifact.key)
+            found[name] = _address(latest)
         elif spec.stages and spec.optional:
             found[name] = LEFT_OUT
     return found
+
+
+def _address(outcome: Outcome) -> str:
+    return "@".join(outcome.artifact.key)

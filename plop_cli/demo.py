@@ -15,8 +15,7 @@ from plop_cli.execute import Outcome
 
 def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str]) -> None:
     """Run the demo; what an earlier, stopped run finished is kept."""
-    _, settings = read_profile("demo")
-    layers = layers_of(store, ("demo", settings), assignments)
+    layers = layers_of(store, read_profile("demo"), assignments)
     raw = _simulate(store.workspace, console, seed)
     made: dict[str, Outcome] = {}
     times: dict[str, float] = {}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop_cli.chain import AFTER_INGEST, Layers, layers_of, read_profile, run_step, show_times
+from plop_cli.chain import AFTER_INGEST, Layers, Profile, layers_of, read_profile, run_step, show_times
 from plop_cli.console import Console
 from plop_cli.execute import Outcome, versions
 
@@ -39,8 +39,8 @@ def reproduce(
     from plop.metrics.table import to_markdown
     from plop_cli.results_page import gathered, write_results
 
-    seeds, settings = read_profile(profile)
-    layers = layers_of(store, (profile, settings), assignments)
+    chosen = read_profile(profile)
+    layers = layers_of(store, chosen, assignments)
     names = _choose(data, environments)
     scores: dict[str, list[Path]] = {}
     pictures: dict[str, Path] = {}
@@ -48,14 +48,14 @@ def reproduce(
     for place, name in enumerate(names):
         try:
             console.say(f"environment {place + 1} of {len(names)}: {name}")
-            scores[name] = _one_environment(store, console, data, name, seeds, layers)
+            scores[name] = _one_environment(store, console, data, name, chosen, layers)
             pictures |= _picture(name, scores[name][0].parent)
         except PlopError as error:
             console.warn(f"{name} is left out of the table: {error.problem}")
             failed[name] = error
         if scores:
             command = f"make reproduce DATA=<folder> PROFILE={profile}"
-            results = gathered(scores, command=command, versions=versions(), seeds=seeds)
+            results = gathered(scores, command=command, versions=versions(), seeds=chosen.seeds)
             written = write_results(out, results, pictures)
     if scores:
         console.say(to_markdown(results))
@@ -89,14 +89,16 @@ def _choose(data: Path, wanted: list[str]) -> list[str]:
 
 
 def _one_environment(
-    store: Store, console: Console, data: Path, name: str, seeds: list[int], layers: Layers
+    store: Store, console: Console, data: Path, name: str, profile: Profile, layers: Layers
 ) -> list[Path]:
     made: dict[str, Outcome] = {}
     times: dict[str, float] = {}
 
+    named: dict[str, Outcome] = {}
+
     def step(command: str, label: str, **extra: object) -> Outcome:
         outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=data,
-                           extra=extra, title=name)  # fmt: skip
+                           named=named if command == "train" else {}, extra=extra, title=name)  # fmt: skip
         made[outcome.artifact.manifest.stage] = outcome
         times[label] = outcome.seconds
         return outcome
@@ -105,8 +107,14 @@ def _one_environment(
     found = []
     for command in AFTER_INGEST[: AFTER_INGEST.index("train")]:
         step(command, command)
-    for seed in seeds:
-        label = f" seed {seed}" if len(seeds) > 1 else ""
+    if profile.engine:
+        for command in ("filter", "identify"):
+            step(command, command)
+        # an engine is a model, too, and its tracks are of no use to the learned one: both are left out from here on
+        named["engine"] = made.pop("identify")
+        del made["filter"]
+    for seed in profile.seeds:
+        label = f" seed {seed}" if len(profile.seeds) > 1 else ""
         step("train", f"train{label}", seed=seed)
         step("rollout", f"rollout{label}", seed=seed)
         found.append(step("eval", f"eval{label}").artifact.path / "scores.json")

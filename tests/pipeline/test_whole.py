@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from plop.artifacts.store import Store
 from plop.recordings.mesh_sequence import write_mesh_sequence
 from plop_cli.app import main
 from plop_cli.chain import read_profile
@@ -62,13 +63,29 @@ def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys:
     capsys.readouterr()
     assert main(command) == 0
     assert capsys.readouterr().out.count("already there") == 7
+    more = ["fit-init.count=300", "filter.iterations=1", "identify.iterations=1", "identify.fit=table_friction",
+            "train.made_up=1"]  # fmt: skip
+    assert main([*command, *options(more), "--profile", "cpu-engine"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("already there") == 3 and "identify@" in shown
+    store = Store(tmp_path / "work")
+    assert "engine" in store.find("train@latest").manifest.inputs
+    assert store.find("rollout@latest").manifest.inputs["model"]["stage"] == "train"
+    results = json.loads((docs / "results" / "disect.json").read_text())
+    assert results["command"].endswith("PROFILE=cpu-engine")
     assert main([*command[:2], "--env", "prism-jello", *command[4:]]) == 1
     assert "no such environment" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["demo", "cpu", "paper"])
+@pytest.mark.parametrize("name", ["demo", "cpu", "cpu-engine", "paper"])
 def test_profiles_fit_the_stages(name: str):
-    seeds, settings = read_profile(name)
-    assert seeds
-    for command, values in settings.items():
+    profile = read_profile(name)
+    assert profile.seeds and profile.engine == (name == "cpu-engine")
+    for command, values in profile.settings.items():
         resolve(stage_ref(command).load().config, command, (name, values))
+
+
+def test_a_profile_takes_over_what_it_is_based_on():
+    base, more = read_profile("cpu"), read_profile("cpu-engine")
+    assert more.settings["train"] == base.settings["train"] and more.settings["fit-init"] == base.settings["fit-init"]
+    assert more.settings["identify"]["split"] == "train"
