@@ -30,14 +30,16 @@ def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2)
     return 1000 * statistics.median(times)
 
 
-def median_ratio(work: Callable[[], object], over: Callable[[], object], *, repeats: int = 31) -> float:
-    """Time two pieces of work in turn, so that what else runs on the machine slows both; the ratio of their medians."""
+def median_ratio(work: Callable[[], object], over: Callable[[], object], *, blocks: int = 9) -> float:
+    """Time two pieces of work in turn, a block of calls each, and give the ratio of the medians.
+
+    What else runs on the machine slows both. The first calls of a block are not timed: they find caches and memory
+    as the other piece has left them.
+    """
     times: tuple[list[float], list[float]] = ([], [])
-    for turn in range(repeats + 2):
+    for _ in range(blocks):
         for piece, kept in zip((work, over), times, strict=True):
-            taken = median_ms(piece, repeats=1, warm_up=0)
-            if turn >= 2:
-                kept.append(taken)
+            kept.append(median_ms(piece, repeats=7, warm_up=3))
     return statistics.median(times[0]) / statistics.median(times[1])
 
 
