@@ -17,6 +17,7 @@ from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.table import Measured, RunJobs, Table
+from plop.diagnosis.together import least_together
 from plop.diagnosis.verdict import Finding, Verdict, first_of, judge
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
@@ -28,6 +29,8 @@ REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""
 PROFILED_SHARE = 0.5
 """Least share of the best effect's gain from which an effect may be named, so that its amplitude is looked for."""
+_LEAST_SEEN = 0.05
+"""Least share of the amplitude at which a response was computed from which it is computed anew."""
 SLOWER = 16.0
 """How many times more time steps than without it the engine may take for a law whose amplitude is looked for."""
 
@@ -94,6 +97,8 @@ def diagnose(
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
+    least |= {c.key: least_together(c.columns, best[c.key], state.left_with)
+              for c in candidates if c.key in best and len(c.columns) > 1}  # fmt: skip
     state = _responded(tables, _moved(candidates, least), list(best), everywhere=True)
     state.profiles = profiles
     return _conclude(state, sensors, shams, seed)
@@ -140,8 +145,12 @@ def _best_values(state: State, share: float = -np.inf) -> dict[str, np.ndarray]:
 
 def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str], *, everywhere: bool = False) -> State:
     """Compute the responses of some candidates anew, at the amplitudes that they now have; see `Table.respond`."""
+    wanted = [c for c in candidates if c.key in keys]
     for table in tables:
-        table.respond([column for c in candidates if c.key in keys for column in c.columns], everywhere=everywhere)
+        table.respond([c.columns[0] for c in wanted if len(c.columns) == 1], everywhere=everywhere)
+        for candidate in wanted:
+            if len(candidate.columns) > 1:
+                table.respond_together(candidate.columns, everywhere=everywhere)
     return State(tables, candidates)
 
 
@@ -162,8 +171,10 @@ def _moved(candidates: list[Candidate], fitted: Mapping[str, np.ndarray]) -> lis
         columns = []
         for column, value in zip(candidate.columns, fitted[candidate.key], strict=True):
             inside = float(np.clip(value, column.low, column.high))
-            usable = abs(inside) > 0.05 * abs(column.value)
-            columns.append(replace(column, value=inside if usable else column.value))
+            least = _LEAST_SEEN * abs(column.value)
+            # beside others an amplitude may stay as small as it is: it is their sum that is looked at
+            small = column.value if len(candidate.columns) == 1 else float(np.copysign(least, inside))
+            columns.append(replace(column, value=inside if abs(inside) > least else small))
         return replace(candidate, columns=tuple(columns))
 
     return [one(candidate) for candidate in candidates]

@@ -16,6 +16,7 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
 from plop.diagnosis.profile import Profile
 from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, solve
+from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
@@ -111,17 +112,26 @@ class State:
 
     def measure(self, wanted: Sequence[tuple[Column, float]]) -> list[tuple[float, float] | None]:
         """Run columns at some amplitudes, see `profiles_of`; the base's own parameters are refitted to what is left."""
-        return [None if change is None else self._fits(column, change)
-                for (column, _), change in zip(wanted, self.tables[0].changes(wanted), strict=True)]  # fmt: skip
+        both = self._runs([((column, amplitude),) for column, amplitude in wanted])
+        return [None if found is None else (float(found[0] @ found[0]), float(found[1] @ found[1]) ** 0.5)
+                for found in both]  # fmt: skip
 
-    def _fits(self, column: Column, change: list[np.ndarray]) -> tuple[float, float]:
-        evidence = self.tables[0].evidence([{column.key: points} for points in change])
-        response = [whiten(e, self.misfit, [column.key]).matrix[0] for e in evidence]
-        others = np.array([k for k in self.screen.base if self.keys[k] != column.key], int)
+    def left_with(self, wanted: Sequence[Settings]) -> list[np.ndarray | None]:
+        """Give the residuals with a law at some amplitudes, see `least_together`."""
+        return [None if found is None else found[0] for found in self._runs(wanted)]
+
+    def _runs(self, wanted: Sequence[Settings]) -> list[tuple[np.ndarray, np.ndarray] | None]:
+        """Residual that is left and response of the engine, whitened, all episodes in a row, [D] each."""
+        return [None if change is None else self._refitted(settings[0][0].key, change)
+                for settings, change in zip(wanted, self.tables[0].changes(wanted), strict=True)]  # fmt: skip
+
+    def _refitted(self, key: str, change: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        evidence = self.tables[0].evidence([{key: points} for points in change])
+        response = np.concatenate([whiten(e, self.misfit, [key]).matrix[0] for e in evidence])
+        others = np.array([k for k in self.screen.base if self.keys[k] != key], int)
         matrix = np.concatenate([e.matrix[others] for e in self.screen.episodes], 1)
-        left = np.concatenate([e.residual - r for e, r in zip(self.screen.episodes, response, strict=True)])
-        square = float(sum(r @ r for r in response))
-        return float(left @ left - (matrix @ left) @ solve(matrix @ matrix.T, matrix @ left)), square**0.5
+        left = np.concatenate([e.residual for e in self.screen.episodes]) - response
+        return left - solve(matrix @ matrix.T, matrix @ left) @ matrix, response
 
     def finding(self, score: Score, shams: np.ndarray, beside: bool = False) -> Finding:
         """Add parameters, intervals, p and contrast to a score.

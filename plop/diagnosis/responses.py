@@ -14,6 +14,9 @@ from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
 
+Settings = tuple[tuple[Column, float], ...]
+"""Columns and their amplitudes."""
+
 
 @dataclass(frozen=True)
 class Job:
@@ -21,8 +24,8 @@ class Job:
 
     episode: Episode
     base: EngineBase
-    settings: tuple[tuple[Column, float], ...] = ()
-    """Columns and their amplitudes; empty: the engine without effects."""
+    settings: Settings = ()
+    """Empty: the engine without effects."""
 
     @property
     def key(self) -> str:

@@ -13,7 +13,7 @@ from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
 from plop.diagnosis.phases import motion_kind
-from plop.diagnosis.responses import Answer, Job
+from plop.diagnosis.responses import Answer, Job, Settings
 from plop.errors import PlopError
 from plop.physics.filled import EngineBase
 
@@ -99,19 +99,49 @@ class Table:
                 if trouble is not None:
                     self.responses[k].pop(column.key, None)
                     continue
-                plain = [self.plain[k], *(self.elsewhere[k] if everywhere else [])]
-                moved = [
-                    a.points - p for a, p in zip(each, plain, strict=True) if a.points is not None and p is not None
-                ]
-                self.responses[k][column.key] = np.mean(moved, 0) / column.value
+                self.responses[k][column.key] = self._moved(k, each) / column.value
 
-    def changes(self, wanted: Sequence[tuple[Column, float]]) -> list[list[np.ndarray] | None]:
-        """Compute what columns change at some amplitudes.
+    def respond_together(self, columns: Sequence[Column], *, everywhere: bool = False) -> None:
+        """Do the same for amplitudes of one law that act together: at their values the responses add up to the law's.
+
+        What they do beyond the sum of what each does alone is shared out equally (of two: Shapley 1953). An object
+        that is about to slide, for one, slides under a pull along x and one along y, and under neither alone.
+
+        Args:
+            columns: Of one law.
+            everywhere: See `respond`.
+        """
+        self.respond(columns, everywhere=everywhere)
+        if any(column.key in self.dropped for column in columns):
+            return
+        settings = tuple((column, column.value) for column in columns)
+        members = discretised(self.base) if everywhere else [self.base]
+        answers = iter(self.run_jobs([Job(e, member, settings) for e in self.episodes for member in members]))
+        together = [[next(answers) for _ in members] for _ in self.episodes]
+        trouble = next((first.trouble for first, *_ in together if first.points is None), None)
+        for k, each in enumerate(together):
+            if trouble is not None:
+                for column in columns:
+                    self.dropped[column.key] = trouble
+                    self.responses[k].pop(column.key, None)
+                continue
+            beyond = self._moved(k, each) - sum(c.value * self.responses[k][c.key] for c in columns)
+            for column in columns:
+                self.responses[k][column.key] = self.responses[k][column.key] + beyond / (len(columns) * column.value)
+
+    def _moved(self, number: int, answers: Sequence[Answer]) -> np.ndarray:
+        """What runs of an episode changed, the mean over discretisations, the engine's own first, [T, M, 3] [m]."""
+        plain = [self.plain[number], *(self.elsewhere[number] if len(answers) > 1 else [])]
+        return np.mean([a.points - p for a, p in zip(answers, plain, strict=True)
+                        if a.points is not None and p is not None], 0)  # fmt: skip
+
+    def changes(self, wanted: Sequence[Settings]) -> list[list[np.ndarray] | None]:
+        """Compute what laws change at some amplitudes.
 
         Returns:
             For each one the change of the prediction in every episode, [T, M, 3] [m]; None where one is unstable.
         """
-        jobs = [Job(episode, self.base, (setting,)) for setting in wanted for episode in self.episodes]
+        jobs = [Job(episode, self.base, settings) for settings in wanted for episode in self.episodes]
         answers = iter(self.run_jobs(jobs))
         found: list[list[np.ndarray] | None] = []
         for _ in wanted:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.amplitude import RESPONSE_ERROR
-from plop.diagnosis.diagnose import _conclude, _turned
+from plop.diagnosis.diagnose import _conclude, _moved, _turned
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.verdict import CARRIED, Verdict
@@ -193,3 +193,13 @@ def test_without_a_stable_stiffness_the_laws_are_still_judged():
 
     found = _conclude(State(tables, CANDIDATES), (), SHAMS, 0)  # type: ignore[arg-type]
     assert found.verdict.named == ["tilt"] and found.findings[-1].parameters == {}
+
+
+def test_an_amplitude_beside_others_may_stay_small_and_one_by_itself_may_not():
+    """A law with one amplitude has to be seen; of several it is their sum that is seen."""
+    alone = candidate("tilt")
+    pair = replace(alone, columns=(alone.columns[0], replace(alone.columns[0], amplitude="b")))
+    fitted = {alone.key: np.array([0.01, -0.01])}
+    assert [c.value for c in _moved([pair], fitted)[0].columns] == [0.05, -0.05]
+    assert _moved([alone], {alone.key: fitted[alone.key][:1]})[0].columns[0].value == 1.0
+    assert _moved([alone], {alone.key: np.array([0.3])})[0].columns[0].value == 0.3

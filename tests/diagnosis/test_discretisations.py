@@ -157,3 +157,26 @@ def test_without_a_reference_doubt_follows_the_motion_alone():
     plain = episodes(1)
     np.testing.assert_array_equal(state(unsure(1)).misfit.doubt_m, state(plain).misfit.doubt_m)
     assert state(unsure(1), unsure(2)).misfit.doubt_m[-1] > 2 * state(plain, episodes(2)).misfit.doubt_m[-1]
+
+
+def test_amplitudes_that_act_together_share_what_they_do_beyond_their_sum(episode):
+    both = [replace(COLUMN, amplitude=name, value=value) for name, value in (("x", 2.0), ("y", -0.5))]
+
+    def run(jobs: list[Job]) -> list[Answer]:
+        found = []
+        for job in jobs:
+            x, y = ({c.amplitude: v for c, v in job.settings}.get(name, 0.0) for name in "xy")
+            far = abs(x * y) > limit
+            found.append(Answer(None, "unstable") if far else Answer(moved(job.episode, 3 * x + y + x * y)))
+        return found
+
+    for everywhere in (False, True):
+        limit = 9.0
+        table = Table(Measured([episode]), BASE, run)
+        table.respond_together(both, everywhere=everywhere)
+        x, y = (float(table.responses[0][column.key][-1, 0, 0]) for column in both)
+        assert (x, y) == pytest.approx((3 - 0.5 / 2, 1 + 2.0 / 2))  # half of -1, the product, per unit of each
+        assert 2.0 * x - 0.5 * y == pytest.approx(6 - 0.5 - 1)
+        limit = 0.5
+        table.respond_together(both, everywhere=everywhere)
+        assert not table.responses[0] and set(table.dropped) == {column.key for column in both}

@@ -1,0 +1,83 @@
+"""Several amplitudes of one law, looked for together: what they do is not the sum of what each does alone.
+
+A sideways pull shows how far an object slides, and which way, once it slides: where a pull along x or y alone leaves it
+lying, both together may carry it off. Responses along the axes, added up, then point the wrong way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from plop.diagnosis.candidates import Column
+from plop.diagnosis.responses import Settings
+
+_STEP = 0.1
+"""Finite difference of an amplitude, as a share of the one at which its response was first computed [-]."""
+_HALVINGS = 4
+"""How often the start is halved; the least error of all begins the search."""
+_MOST_STEPS = 12
+_ENOUGH = 0.01
+"""The search ends where a step changes error or amplitudes by less than this share."""
+Left = Callable[[Sequence[Settings]], list[np.ndarray | None]]
+"""Whitened residuals with a law at some amplitudes, [D] each; None where a run is unstable."""
+
+
+def least_together(columns: Sequence[Column], start: np.ndarray, left: Left) -> np.ndarray:
+    """Find the amplitudes of least squared residual: Gauss-Newton in a trust region (Branch, Coleman & Li 1999).
+
+    Args:
+        columns: Of one law; their values tell which changes can be seen.
+        start: First guess [C], for example of a fit to the sum of the columns' responses.
+        left: Runs the engine.
+
+    Returns:
+        Shape [C], each in its range; the start where all runs are unstable.
+    """
+    search = _Search(columns, left)
+    tried = [np.clip(start / 2**k, search.low, search.high) for k in range(_HALVINGS)]
+    known = [(float(r @ r), k) for k, r in enumerate(search.residuals(tried)) if r is not None]
+    if not known:
+        return np.asarray(start)
+    first = tried[min(known)[1]]
+    inside = np.clip(first, search.low + 1e-6 * search.span, search.high - 1e-6 * search.span)
+    found = least_squares(search.residual, inside, search.jacobian, (search.low, search.high), x_scale=search.steps,
+                          max_nfev=_MOST_STEPS, ftol=_ENOUGH, xtol=_ENOUGH, gtol=None)  # fmt: skip
+    return np.asarray(found.x)
+
+
+class _Search:
+    """Residuals and their derivatives; what was run once is remembered."""
+
+    def __init__(self, columns: Sequence[Column], left: Left) -> None:
+        self.columns, self.left = columns, left
+        self.low, self.high = (np.array(ends) for ends in zip(*((c.low, c.high) for c in columns), strict=True))
+        self.span = self.high - self.low
+        self.steps = np.array([_STEP * abs(c.value) for c in columns])
+        self.known: dict[tuple[float, ...], np.ndarray | None] = {}
+
+    def residuals(self, places: Sequence[np.ndarray]) -> list[np.ndarray | None]:
+        """Residuals at some amplitudes [C] each."""
+        new = [place for place in places if tuple(place) not in self.known]
+        settings = [tuple(zip(self.columns, place.tolist(), strict=True)) for place in new]
+        self.known |= {tuple(place): r for place, r in zip(new, self.left(settings), strict=True)} if new else {}
+        return [self.known[tuple(place)] for place in places]
+
+    def residual(self, place: np.ndarray) -> np.ndarray:
+        """The same at one place; where the engine is unstable, far worse than anything that was seen."""
+        (found,) = self.residuals([place])
+        if found is None:
+            return 2 * max((r for r in self.known.values() if r is not None), key=lambda r: float(r @ r))
+        return found
+
+    def jacobian(self, place: np.ndarray) -> np.ndarray:
+        """Derivatives by differences towards the middle of the range, [D, C]; 0 where a run is unstable."""
+        middle = (self.low + self.high) / 2
+        steps = np.where(place > middle, -self.steps, self.steps)
+        here, *moved = self.residuals([place, *(place + step for step in np.diag(steps))])
+        if here is None:
+            return np.zeros((len(self.residual(place)), len(steps)))
+        return np.stack([np.zeros_like(here) if there is None else (there - here) / step
+                         for there, step in zip(moved, steps, strict=True)], 1)  # fmt: skip
