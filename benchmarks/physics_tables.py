@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +33,45 @@ def wilson(hits: int, n: int) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Count what the benchmark's table asks for; what no amplitude could make visible is left out."""
+    """Count what the benchmark's table asks for, baselines included."""
+    single = [r for r in rows if r["set"] == "single"]
+    return {**verdict_rates(rows), "baselines": _baseline_rates(
+        [r for r in single if r["snr"] >= 1], [r for r in rows if r["set"] == "null"], single)}  # fmt: skip
+
+
+def _rate(group: list[dict[str, Any]], test: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+    return wilson(sum(bool(test(r)) for r in group), len(group))
+
+
+def _baseline_rates(
+    visible: list[dict[str, Any]], null: list[dict[str, Any]], single: list[dict[str, Any]]
+) -> dict[str, Any]:  # fmt: skip
+    return {
+        "bic_first": _rate(visible, lambda r: r["baselines"]["bic"][:1] and r["baselines"]["bic"][0] in r["hidden"]),
+        "bic_null_false_alarm": _rate(null, lambda r: r["baselines"]["bic"]),
+        "sparse_first": _rate(visible, lambda r: r["baselines"]["sparse"][:1]
+                             and r["baselines"]["sparse"][0] in r["hidden"]),
+        "sindy_first": _rate([r for r in visible if "sindy" in r["baselines"]],
+                            lambda r: set(sum(r["baselines"]["sindy"][:1], [])) & set(r["hidden"])),
+        "sindy_among": _rate([r for r in visible if "sindy" in r["baselines"]],
+                            lambda r: set(sum(r["baselines"]["sindy"], [])) & set(r["hidden"])),
+        "sindy_null_false_alarm": _rate([r for r in null if "sindy" in r["baselines"]],
+                                       lambda r: r["baselines"]["sindy"]),
+        "residual_error_share": float(np.median([r["baselines"]["residual_error_share"] for r in single]))
+        if single else None,
+    }  # fmt: skip
+
+
+def verdict_rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Count how often the verdict was right, by set; what no amplitude could make visible is left out."""
     rows = [r for r in rows if r["set"] != "unreachable"]
-    names = ("single", "null", "base", "decoy", "pair", "outside")
+    names = ("single", "null", "base", "decoy", "pair", "outside", "sensor")
     sets = {name: [r for r in rows if r["set"] == name] for name in names}
-    single = sets["single"]
+    single, rate = sets["single"], _rate
     visible = [r for r in single if r["snr"] >= 1]
     loud = [r for r in single if r["snr"] >= 2]
     faint = [r for r in single if r["snr"] < 1]
     named = [r for r in single if r["named"] and r["verdict"] in _NAMING and r["named"][0] in r["hidden"]]
-
-    def rate(group: list[dict[str, Any]], test: Any) -> dict[str, Any]:
-        return wilson(sum(bool(test(r)) for r in group), len(group))
 
     def first(r: dict[str, Any]) -> bool:
         return bool(r["named"]) and r["named"][0] in r["hidden"]
@@ -53,7 +81,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     errors, covered = [], []
     for r in named:
-        error, inside_each = _amplitude_error(next(iter(r["hidden"].values())), r["parameters"].get(r["named"][0], {}))
+        error, inside_each = amplitude_error(next(iter(r["hidden"].values())), r["parameters"].get(r["named"][0], {}))
         errors.append(error)
         covered += inside_each
     closed = [(r["error"] - r["left"]) / (r["error"] - r["floor"]) for r in named
@@ -79,24 +107,12 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "gap_closed": {"median": float(np.median(closed)) if closed else None, "n": len(closed)},
         "parameter_error": {"median": float(np.median(errors)) if errors else None, "n": len(errors),
                             "covered": wilson(sum(covered), len(covered))},
-        "baselines": {
-            "bic_first": rate(visible, lambda r: r["baselines"]["bic"][:1] and r["baselines"]["bic"][0] in r["hidden"]),
-            "bic_null_false_alarm": rate(sets["null"], lambda r: r["baselines"]["bic"]),
-            "sparse_first": rate(visible, lambda r: r["baselines"]["sparse"][:1]
-                                 and r["baselines"]["sparse"][0] in r["hidden"]),
-            "sindy_first": rate([r for r in visible if "sindy" in r["baselines"]],
-                                lambda r: set(sum(r["baselines"]["sindy"][:1], [])) & set(r["hidden"])),
-            "sindy_among": rate([r for r in visible if "sindy" in r["baselines"]],
-                                lambda r: set(sum(r["baselines"]["sindy"], [])) & set(r["hidden"])),
-            "sindy_null_false_alarm": rate([r for r in sets["null"] if "sindy" in r["baselines"]],
-                                           lambda r: r["baselines"]["sindy"]),
-            "residual_error_share": float(np.median([r["baselines"]["residual_error_share"] for r in single]))
-            if single else None,
-        },
+        "sensor": {"called_physics": rate(sets["sensor"], lambda r: r["verdict"] in _NAMING),
+                   "stopped": rate(sets["sensor"], lambda r: r["verdict"] == "SENSOR")},
     }  # fmt: skip
 
 
-def _amplitude_error(truth: dict[str, float], found: dict[str, Any]) -> tuple[float, list[bool]]:
+def amplitude_error(truth: dict[str, float], found: dict[str, Any]) -> tuple[float, list[bool]]:
     """Compare the fitted amplitudes with the hidden ones; two components of one vector are one amplitude.
 
     Returns:
@@ -161,7 +177,7 @@ def write_results(
     if page.is_file():
         text = page.read_text()
         rates = _rates(facts["sets"], facts["sets_after_rules_were_fixed"])
-        tables = {"rates": rates, "runs": _runs(rows), "confusion": _confused(facts)}
+        tables = {"rates": rates, "runs": runs_table(rows), "confusion": _confused(facts)}
         prefix = "" if result == RESULT else f"{result}-"
         tables = {f"{prefix}{name}": table for name, table in tables.items()}
         earlier = out / "results" / f"{EARLIER}.json"
@@ -173,7 +189,7 @@ def write_results(
         page.write_text(text)
 
 
-def _shown(rate: dict[str, Any] | None) -> str:
+def shown(rate: dict[str, Any] | None) -> str:
     if not rate or rate.get("rate") is None:
         return "not run"
     return f"{100 * rate['rate']:.0f} % ({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %, n = {rate['n']})"
@@ -184,7 +200,7 @@ def _kept(row: dict[str, Any]) -> dict[str, Any]:
     kept = {key: value for key, value in row.items() if key not in ("judged", "limits_mm", "parameters", "ranking")}
     named = row["named"][0] if row["named"] else None
     if row["set"] == "single" and named in row["hidden"]:
-        kept["amplitude_off"] = _amplitude_error(row["hidden"][named], row["parameters"].get(named, {}))[0]
+        kept["amplitude_off"] = amplitude_error(row["hidden"][named], row["parameters"].get(named, {}))[0]
     return kept
 
 
@@ -218,21 +234,21 @@ def _rates(sets: dict[str, Any], fresh: dict[str, Any]) -> str:
     ]
     lines = ["| what | all runs | runs after the rules were fixed | goal |", "|---|---|---|---|"]
     for name, (group, key), goal in rows:
-        lines.append(f"| {name} | {_shown(sets[group][key])} | {_shown(fresh.get(group, {}).get(key))} | {goal} |")
+        lines.append(f"| {name} | {shown(sets[group][key])} | {shown(fresh.get(group, {}).get(key))} | {goal} |")
     medians = [("median error of the parameter", "parameter_error", "<= 10 %"),
                ("explainable gap closed, median", "gap_closed", ">= 80 %")]  # fmt: skip
     for name, key, goal in medians:
-        lines.append(f"| {name} | {_percent(sets[key]['median'])} | {_percent(fresh[key]['median'])} | {goal} |")
-    left = [_percent(each["baselines"]["residual_error_share"]) for each in (sets, fresh)]
+        lines.append(f"| {name} | {percent(sets[key]['median'])} | {percent(fresh[key]['median'])} | {goal} |")
+    left = [percent(each["baselines"]["residual_error_share"]) for each in (sets, fresh)]
     lines.append(f"| learned residual: error left, in-sample, median | {left[0]} | {left[1]} | baseline |")
     return "\n".join(lines)
 
 
-def _percent(value: float | None) -> str:
+def percent(value: float | None) -> str:
     return "not run" if value is None else f"{100 * value:.0f} %"
 
 
-def _runs(rows: list[dict[str, Any]]) -> str:
+def runs_table(rows: list[dict[str, Any]]) -> str:
     lines = ["| run | hidden | moves [mm] | SNR | verdict | named | rank |", "|---|---|---|---|---|---|---|"]
     for r in sorted(rows, key=lambda r: (r["set"], -r["snr"])):
         hidden = "; ".join(f"{effect}: " + ", ".join(f"{k} {v:g}" for k, v in values.items())

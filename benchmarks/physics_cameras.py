@@ -1,0 +1,232 @@
+"""The missing-physics benchmark through cameras: `python -m benchmarks.physics_cameras --minutes 60` (it goes on).
+
+Each run is what a user types: `plop simulate` hides something and films it with six noisy depth cameras, `plop
+diagnose` fits Gaussians, follows them and judges, against an engine of another discretisation and another elastic law
+that `plop identify` fitted to recordings without anything hidden. Settings are those of `make demo-physics`: six
+episodes. Start one process a core, with `--share 1/2` and `--share 2/2`. `--summary` only rewrites the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.resources
+import json
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
+from benchmarks.physics_tables import percent, runs_table, shown, verdict_rates
+from plop.artifacts.lock import locked
+from plop.artifacts.store import Store
+from plop.errors import PlopError
+from plop.metrics.table import replace_between_markers
+from plop.physics.effects.library import library
+from plop.physics.sealed import open_answer
+from plop_cli.app import app
+from plop_cli.demo_physics import PROFILE
+from plop_cli.execute import versions
+
+SNRS = (4.0, 2.0)
+"""Signals: displacement by the hidden effect over the noise of depth, 0.5 mm."""
+PAIRS = (("adhesion", "tilt"), ("swelling", "table_friction"), ("plasticity", "swelling"))
+OUTSIDE = ("plasticity", "table_friction", "tilt", "adhesion")
+FAULTS = ("clock=0.02", "depth_scale=1.01", "pose_error.x_m=0.004")
+NULLS = 6
+_TOO_WEAK = "The effect cannot give the wanted signal"
+_JUDGED = 3
+"""Laws of each ranking that are kept."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One line of the plan."""
+
+    name: str
+    set: str
+    """single, null, base, decoy, pair, outside or sensor."""
+    seed: int
+    hide: tuple[str, ...] = ()
+    """As typed after --hide."""
+    snr: float = 0.0
+    """Signal that each hidden effect is scaled to; 0: amplitudes as they are written."""
+    without: str = ""
+    """Effect taken out of the library of the diagnosis."""
+    fault: str = ""
+    """As typed after --fault."""
+
+
+def planned() -> list[Run]:
+    """List all runs in their order: a stop leaves all sets represented."""
+    singles = [[Run(f"snr{snr:g}-{name}", "single", 3000 + 100 * level + k, _typed(name, values[1 - level]), snr)
+                for k, (name, values) in enumerate(TURNED.items())] for level, snr in enumerate(SNRS)]  # fmt: skip
+    others = [Run(f"null-{k}", "null", 3200 + k) for k in range(NULLS)]
+    others += [Run(f"pair-{a}-{b}", "pair", 3300 + k, (*_typed(a, TURNED[a][1]), *_typed(b, TURNED[b][1])), SNRS[0])
+               for k, (a, b) in enumerate(PAIRS)]  # fmt: skip
+    others += [Run(f"outside-{name}", "outside", 3400 + k, _typed(name, TURNED[name][1]), SNRS[0], name)
+               for k, name in enumerate(OUTSIDE)]  # fmt: skip
+    others += [
+        Run(f"sensor-{fault.partition('=')[0].partition('.')[0]}", "sensor", 3500 + k, fault=fault)
+        for k, fault in enumerate(FAULTS)
+    ]
+    others += [Run(f"base-{name}", "base", 3600 + k, _typed(name, values), SNRS[1])
+               for k, (name, values) in enumerate(MORE_BASE.items())]  # fmt: skip
+    others += [Run(f"decoy-{name}", "decoy", 3700 + k, _typed(name, values))
+               for k, (name, values) in enumerate(DECOYS.items())]  # fmt: skip
+    turn = sorted(range(len(others)), key=lambda k: (sum(o.set == others[k].set for o in others[:k]), k))
+    first = [run for pair in zip(singles[0], [others[k] for k in turn], strict=False) for run in pair]
+    return [*first, *(others[k] for k in turn[len(singles[0]) :]), *singles[1]]
+
+
+def _typed(name: str, values: dict[str, float]) -> tuple[str, ...]:
+    return tuple(f"{name}.{key}={value:g}" for key, value in values.items())
+
+
+class Loop:
+    """Types the commands in one workspace."""
+
+    def __init__(self, workspace: Path) -> None:
+        self.workspace, self.store = workspace, Store(workspace)
+        workspace.mkdir(parents=True, exist_ok=True)
+        settings = workspace / "plop.toml"
+        if not settings.is_file():
+            settings.write_text((importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text())
+
+    def plop(self, *words: str) -> None:
+        """Run one command.
+
+        Raises:
+            PlopError: It failed.
+        """
+        app([*words, "-w", str(self.workspace), "--quiet"], prog_name="plop", standalone_mode=False)
+
+    def base(self) -> None:
+        """Film recordings without anything hidden and fit the engine to them, once."""
+        self.plop("simulate", "block.toml", "--seed", "100", "--name", "plain")
+        self.plop("identify", "--recordings", "plain", "--name", "base")
+
+    def carry_out(self, run: Run) -> dict[str, Any]:
+        """Hide, diagnose and score; the answer is opened only after the verdict."""
+        started = time.perf_counter()
+        words = ["simulate", "block.toml", "--seed", str(run.seed), "--name", run.name]
+        words += [word for text in run.hide for word in ("--hide", text)]
+        words += ["--snr", f"{run.snr:g}"] if run.snr else []
+        words += ["--fault", run.fault] if run.fault else []
+        try:
+            self.plop(*words)
+        except PlopError as error:
+            if not error.problem.startswith(_TOO_WEAK):
+                raise
+            hidden = {run.hide[0].split(".")[0]: {}}
+            return {"name": run.name, "set": "unreachable", "seed": run.seed, "hidden": hidden, "snr": 0.0,
+                    "wanted": run.snr, "verdict": "-", "named": [], "text": error.found}  # fmt: skip
+        found = self.diagnosed(run, "base", run.name)
+        row = self.row(run, found)
+        if run.set == "pair":
+            row |= self.next_round(run, found)
+        return {**row, "seconds": round(time.perf_counter() - started, 1)}
+
+    def diagnosed(self, run: Run, model: str, name: str) -> dict[str, Any]:
+        """Give what `plop diagnose` wrote."""
+        kept = [word for law in library() if run.without and law != run.without for word in ("--effects", law)]
+        self.plop("diagnose", "--model", model, "--recordings", run.name, "--name", f"verdict-{name}", *kept)
+        return dict(json.loads((self.store.find(f"verdict-{name}").path / "diagnosis.json").read_text()))
+
+    def next_round(self, run: Run, found: dict[str, Any]) -> dict[str, Any]:
+        """Add what was named, and diagnose again."""
+        if not found["verdict"]["named"]:
+            return {"next_verdict": None, "next_named": []}
+        name, model = found["verdict"]["named"][0], f"better-{run.name}"
+        self.plop("augment", "--model", "base", "--effect", name, "--diagnosis", f"verdict-{run.name}", "--name", model)
+        verdict = self.diagnosed(run, model, model)["verdict"]
+        return {"next_verdict": verdict["kind"], "next_named": verdict["named"]}
+
+    def row(self, run: Run, found: dict[str, Any]) -> dict[str, Any]:
+        """Put the verdict beside the answer."""
+        answer = open_answer(self.store.find(run.name).path)
+        verdict, ranking = found["verdict"], [law["effect"] for law in found["ranking"]]
+        judged = {law["effect"]: law for law in (*found["ranking"][:_JUDGED], found["base"])}
+        return {
+            "name": run.name, "set": run.set, "seed": run.seed, "hidden": answer["effects"], "fault": run.fault,
+            "wanted": run.snr, "rms_mm": 1000 * answer["rms_m"], "snr": answer["snr"], "verdict": verdict["kind"],
+            "named": verdict["named"], "text": verdict["text"], "ranking": ranking,
+            "ranks": [ranking.index(name) + 1 for name in answer["effects"] if name in ranking],
+            "error": found["error"], "floor": found["floor"], "left": verdict["evidence"].get("left"),
+            "parameters": {name: law["parameters"] for name, law in judged.items()},
+            "gains": {name: law["gain"] for name, law in judged.items()},
+            "dropped": found["dropped"], "engine_runs": found["engine_runs"],
+        }  # fmt: skip
+
+
+def main() -> None:
+    """Run what is left of the plan and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=240, help="Stop starting runs after so many minutes.")
+    parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics-cameras"), help="Workspace.")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
+    parser.add_argument("--share", default="1/1", help="K/N: the K-th of N processes; each takes every N-th run.")
+    parser.add_argument("--summary", action="store_true", help="Run nothing.")
+    options = parser.parse_args()
+    number, of = map(int, options.share.split("/"))
+    rows = options.work / "rows"
+    rows.mkdir(parents=True, exist_ok=True)
+    if not options.summary:
+        deadline = time.monotonic() + 60 * options.minutes
+        loop = Loop(options.work)
+        with locked(options.work / "base.lock"):
+            loop.base()
+        for run in planned()[number - 1 :: of]:
+            path = rows / f"{run.name}.json"
+            if not path.is_file() and time.monotonic() < deadline:
+                row = loop.carry_out(run)
+                path.write_text(json.dumps(row, indent=1))
+                sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
+                sys.stdout.flush()
+    paths = [rows / f"{run.name}.json" for run in planned()]
+    write([json.loads(path.read_text()) for path in paths if path.is_file()], options.out)
+
+
+def write(rows: list[dict[str, Any]], out: Path) -> None:
+    """Write results/physics_cameras.json and the two tables of results-physics.md."""
+    sets = verdict_rates(rows)
+    facts = {"command": "python -m benchmarks.physics_cameras", "versions": versions(),
+             "seeds": sorted({row["seed"] for row in rows}), "planned": len(planned()), "sets": sets,
+             "runs": [{key: value for key, value in row.items() if key != "ranking"} for row in rows]}  # fmt: skip
+    (out / "results").mkdir(parents=True, exist_ok=True)
+    (out / "results" / "physics_cameras.json").write_text(json.dumps(facts, indent=1) + "\n")
+    page = out / "results-physics.md"
+    text = replace_between_markers(page.read_text(), "cameras-rates", rates_table(sets))
+    page.write_text(replace_between_markers(text, "cameras-runs", runs_table(rows)))
+
+
+def rates_table(sets: dict[str, Any]) -> str:
+    """Set the rates beside their goals."""
+    rows = [
+        ("one effect, SNR >= 2: named first", ("recovery", "snr_2_and_more"), ">= 90 %"),
+        ("one effect, SNR >= 2: in the named set", ("recovery", "snr_2_and_more_in_set"), ">= 95 %"),
+        ("one effect, SNR 1 to 2: named first", ("recovery", "snr_1_to_2"), ""),
+        ("one effect: ranked first", ("single", "ranked_first"), ""),
+        ("one effect: a wrong name", ("single", "wrong_name"), ""),
+        ("nothing hidden: false alarm", ("null", "false_alarm"), "<= 2 %"),
+        ("nothing hidden: NONE OF THESE", ("null", "none_of_these"), ""),
+        ("a sensor fault only: called physics", ("sensor", "called_physics"), "<= 5 %"),
+        ("a sensor fault only: SENSOR", ("sensor", "stopped"), ""),
+        ("base parameter changed: in the named set", ("base", "named"), ""),
+        ("outside the library: NONE or PARTLY", ("outside", "none_or_partly"), ">= 80 %"),
+        ("two effects: both, one after the other", ("pairs", "both_in_turn"), ">= 70 %"),
+        ("two effects: at least one", ("pairs", "one"), ">= 95 %"),
+        ("decoys chosen, over all runs", ("decoys", "chosen"), "<= 2 %"),
+        ("95 % interval covers the parameter", ("parameter_error", "covered"), "90 to 98 %"),
+    ]
+    lines = ["| what | runs | goal |", "|---|---|---|"]
+    lines += [f"| {name} | {shown(sets[group][key])} | {goal} |" for name, (group, key), goal in rows]
+    for name, key, goal in (("median error of the parameter", "parameter_error", "<= 10 %"),
+                            ("explainable gap closed, median", "gap_closed", ">= 80 %")):  # fmt: skip
+        lines.append(f"| {name} | {percent(sets[key]['median'])} | {goal} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
