@@ -47,10 +47,18 @@ def _ranking(found: dict[str, Any]) -> str:
             f"{100 * row['gain']:.1f} ± {100 * row['gain_error']:.1f} %",
             "–" if row["p"] is None else f"{row['p']:.3f}", number(row.get("size_mm")),
             parameters_text(row["parameters"]),
-            "<b>named</b>" if named else text("; ".join(row["reasons"]) or "passes, but another explains more"),
+            "<b>named</b>" if named else _why_not(row["reasons"]),
         ])  # fmt: skip
     head = ["effect", "gain", "share of held-out error", "p", "moves [mm]", "parameters, 95 % interval", "why not"]
     return "<h3>Ranking</h3>" + table(head, cells, numeric=(2, 3, 4), marked=marked)
+
+
+def _why_not(reasons: list[str]) -> str:
+    """Show the first reason and fold the others: a law that explains nothing fails every test."""
+    if len(reasons) < 2:
+        return text(reasons[0] if reasons else "passes, but another explains more")
+    rest = "<br>".join(map(text, reasons[1:]))
+    return f"<details><summary>{text(reasons[0])}, and {len(reasons) - 1} more</summary>{rest}</details>"
 
 
 def parameters_text(parameters: dict[str, dict[str, Any]]) -> str:

@@ -38,7 +38,7 @@ def ranked(effect: str, gain: float, p: float, reasons: list[str], kind: str = "
 DIAGNOSIS = {
     "schema": 1, "error": 6.0, "floor": 1.1, "closed_share": 0.9, "shams": {"count": 199}, "episodes": ["box_000"],
     "verdict": {"kind": "EFFECT", "named": ["viscosity"], "text": "Missing: viscosity."},
-    "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("tilt", 0.01, 0.4, ["p = 0.400 > 0.02"])],
+    "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("tilt", 0.01, 0.4, ["p = 0.400 > 0.02", "gain 1 %"])],
     "base": ranked("base parameters", 0.0, 0.9, ["p = 0.900 > 0.02"], "base"), "sensors": [], "dropped": {},
     "limits": {"adhesion": {"parameter": "traction_pa", "amplitude": 12.0, "unit": "Pa", "displacement_m": 2e-4}},
 }  # fmt: skip
@@ -97,6 +97,12 @@ def test_the_page_says_what_was_found(page):
                   "traction_pa 12 Pa", "held out", "By phase", "By distance to the tool", "By camera", "nothing moves",
                   "plop compare --recordings x@rec", "compare@cmp1", "seed"):  # fmt: skip
         assert words in said, words
+
+
+def test_only_the_first_of_several_reasons_is_written_out(page):
+    html = page.read_text()
+    assert "<details><summary>p = 0.400 &gt; 0.02, and 1 more</summary>gain 1 %</details>" in html
+    assert "<td>p = 0.900 &gt; 0.02</td>" in html
 
 
 def test_episodes_that_were_fitted_to_are_not_called_held_out(page):
