@@ -83,7 +83,8 @@ def planned() -> list[Run]:
 
 
 def _typed(name: str, values: dict[str, float]) -> tuple[str, ...]:
-    return tuple(f"{name}.{key}={value:g}" for key, value in values.items())
+    ends = {p.name: (p.low, p.high) for p in library()[name].parameters()}
+    return tuple(f"{name}.{key}={min(max(value, ends[key][0]), ends[key][1]):g}" for key, value in values.items())
 
 
 class Loop:

@@ -1,0 +1,104 @@
+"""The benchmark through cameras types what a user types, and opens the answer only after the verdict."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from benchmarks import physics_cameras
+from benchmarks.physics_cameras import Loop, Run, planned, write
+from plop.errors import PlopError
+from plop.physics.effects.library import library
+from plop.physics.sealed import seal_answer
+from plop.physics.wish import parse_hidden
+
+LAW = {"kind": "physics", "gain": 0.9,
+       "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}}  # fmt: skip
+DIAGNOSIS = {
+    "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt.", "evidence": {"left": 2.0}},
+    "ranking": [{"effect": "tilt", **LAW}, {"effect": "drag", **LAW}], "base": {"effect": "stiffness", **LAW},
+    "error": 9.0, "floor": 1.0, "dropped": {}, "engine_runs": 7,
+}  # fmt: skip
+
+
+@pytest.fixture
+def loop(tmp_path: Path, monkeypatch) -> SimpleNamespace:
+    """A workspace in which commands are noted instead of run; `strongest` is the largest signal that can be had."""
+    typed: list[list[str]] = []
+    state = SimpleNamespace(typed=typed, strongest=9.0, opened=[])
+
+    def plop(self: Loop, *words: str) -> None:
+        typed.append(list(words))
+        if words[0] == "simulate" and "--snr" in words and float(words[words.index("--snr") + 1]) > state.strongest:
+            raise PlopError("The effect cannot give the wanted signal in these motions.")
+
+    def find(name: str) -> SimpleNamespace:
+        folder = tmp_path / name
+        folder.mkdir(exist_ok=True)
+        seal_answer(folder, {"effects": {"tilt": {"gx_m_s2": 1.0}}, "rms_m": 1e-3, "snr": 2.0})
+        (folder / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
+        return SimpleNamespace(path=folder)
+
+    def open_answer(path: Path) -> dict:
+        state.opened.append(len(typed))
+        return opened(path)
+
+    opened = physics_cameras.open_answer
+    monkeypatch.setattr(physics_cameras, "open_answer", open_answer)
+    monkeypatch.setattr(Loop, "plop", plop)
+    state.loop = Loop(tmp_path / "workspace")
+    state.loop.store = SimpleNamespace(find=find)
+    return state
+
+
+def test_the_plan_can_be_typed_and_a_stop_leaves_all_sets_represented():
+    plan = planned()
+    assert len({run.name for run in plan}) == len(plan) == len({run.seed for run in plan})
+    for run in plan:
+        assert len(parse_hidden(run.hide)) == (2 if run.set == "pair" else bool(run.hide))
+    assert {run.set for run in plan[:12]} == {"single", "null", "pair", "outside", "sensor", "base", "decoy"}
+
+
+def test_the_answer_is_opened_after_the_verdict(loop):
+    row = loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0))
+    assert [words[0] for words in loop.typed] == ["simulate", "diagnose"] and loop.opened == [2]
+    assert (row["ranks"], row["snr"], row["left"]) == ([1], 2.0, 2.0)
+    assert set(row["parameters"]) == {"tilt", "drag", "stiffness"}
+
+
+def test_half_the_signal_is_taken_where_the_whole_cannot_be_had(loop):
+    loop.strongest = 3.0
+    assert loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0))["set"] == "single"
+    assert [words[words.index("--snr") + 1] for words in loop.typed if words[0] == "simulate"] == ["4", "2"]
+    loop.strongest = 1.0
+    row = loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0))
+    assert (row["set"], row["hidden"]) == ("unreachable", {"tilt": {}})
+
+
+def test_a_law_outside_the_library_is_left_out_of_the_diagnosis(loop):
+    loop.loop.carry_out(Run("outside-tilt", "outside", 3, ("tilt.gx_m_s2=1",), 4.0, "tilt"))
+    given = [b for a, b in zip(loop.typed[-1], loop.typed[-1][1:], strict=False) if a == "--effects"]
+    assert sorted(given) == sorted(set(library()) - {"tilt"})
+
+
+def test_of_two_laws_the_second_is_looked_for_beside_the_first(loop):
+    row = loop.loop.carry_out(Run("pair-a-b", "pair", 3, ("tilt.gx_m_s2=1", "swelling"), 4.0))
+    assert [words[0] for words in loop.typed] == ["simulate", "diagnose", "augment", "diagnose"]
+    assert loop.typed[-1][2] == loop.typed[-2][-1] and row["next_named"] == ["tilt"]
+
+
+def test_tables_are_written_beside_their_goals(loop, tmp_path):
+    rows = [loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0)),
+            loop.loop.carry_out(Run("sensor-clock", "sensor", 4, fault="clock=0.02"))]  # fmt: skip
+    page = tmp_path / "results-physics.md"
+    page.write_text("".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n"
+                            for name in ("rates", "runs")))  # fmt: skip
+    write(rows, tmp_path)
+    assert "| one effect, SNR >= 2: named first | 100 % (21 to 100 %, n = 1) | >= 90 % |" in page.read_text()
+    assert "| a sensor fault only: called physics | 100 % (21 to 100 %, n = 1) | <= 5 % |" in page.read_text()
+    assert "| median error of the parameter | 10 % | <= 10 % |" in page.read_text()
+    facts = json.loads((tmp_path / "results" / "physics_cameras.json").read_text())
+    assert facts["planned"] == len(planned()) and len(facts["runs"]) == 2
