@@ -32,7 +32,7 @@ def tool_rotation_vector(action: ToolStep) -> Tensor:
 def rigid_displacement(points: Tensor, action: ToolStep) -> Tensor:
     """Displacement that world points would have if they moved with the tool, shape [N, 3] [m]."""
     change = action.next_world_from_tool @ torch.linalg.inv(action.world_from_tool)
-    return points @ change[:3, :3].T + change[:3, 3] - points
+    return torch.addmm(change[:3, 3], points, change[:3, :3].T - torch.eye(3).to(change))
 
 
 def mirrored_in_table(vectors: Tensor) -> Tensor:
@@ -53,8 +53,8 @@ def mirrored_in_table(vectors: Tensor) -> Tensor:
 
 
 def object_features(
-    state: ParticleState, action: ToolStep, frame: StepFrame, with_tool: Tensor, *, length_m: float, motion_m: float,
-    kind: FeatureSet,
+    state: ParticleState, action: ToolStep, frame: StepFrame, with_tool: Tensor, place: Tensor, *, length_m: float,
+    motion_m: float, kind: FeatureSet,
 ) -> Tensor:  # fmt: skip
     """Encode the object's particles.
 
@@ -63,6 +63,7 @@ def object_features(
         action: The tool's motion in this step.
         frame: The frame in which the network sees the step.
         with_tool: `rigid_displacement` of the particles, shape [N, 3] [m].
+        place: Where they are in the frame, shape [N, 3] [m].
         length_m: Size of the object, unit of places [m].
         motion_m: Typical motion in a step, unit of displacements [m].
         kind: Which features.
@@ -71,46 +72,44 @@ def object_features(
         Features of order 1, shape [N, OBJECT_FEATURES[kind]].
     """
     gaussians = state.gaussians
-    log_volume = gaussians.scales.clamp_min(1e-9).log().sum(-1, keepdim=True) - 3 * math.log(length_m / 30)
+    log_volume = gaussians.scales.clamp_min(1e-9).prod(-1, keepdim=True).log() - 3 * math.log(length_m / 30)
     flag = torch.full_like(log_volume, float(state.has_history))
     columns = [
         gaussians.opacities[:, None],
         log_volume / 3,
-        frame.vectors_in(state.last_translation) / motion_m,
-        frame.vectors_in(state.last_rotation) * frame.handedness * 10,
+        state.last_translation @ (frame.rotation / motion_m),
+        state.last_rotation @ (frame.rotation * frame.handedness * 10),
         flag,
     ]
     if kind != "paper":
-        moved = frame.vectors_in(with_tool) / motion_m
-        columns += _contact_features(gaussians.means, state.side, action, frame, moved, length_m)
-    if kind == "oriented":
-        columns.append(frame.vectors_in(mirrored_in_table(with_tool))[:, :2] / motion_m)
+        # units and mirror image go into the 3 x 3 matrices: of what is done to every particle little is left
+        turned = [frame.rotation, mirrored_in_table(frame.rotation.T).T[:, :2]][: 2 if kind == "oriented" else 1]
+        moved = (with_tool @ (torch.cat(turned, dim=1) / motion_m)).split([3, 2][: len(turned)], dim=-1)
+        columns += _contact_features(gaussians.means, state.side, action, frame, place, moved[0], length_m)
+        columns += moved[1:]
     return torch.cat(columns, dim=-1)
 
 
 def _contact_features(
-    means: Tensor, side: Tensor, action: ToolStep, frame: StepFrame, moved: Tensor, length_m: float
+    means: Tensor, side: Tensor, action: ToolStep, frame: StepFrame, place: Tensor, moved: Tensor, length_m: float
 ) -> list[Tensor]:
     pose = action.world_from_tool.to(means)
     center = pose[:3, :3] @ action.tool.center.to(means) + pose[:3, 3]
     axes = pose[:3, :3] @ action.tool.axes.to(means)
-    local = (means - center) @ axes
+    local = torch.addmm(-(center @ axes), means, axes)
     half = action.tool.half_extent.to(means)
-    outside = (local.abs() - half).clamp_min(0) * local.sign()
-    gap = frame.vectors_in(outside @ axes.T)
-    place = frame.points_in(means)
+    outside = local - local.clamp(-half, half)
     # The side is told along the frame's x axis, so that it means the same in a mirrored frame.
     normal_x = frame.vectors_in(axes[:, 0])[0].sign()
     distance = outside.norm(dim=-1, keepdim=True)
     return [
         place / length_m,
-        gap / length_m,
-        torch.exp(-distance / (0.1 * length_m)),
-        torch.exp(-distance / (0.03 * length_m)),
+        outside @ (axes.T @ frame.rotation / length_m),
+        torch.exp(distance * distance.new_tensor([-1 / (0.1 * length_m), -1 / (0.03 * length_m)])),
         moved,
         (side * normal_x)[:, None],
         (center[2] - half.max() - frame.origin[2]).expand(len(means), 1) / length_m,
-        (means[:, 2:] - center[2:]) / length_m,
+        (place[:, 2:] + (frame.origin[2] - center[2])) / length_m,
     ]
 
 

@@ -32,10 +32,6 @@ class StepFrame:
         """World vectors to the frame."""
         return vectors @ self.rotation
 
-    def vectors_out(self, vectors: Tensor) -> Tensor:
-        """Vectors of the frame to the world."""
-        return vectors @ self.rotation.T
-
     @property
     def handedness(self) -> Tensor:
         """+1, or -1 for a reflection, under which rotation vectors change sign."""

@@ -76,11 +76,12 @@ class PlopModel(nn.Module):
         for b, (state, action, frame) in enumerate(zip(states, actions, frames, strict=True)):
             means = state.gaussians.means
             with_tool.append(rigid_displacement(means, action))
+            place = frame.points_in(means)
             features = object_features(
-                state, action, frame, with_tool[b], length_m=self.config.length_m, kind=self.config.network.features,
-                **units,
+                state, action, frame, with_tool[b], place, length_m=self.config.length_m,
+                kind=self.config.network.features, **units,
             )  # fmt: skip
-            parts.append(ParticleBatch(frame.points_in(means), features, _filled(means, b)))
+            parts.append(ParticleBatch(place, features, _filled(means, b)))
             pose = action.world_from_tool.to(means)
             points = action.tool.surface_points(self.config.tool_points).to(means) @ pose[:3, :3].T + pose[:3, 3]
             told = tool_features(points, action, frame, **units)
@@ -97,14 +98,15 @@ class PlopModel(nn.Module):
         self, state: ParticleState, action: ToolStep, frame: StepFrame, with_tool: Tensor, raw: Tensor
     ) -> ParticleState:
         gaussians = state.gaussians
-        shift = frame.vectors_out(raw[:, 0:3]) * self.config.motion_m
+        out = frame.rotation.T
+        shift = raw[:, 0:3] @ (out * self.config.motion_m)
         if self.config.coupled:
             # What is pushed goes where the tool goes: a share is easier to learn than a motion.
             tool_motion = with_tool.detach()
             shift = shift + raw[:, 10:11] * tool_motion
             if self.config.network.features == "oriented":
                 shift = shift + raw[:, 11:12] * mirrored_in_table(tool_motion)
-        turn = frame.vectors_out(raw[:, 3:6]) * frame.handedness * ROTATION_UNIT_RAD
+        turn = raw[:, 3:6] @ (out * (frame.handedness * ROTATION_UNIT_RAD))
         means = gaussians.means + shift
         logit = torch.logit(gaussians.opacities.clamp(1e-4, 1 - 1e-4)) + raw[:, 9] * LOGIT_UNIT
         moved = gaussians.with_(

@@ -35,6 +35,6 @@ def advance_sides(side: Tensor, means: Tensor, action: ToolStep) -> Tensor:
     if not is_blade(action.tool):
         return side
     pose = action.next_world_from_tool.to(means)
-    local = action.tool.to_blade((means.detach() - pose[:3, 3]) @ pose[:3, :3])
-    covered = action.tool.inside_outline(local[:, 1:], 0.0)
-    return torch.where((side == 0) & covered, torch.where(local[:, 0] >= 0, 1.0, -1.0).to(side), side)
+    distance, beyond = action.tool.beside_blade((means.detach() - pose[:3, 3]) @ pose[:3, :3])
+    reached = torch.where(distance >= 0, 1.0, -1.0).to(side)
+    return torch.where((side == 0) & (beyond <= 0), reached, side)

@@ -50,20 +50,25 @@ class ToolGeometry:
         vert, center, axis, half, line = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
         return cls(vert, torch.as_tensor(np.asarray(faces), dtype=torch.int64), center, axis, half, line)
 
-    def to_blade(self, points_tool: Tensor) -> Tensor:
-        """Express points of the tool's frame along its principal axes, shape [..., 3] -> [..., 3] [m].
+    def beside_blade(self, points_tool: Tensor) -> tuple[Tensor, Tensor]:
+        """Place points of the tool's frame against a blade.
 
-        Coordinate 0 is the signed distance to the mid-plane of a blade.
+        Args:
+            points_tool: Shape [N, 3] [m].
+
+        Returns:
+            Signed distance to the blade's mid-plane [N] [m], and how far a point lies beyond the outline, negative
+            inside [N] [m].
         """
-        return (points_tool - self.center.to(points_tool)) @ self.axes.to(points_tool)
-
-    def inside_outline(self, points: Tensor, margin_m: float) -> Tensor:
-        """Tell which points (axes 1, 2; shape [..., 2]) lie inside the outline widened by the margin [m]."""
-        corners = self.outline.to(points)
+        corners = self.outline.to(points_tool)
         edge = corners.roll(-1, 0) - corners
         outward = torch.stack([edge[:, 1], -edge[:, 0]], -1) / edge.norm(dim=-1, keepdim=True)
-        beyond_m = points @ outward.T - (corners * outward).sum(-1)
-        return (beyond_m <= margin_m).all(-1)
+        axes, center = self.axes.to(points_tool), self.center.to(points_tool)
+        # the mid-plane and the outline's edges as one product: a product with few columns costs as much as with many
+        planes = torch.cat([axes[:, :1], axes[:, 1:] @ outward.T], dim=1)
+        shift = torch.cat([corners.new_zeros(1), (corners * outward).sum(-1)])
+        distance = torch.addmm(-(center @ planes + shift), points_tool, planes)
+        return distance[:, 0], distance[:, 1:].amax(-1)
 
     def surface_points(self, count: int) -> Tensor:
         """Spread points over the surface by area, the same ones each time.

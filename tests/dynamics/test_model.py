@@ -82,7 +82,9 @@ def test_a_mirrored_window_shows_the_mirrored_experiment(block, cut_step):
     state, frame = moving(block), tool_frame(step)
     with_tool = rigid_displacement(state.gaussians.means, step)
     plain, mirrored = (
-        object_features(state, step, f, with_tool, length_m=0.06, motion_m=1e-3, kind="oriented")[:, -2:]
+        object_features(
+            state, step, f, with_tool, f.points_in(state.gaussians.means), length_m=0.06, motion_m=1e-3, kind="oriented"
+        )[:, -2:]
         for f in (frame, frame.reflected(True, False))
     )
     assert plain.abs().min() > 0.1
