@@ -13,12 +13,13 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.findings import State
 from plop.diagnosis.limits import detection_limits
+from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.together import least_together
-from plop.diagnosis.verdict import Finding, Verdict, first_of, judge
+from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, judge_pair
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
@@ -29,6 +30,8 @@ REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""
 PROFILED_SHARE = 0.5
 """Least share of the best effect's gain from which an effect may be named, so that its amplitude is looked for."""
+UNSETTLED = ("NONE OF THESE", "PARTLY")
+"""Verdicts after which two laws at once are tried, where there is a reference: they take many more engine runs."""
 _LEAST_SEEN = 0.05
 """Least share of the amplitude at which a response was computed from which it is computed anew."""
 SLOWER = 16.0
@@ -99,9 +102,24 @@ def diagnose(
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
     least |= {c.key: least_together(c.columns, best[c.key], state.left_with)
               for c in candidates if c.key in best and len(c.columns) > 1}  # fmt: skip
-    state = _responded(tables, _moved(candidates, least), list(best), everywhere=True)
+    candidates = _moved(candidates, least)
+    state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles
-    return _conclude(state, sensors, shams, seed)
+    found = _conclude(state, sensors, shams, seed)
+    if found.verdict.kind not in UNSETTLED or len(tables) < 2:
+        return found
+    return _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
+
+
+def _with_pair(found: Diagnosis, pair: Pair | None) -> Diagnosis:
+    """Let two laws that were fitted together stand in place of a verdict that leaves much open."""
+    if pair is None:
+        return found
+    verdict = judge_pair(found.verdict, pair.first, pair.second, pair.left, pair.size)
+    if verdict is found.verdict:
+        return found
+    others = [f for f in found.findings if f.name not in verdict.named]
+    return replace(found, verdict=verdict, findings=[pair.first, pair.second, *others], size=pair.size)
 
 
 def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType]) -> Column:

@@ -19,6 +19,8 @@ library does, a neighbour can do as well."""
 SECOND_LEAST = 0.1
 """Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
 is wrong with it resembles other laws."""
+PAIR_SHARE = 0.8
+"""The same for two laws that only together explain it: they have more amplitudes to do it with."""
 AT_BOUND = "a parameter is at its bound"
 """Why a law is named only as a part whose fitted amplitude is at the end of its range."""
 CARRIED = "one episode alone carries it"
@@ -157,6 +159,38 @@ def judge(
     if decoys or size.stands_out:
         return _unnamed("NONE OF THESE", findings, facts)
     return _unnamed("NOTHING DETECTABLE", findings, facts)
+
+
+def judge_pair(
+    alone: Verdict, first: Finding, second: Finding, left: float, size: ErrorSize
+) -> Verdict:  # fmt: skip
+    """Name two laws that were fitted together, where one alone did not settle it.
+
+    Args:
+        alone: What was said without the pair.
+        first: One law, its gain a share of what the other leaves.
+        second: The other one.
+        left: Mean squared whitened error with both.
+        size: How large the error is.
+
+    Returns:
+        The verdict with both, or the one without where a law fails a test beside the other, or both together close too
+        little of the gap: two laws can do much of what a third does that the library does not hold.
+    """
+    share = size.closed(left)
+    both = all(f.kind == "physics" and f.passes() and f.gain > SECOND_LEAST for f in (first, second))
+    if not both or share is None or share < PARTLY_SHARE:
+        return alone
+    partly = share < PAIR_SHARE
+    start = "Partly" if partly else "Missing:"
+    each = (f"beside the other, the first explains {100 * first.gain:.0f} % of the held-out error, the second "
+            f"{100 * second.gain:.0f} %")  # fmt: skip
+    text = (f"{start} {first.name} and {second.name}, which were fitted together, since neither explains it alone; "
+            f"{parameters_text(first)}; {parameters_text(second)}; {each}; both close {100 * min(share, 1):.0f} % "
+            f"of the explainable gap. Add {first.name}, then diagnose again.")  # fmt: skip
+    facts = {**alone.evidence, "left": left, "error": size.error, "floor": size.floor, "alternatives": [],
+             "alone": {"kind": alone.kind, "named": alone.named}}  # fmt: skip
+    return Verdict("PARTLY" if partly else "EFFECT", [first.name, second.name], text, facts)
 
 
 def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdict:

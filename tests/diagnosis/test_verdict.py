@@ -11,7 +11,7 @@ import pytest
 
 from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.error_size import ErrorSize, exceeded_within, exchanged
-from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, parameters_text
+from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, judge_pair, parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 
@@ -318,3 +318,27 @@ def test_a_law_that_is_refused_does_not_hide_the_base_parameter():
     assert told([law], [], stiffness, [], **{**size, "raw": 1.6}).kind == "NOTHING DETECTABLE"
     # and a law that is not refused is still named
     assert told([law], [], stiffness, [], **{**size, "left": 1.1}).named == ["tilt"]
+
+
+NONE = Verdict("NONE OF THESE", [], "Something is missing that the library does not hold.", {"excess": 9.0})
+
+
+def test_two_laws_are_named_where_only_both_explain_it():
+    size = ErrorSize(raw=20.0, error=11.0, floor=1.0, excess=9.0)
+    both = finding("adhesion", gain=0.8), finding("tilt", gain=0.7)
+    verdict = judge_pair(NONE, *both, 2.0, size)
+    assert (verdict.kind, verdict.named) == ("EFFECT", ["adhesion", "tilt"])
+    assert "both close 90 % of the explainable gap" in verdict.text and "neither explains it alone" in verdict.text
+    assert verdict.evidence["left"] == 2.0 and verdict.evidence["alone"]["kind"] == "NONE OF THESE"
+    verdict = judge_pair(NONE, *both, 4.0, size)
+    assert (verdict.kind, verdict.named) == ("PARTLY", ["adhesion", "tilt"]) and verdict.text.startswith("Partly")
+
+
+@pytest.mark.parametrize(("changes", "left", "floor"), [
+    ({}, 6.0, 1.0), ({}, 2.0, None), (WEAK, 2.0, 1.0), ({"gain": 0.08, "gain_error": 0.01}, 2.0, 1.0),
+    ({"contrast": SAME}, 2.0, 1.0), ({"kind": "decoy"}, 2.0, 1.0),
+])  # fmt: skip
+def test_two_laws_of_which_one_fails_a_test_change_nothing(changes, left, floor):
+    size = ErrorSize(raw=20.0, error=11.0, floor=floor, excess=9.0)
+    assert judge_pair(NONE, finding("adhesion"), finding("tilt", **changes), left, size) is NONE
+    assert judge_pair(NONE, finding("adhesion", **changes), finding("tilt"), left, size) is NONE
