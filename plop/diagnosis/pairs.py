@@ -19,7 +19,7 @@ from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import sham_gains
 from plop.diagnosis.together import least_together
-from plop.diagnosis.verdict import Finding
+from plop.diagnosis.verdict import PAIR_SHARE, Finding
 
 SECONDS = 2
 """Laws beside the first whose amplitudes are looked for in rollout."""
@@ -52,19 +52,28 @@ def find_pair(state: State, candidates: Sequence[Candidate], *, shams: int, seed
     first = next((s.candidate for s in state.judged() if s.candidate.kind == "physics"), None)
     if first is None:
         return None
-    seconds = _beside(state, first, candidates)
-    fitted = [(_fitted(state, first, score), score.candidate) for score in seconds[:SECONDS]]
-    known = [(left, k) for k, ((left, _), _) in enumerate(fitted) if left is not None]
-    if not known:
+    both = _best_pair(state, first, _beside(state, first, candidates)[:SECONDS])
+    if both is None:
         return None
-    best = min(known)[1]
-    (_, values), second = fitted[best]
-    count = len(first.columns)
-    both = _with_values(first, values[:count]), _with_values(second, values[count:])
     for table in state.tables:
         table.respond_together([*both[0].columns, *both[1].columns], everywhere=True)
     moved = {candidate.key: candidate for candidate in both}
     return _judged(State(state.tables, [moved.get(c.key, c) for c in candidates]), both, shams, seed)
+
+
+def _best_pair(state: State, first: Candidate, seconds: list[Score]) -> tuple[Candidate, Candidate] | None:
+    """Fit the first law with each of the others until two of them do, and give the pair that leaves least."""
+    found: tuple[Candidate, Candidate] | None = None
+    least = np.inf
+    for score in seconds:
+        left, values = _fitted(state, first, score)
+        if left is None or left >= least:
+            continue
+        least, count = left, len(first.columns)
+        found = _with_values(first, values[:count]), _with_values(score.candidate, values[count:])
+        if (state.size.closed(left / state.numbers) or 0.0) >= PAIR_SHARE:
+            break
+    return found
 
 
 def _settings(candidate: Candidate) -> Settings:
