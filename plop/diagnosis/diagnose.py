@@ -18,7 +18,7 @@ from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.table import Measured, RunJobs, Table
-from plop.diagnosis.together import least_together
+from plop.diagnosis.together import least_together, looked_around
 from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, judge_pair
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
@@ -92,16 +92,20 @@ def diagnose(
     if turned:
         candidates = [turned.get(c.key, c) for c in candidates]
         state = _responded(tables, candidates, list(turned))
+    several = _searched(state, candidates)
+    candidates = _moved(candidates, several)
+    state = _responded(tables, candidates, list(several))
     best = _best_values(state)
-    candidates = _moved(candidates, best)
-    state = _responded(tables, candidates, list(best))
+    candidates = _moved(candidates, {key: values for key, values in best.items() if key not in several})
+    state = _responded(tables, candidates, [key for key in best if key not in several])
     best = _best_values(state, PROFILED_SHARE)
+    best |= {key: values for key, values in several.items() if key in best}
     candidates = _moved(candidates, best)
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
     least |= {c.key: least_together(c.columns, best[c.key], state.left_with)
-              for c in candidates if c.key in best and len(c.columns) > 1}  # fmt: skip
+              for c in candidates if c.key in best and c.key not in several and len(c.columns) > 1}  # fmt: skip
     candidates = _moved(candidates, least)
     state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles
@@ -131,6 +135,16 @@ def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType
             ends = sorted((value / STEP, -value / STEP))
             return replace(column, low=max(column.low, ends[0]), high=min(column.high, ends[1]))
     return column
+
+
+def _searched(state: State, candidates: list[Candidate]) -> dict[str, np.ndarray]:
+    """Look for the amplitudes of laws that have several, by key; left out is what makes nothing better.
+
+    Responses along the axes would not do: what lies still under a weak pull says nothing of a strong one.
+    """
+    found = {c.key: looked_around(c.columns, state.left_with) for c in candidates
+             if len(c.columns) > 1 and all(column.key in state.keys for column in c.columns)}  # fmt: skip
+    return {key: values for key, values in found.items() if values is not None}
 
 
 def _turned(state: State) -> dict[str, Candidate]:

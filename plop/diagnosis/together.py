@@ -7,6 +7,7 @@ lying, both together may carry it off. Responses along the axes, added up, then 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -16,6 +17,8 @@ from plop.diagnosis.responses import Settings
 
 _STEP = 0.1
 """Finite difference of an amplitude, as a share of the one at which its response was first computed [-]."""
+_RING = 2.0
+"""Where a direction is looked for, in units of the amplitude at which the response was first computed [-]."""
 _HALVINGS = 4
 """How often the start is halved; the least error of all begins the search."""
 _MOST_STEPS = 12
@@ -48,6 +51,33 @@ def least_together(columns: Sequence[Column], start: np.ndarray, left: Left) -> 
     return np.asarray(found.x)
 
 
+def looked_around(columns: Sequence[Column], left: Left) -> np.ndarray | None:
+    """Find the amplitudes of least squared residual, in whatever direction they lie.
+
+    Args:
+        columns: Of one law; their values say how large an amplitude can be seen.
+        left: Runs the engine.
+
+    Returns:
+        Shape [C]; None where the law makes nothing better in any direction in which it was tried.
+    """
+    search = _Search(columns, left)
+    tried = [np.clip(_RING * direction * search.steps / _STEP, search.low, search.high)
+             for direction in _directions(len(columns))]  # fmt: skip
+    none, *around = search.residuals([np.zeros(len(columns)), *tried])
+    known = [(float(r @ r), k) for k, r in enumerate(around) if r is not None]
+    if none is None or not known or min(known)[0] >= float(none @ none):
+        return None
+    return least_together(columns, tried[min(known)[1]], left)
+
+
+def _directions(count: int) -> list[np.ndarray]:
+    """All combinations of forward, not at all and backward; of more than two amplitudes one at a time."""
+    if count > 2:
+        return [sign * axis for axis in np.eye(count) for sign in (1.0, -1.0)]
+    return [np.array(signs) for signs in product((-1.0, 0.0, 1.0), repeat=count) if any(signs)]
+
+
 class _Search:
     """Residuals and their derivatives; what was run once is remembered."""
 
@@ -60,7 +90,7 @@ class _Search:
 
     def residuals(self, places: Sequence[np.ndarray]) -> list[np.ndarray | None]:
         """Residuals at some amplitudes [C] each."""
-        new = [place for place in places if tuple(place) not in self.known]
+        new = [place for key, place in {tuple(place): place for place in places}.items() if key not in self.known]
         settings = [tuple(zip(self.columns, place.tolist(), strict=True)) for place in new]
         self.known |= {tuple(place): r for place, r in zip(new, self.left(settings), strict=True)} if new else {}
         return [self.known[tuple(place)] for place in places]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.together import least_together
+from plop.diagnosis.together import least_together, looked_around
 
 TRUTH = np.array([3.2, -0.9])
 
@@ -54,3 +54,28 @@ def test_amplitudes_at_which_the_engine_is_unstable_are_kept_away_from():
     assert np.linalg.norm(found) < 3.0 and found[0] > 2.5
     start = np.array([4.9, -1.2])
     np.testing.assert_array_equal(least_together(columns(), start, left(unstable_from=0.1)), start)
+
+
+@pytest.mark.parametrize("truth", [(3.2, -0.9), (-0.9, -3.4), (0.1, 2.5)])
+def test_the_direction_need_not_be_known(truth):
+    def measure(wanted):
+        places = [np.array([value for _, value in settings]) for settings in wanted]
+        return [np.concatenate([slides(place) - slides(np.array(truth)), [0.1]]) for place in places]
+
+    found = looked_around(columns(), measure)
+    np.testing.assert_allclose(found, truth, atol=0.1)
+
+
+def test_a_law_that_helps_in_no_direction_is_not_searched():
+    ran: list[np.ndarray] = []
+
+    def measure(wanted):
+        ran.extend(wanted)
+        return [np.array([1.0, *(value for _, value in settings)]) for settings in wanted]
+
+    assert looked_around(columns(), measure) is None
+    assert len(ran) == 1 + 8
+    three = (*columns(), Column("law", "z", "-", (), 1.0, 0.0, 5.0))
+    ran.clear()
+    assert looked_around(three, measure) is None
+    assert len(ran) == 6  # nothing and six directions, of which one leaves the range and is nothing again
