@@ -110,9 +110,15 @@ def diagnose(
     state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles
     found = _conclude(state, sensors, shams, seed)
-    if found.verdict.kind not in UNSETTLED or len(tables) < 2:
+    if len(tables) < 2 or not _two_are_tried(found.verdict):
         return found
     return _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
+
+
+def _two_are_tried(verdict: Verdict) -> bool:
+    """Tell whether two laws shall be fitted together: none settles it, or two do, each of which was fitted alone."""
+    two = verdict.kind == "EFFECT" and len(verdict.named) > 1
+    return two or verdict.kind in UNSETTLED
 
 
 def _with_pair(found: Diagnosis, pair: Pair | None) -> Diagnosis:

@@ -164,7 +164,7 @@ def judge(
 def judge_pair(
     alone: Verdict, first: Finding, second: Finding, left: float, size: ErrorSize
 ) -> Verdict:  # fmt: skip
-    """Name two laws that were fitted together, where one alone did not settle it.
+    """Name two laws that were fitted together, where none alone settled it, or two did that were fitted one by one.
 
     Args:
         alone: What was said without the pair.
@@ -185,7 +185,7 @@ def judge_pair(
     start = "Partly" if partly else "Missing:"
     each = (f"beside the other, the first explains {100 * first.gain:.0f} % of the held-out error, the second "
             f"{100 * second.gain:.0f} %")  # fmt: skip
-    text = (f"{start} {first.name} and {second.name}, which were fitted together, since neither explains it alone; "
+    text = (f"{start} {first.name} and {second.name}, which were fitted together; "
             f"{parameters_text(first)}; {parameters_text(second)}; {each}; both close {100 * min(share, 1):.0f} % "
             f"of the explainable gap. Add {first.name}, then diagnose again.")  # fmt: skip
     facts = {**alone.evidence, "left": left, "error": size.error, "floor": size.floor, "alternatives": [],

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.diagnose import _two_are_tried, diagnose
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.table import Measured
+from plop.diagnosis.verdict import Verdict
 from plop.physics.effects.library import library
 from tests.coarse_episodes import BASE, coarse_episode
 
@@ -86,3 +87,12 @@ def test_where_one_law_settles_it_no_pair_is_tried():
     assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["swelling"])
     _, more = told(HIDDEN)
     assert world.ran < 0.8 * more.ran
+
+
+@pytest.mark.parametrize(("kind", "named", "tried"), [
+    ("NONE OF THESE", [], True), ("PARTLY", ["tilt"], True), ("EFFECT", ["tilt", "adhesion"], True),
+    ("EFFECT", ["tilt"], False), ("CONFOUNDED", ["tilt", "adhesion"], False), ("NOTHING DETECTABLE", [], False),
+    ("BASE PARAMETER", ["stiffness"], False), ("SENSOR", ["clock", "scale"], False),
+])  # fmt: skip
+def test_two_are_fitted_together_where_one_does_not_settle_it(kind, named, tried):
+    assert _two_are_tried(Verdict(kind, named, "")) == tried

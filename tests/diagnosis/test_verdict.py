@@ -328,7 +328,7 @@ def test_two_laws_are_named_where_only_both_explain_it():
     both = finding("adhesion", gain=0.8), finding("tilt", gain=0.7)
     verdict = judge_pair(NONE, *both, 2.0, size)
     assert (verdict.kind, verdict.named) == ("EFFECT", ["adhesion", "tilt"])
-    assert "both close 90 % of the explainable gap" in verdict.text and "neither explains it alone" in verdict.text
+    assert "both close 90 % of the explainable gap" in verdict.text and "which were fitted together" in verdict.text
     assert verdict.evidence["left"] == 2.0 and verdict.evidence["alone"]["kind"] == "NONE OF THESE"
     verdict = judge_pair(NONE, *both, 4.0, size)
     assert (verdict.kind, verdict.named) == ("PARTLY", ["adhesion", "tilt"]) and verdict.text.startswith("Partly")
