@@ -251,7 +251,7 @@ def percent(value: float | None) -> str:
 def runs_table(rows: list[dict[str, Any]]) -> str:
     lines = ["| run | hidden | moves [mm] | SNR | verdict | named | rank |", "|---|---|---|---|---|---|---|"]
     for r in sorted(rows, key=lambda r: (r["set"], -r["snr"])):
-        hidden = "; ".join(f"{effect}: " + ", ".join(f"{k} {v:g}" for k, v in values.items())
+        hidden = "; ".join(": ".join(filter(None, (effect, ", ".join(f"{k} {v:g}" for k, v in values.items()))))
                            for effect, values in r["hidden"].items())  # fmt: skip
         then = f", then {', '.join(r['next_named'])}" if r.get("next_named") else ""
         cells = [f"{r['set']} {r['seed']}", hidden or "-", f"{r['rms_mm']:.2f}" if "rms_mm" in r else "-",
