@@ -32,7 +32,8 @@ def tool_rotation_vector(action: ToolStep) -> Tensor:
 def rigid_displacement(points: Tensor, action: ToolStep) -> Tensor:
     """Displacement that world points would have if they moved with the tool, shape [N, 3] [m]."""
     change = action.next_world_from_tool @ torch.linalg.inv(action.world_from_tool)
-    return torch.addmm(change[:3, 3], points, change[:3, :3].T - torch.eye(3).to(change))
+    still = torch.eye(3, dtype=change.dtype, device=change.device)
+    return torch.addmm(change[:3, 3], points, change[:3, :3].T - still)
 
 
 def mirrored_in_table(vectors: Tensor) -> Tensor:
