@@ -103,6 +103,8 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     )
     names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
+    if stage.check is not None:
+        stage.check(config, inputs)
     if wants_preparation(stage, inputs) and not values["dry_run"]:
         exclude = tuple(getattr(config, "exclude", ()))
         preparation = Preparation(store, console, exclude)

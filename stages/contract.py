@@ -109,6 +109,9 @@ class Stage:
     """Frozen dataclass with a default for every field; a docstring under each field says meaning and unit."""
     inputs: Mapping[str, InputSpec]
     run: Callable[[Inputs, Any, Output], Summary]
+    check: Callable[[Any, Mapping[str, str | Path]], None] | None = None
+    """`check(config, given)`: refuse, with a PlopError, what is wrong with settings and raw inputs by themselves,
+    before any input is made on the way."""
     raw_files: Callable[[Path, Any], list[Path]] | None = None
     """`raw_files(folder, config)`: which files of a raw input are read, when not all of them. Only their
     contents enter the fingerprint, so that files of another environment beside them change nothing."""

@@ -31,6 +31,7 @@ from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.diagnose.outcome import facts_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 
+_SPLITS = ("train", "test", "all")
 LEAST_UNSEEN = 3
 """Reference episodes that tell how far a learned model is off where nothing is missing."""
 
@@ -65,13 +66,12 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
             effects that cannot be used, or an engine that follows nothing.
     """
     started = time.perf_counter()
-    check_jobs(config, "diagnose")
-    recordings = RecordingSet.load(inputs["recordings"].path)
-    _check(inputs, config, recordings)
+    check(config, {name: given.path for name, given in inputs.items()})
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
     types = library(files)
-    for name in config.effects:
-        effect_type(name, types)
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    _same_object(inputs["model"].path, recordings, [])
+    effects_of(inputs["model"].path)
     engine, model = _engine(inputs), inputs["model"].path
     measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
     _same_object(model, recordings, measured.episodes)
@@ -126,8 +126,6 @@ def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfi
 
 
 def _names(recordings: RecordingSet, split: str) -> list[str]:
-    if split not in ("train", "test", "all"):
-        raise PlopError("Unknown split.", where="diagnose.split", expected="train, test, all", found=split)
     return recordings.names if split == "all" else list(getattr(recordings, split))
 
 
@@ -163,12 +161,25 @@ def _engine(inputs: Inputs) -> EngineBase:
     return engine
 
 
-def _check(inputs: Inputs, config: DiagnoseConfig, recordings: RecordingSet) -> None:
-    _same_object(inputs["model"].path, recordings, [])
+def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
+    """Refuse settings out of range, unknown effects, and a file with effects that cannot be used.
+
+    Args:
+        config: Settings.
+        given: The raw inputs among what the user named: "effect_file".
+
+    Raises:
+        PlopError: What is wrong.
+    """
+    check_jobs(config, "diagnose")
+    types = library((str(given["effect_file"]),) if "effect_file" in given else ())
+    for name in config.effects:
+        effect_type(name, types)
+    if config.split not in _SPLITS:
+        raise PlopError("Unknown split.", where="diagnose.split", expected=", ".join(_SPLITS), found=config.split)
     if config.shams < 49:
         raise PlopError("Too few shams for a verdict.", where="diagnose.shams", expected="49 or more",
                         found=str(config.shams))  # fmt: skip
-    effects_of(inputs["model"].path)
 
 
 def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode]) -> None:
@@ -193,4 +204,5 @@ STAGE = Stage(
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,
+    check=check,
 )

@@ -11,6 +11,7 @@ from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
+from plop_cli.app import main
 from plop_cli.console import Console
 from plop_cli.execute import execute
 from plop_cli.inputs import LEFT_OUT
@@ -120,3 +121,13 @@ def test_which_commands_prepare():
     assert takes_model_instead(scores) and not takes_model_instead(DIAGNOSE)
     assert wants_preparation(scores, {"model": "base"}) and not wants_preparation(scores, {"rollouts": "x"})
     assert not wants_preparation(stage_ref("fuse").load(), {})
+
+
+def test_wrong_settings_are_told_before_anything_is_made_on_the_way(store, monkeypatch, capsys):
+    def made_too_soon(*_: object) -> None:
+        raise AssertionError("inputs were made for settings that cannot be used")
+
+    monkeypatch.setattr(Preparation, "inputs", made_too_soon)
+    for words, told in ((["--effects", "tilf"], "Did you mean tilt?"), (["--shams", "3"], "Too few shams")):
+        assert main(["diagnose", "--model", "m", "--recordings", "r", "-w", str(store.workspace), *words]) == 1
+        assert told in capsys.readouterr().err
