@@ -66,6 +66,11 @@ class View:
         """Pixels that show the tool, bool, shape [H, W]."""
         return self.mask == MaskLabel.TOOL
 
+    @property
+    def depth_without_tool_m(self) -> np.ndarray:
+        """Depth of what stands still, float32 [H, W] [m]; 0 where tool or something undecided (a hand) is seen."""
+        return np.where(self.tool_mask | (self.mask == MaskLabel.UNKNOWN), np.float32(0), self.depth_m)
+
 
 @dataclass(frozen=True)
 class Mesh:

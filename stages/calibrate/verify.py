@@ -11,7 +11,7 @@ from plop.errors import PlopError
 from plop.geometry.agreement import DepthView, Disagreement, disagreement, object_box, pixels_in_box
 from plop.geometry.cameras import Camera
 from plop.geometry.pointcloud import check_metres
-from plop.recordings.recording import MaskLabel, Recording, View
+from plop.recordings.recording import Recording, View
 
 MIN_COMPARED = 20
 """Pixels that two cameras must share before their difference counts."""
@@ -91,6 +91,8 @@ def check_camera(camera: Camera, where: str) -> None:
 def depth_views(views: list[View], margin_m: float) -> list[DepthView]:
     """Choose the pixels to compare: measured, near the object, neither tool nor undecided.
 
+    These hide surfaces from one camera that another sees: they are not looked up either.
+
     Args:
         views: One frame of all cameras.
         margin_m: How far around the object surfaces take part [m].
@@ -99,9 +101,9 @@ def depth_views(views: list[View], margin_m: float) -> list[DepthView]:
     box = object_box(clouds, margin_m)
     out = []
     for view in views:
-        region = pixels_in_box(view.camera, view.depth_m, box) if box else view.depth_m > 0
-        region &= (view.mask != MaskLabel.TOOL) & (view.mask != MaskLabel.UNKNOWN)
-        out.append(DepthView(view.camera, view.depth_m, region))
+        depth = view.depth_without_tool_m
+        region = pixels_in_box(view.camera, depth, box) if box else depth > 0
+        out.append(DepthView(view.camera, depth, region))
     return out
 
 

@@ -122,12 +122,13 @@ def _undecided(view: View) -> np.ndarray:
 
 
 def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | None:
-    """Compare the depth of every pair of views.
+    """Compare the object's depth between every pair of views; what hides it from one of them is not looked up.
 
     Returns:
         Median over pairs of the median absolute difference [mm]; None when no pair overlaps.
     """
-    picks = [DepthView(view.camera, view.depth_m, mask) for view, mask in zip(views, masks, strict=True)]
+    picks = [DepthView(view.camera, np.where(mask, view.depth_m, 0), mask)
+             for view, mask in zip(views, masks, strict=True)]  # fmt: skip
     if len(picks) > 20:
         picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 20).astype(int)]
     pairs = [disagreement(a, b) for a in picks for b in picks if a is not b]

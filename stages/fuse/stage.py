@@ -122,7 +122,7 @@ def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
 
 STAGE = Stage(
     name="fuse",
-    version=1,
+    version=2,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
     inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},

@@ -44,6 +44,13 @@ def test_right_cameras_are_good_and_the_file_is_linked(tmp_path):
     assert sorted(p.name for p in (tmp_path / "out" / "episodes").iterdir()) == ["a.h5", "b.h5"]
 
 
+def test_a_tool_that_hides_the_object_from_one_of_two_opposed_cameras_is_no_disagreement(tmp_path):
+    write_set(tmp_path / "set", {"a": {}}, cameras=ring(2), plate=True)
+    summary, facts = calibrate(tmp_path / "set", tmp_path / "out")
+    assert summary.figures["worst_disagreement_mm"] < 0.5
+    assert {entry["verdict"] for entry in facts["cameras"].values()} == {"good"}
+
+
 def test_a_wrong_camera_is_named_and_corrected(tmp_path):
     cameras = ring()
     wrong = [moved(c, (6, -5, 4), (8, 5, -6)) if c.name == "cam2" else c for c in cameras]

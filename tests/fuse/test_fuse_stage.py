@@ -60,6 +60,13 @@ def test_disagreeing_views_are_registered(tmp_path):
     assert thickness(registered) < 0.5 * thickness(unregistered)
 
 
+def test_a_tool_that_hides_the_object_from_one_of_two_opposed_cameras_is_no_disagreement(tmp_path):
+    write_set(tmp_path / "set", {"a": {}}, cameras=ring(2), plate=True)
+    fuse(tmp_path / "set", tmp_path / "out")
+    facts = json.loads((tmp_path / "out" / "fuse.json").read_text())["episodes"]["a"]
+    assert facts["disagreement_mm"] < 0.5 and not facts["registered"] and not facts["warnings"]
+
+
 def thickness(points: np.ndarray) -> float:
     """Spread of the distance to the best-placed ellipsoid: translation is free."""
     from scipy.optimize import least_squares

@@ -14,6 +14,7 @@ from plop.recordings.writer import RecordingWriter
 CENTER = np.array([0.0, 0.0, 0.03])
 RADII = np.array([0.06, 0.04, 0.03])
 POST_CENTER, POST_RADIUS = np.array([0.11, 0.03, 0.02]), 0.02
+PLATE_CENTER, PLATE_RADII = np.array([0.0, 0.0, 0.1]), np.array([0.002, 0.08, 0.039])
 TOOL = Mesh(np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], float),
             np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))  # fmt: skip
 
@@ -27,8 +28,8 @@ def ring(count: int = 6, size: int = 96, distance: float = 0.35, height: float =
             for i, eye in enumerate(eyes)]  # fmt: skip
 
 
-def render(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Trace the scene exactly: rgb, depth along the axis [m], mask."""
+def render(camera: Camera, *, plate: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Trace the scene exactly, with a plate as tool just above the ellipsoid or without: rgb, depth [m], mask."""
     rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
     k = camera.intrinsics
     rays = np.stack([(columns + 0.5 - k[0, 2]) / k[0, 0], (rows + 0.5 - k[1, 2]) / k[1, 1], np.ones(rows.shape)], -1)
@@ -37,10 +38,11 @@ def render(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     with np.errstate(divide="ignore", invalid="ignore"):
         table = np.where(directions[..., 2] < -1e-9, -eye[2] / directions[..., 2], np.inf)
     hits = np.stack([np.where(table < 0.8, table, np.inf), _ellipsoid(eye, directions, CENTER, RADII),
-                     _ellipsoid(eye, directions, POST_CENTER, np.full(3, POST_RADIUS))])  # fmt: skip
+                     _ellipsoid(eye, directions, POST_CENTER, np.full(3, POST_RADIUS)),
+                     *([_ellipsoid(eye, directions, PLATE_CENTER, PLATE_RADII)] if plate else [])])  # fmt: skip
     nearest = hits.argmin(0)
     depth = hits.min(0)
-    labels = np.array([MaskLabel.BACKGROUND, MaskLabel.OBJECT, MaskLabel.BACKGROUND], np.uint8)
+    labels = np.array([MaskLabel.BACKGROUND, MaskLabel.OBJECT, MaskLabel.BACKGROUND, MaskLabel.TOOL], np.uint8)
     mask = np.where(np.isfinite(depth), labels[nearest], MaskLabel.BACKGROUND).astype(np.uint8)
     depth = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
     point = eye + depth[..., None] * directions
@@ -66,7 +68,7 @@ def ellipsoid_distance(points: np.ndarray) -> np.ndarray:
 def write_recording(path: Path, cameras: list[Camera], *, frames: int = 2, truth: list[Camera] | None = None,
                     table_z_m: float | None = 0.0, depth_factor: dict[str, float] | None = None,
                     scan: list[Camera] | None = None, scan_truth: list[Camera] | None = None,
-                    masks: bool = True) -> None:  # fmt: skip
+                    masks: bool = True, plate: bool = False) -> None:  # fmt: skip
     """Write a still recording; `truth` holds the cameras that took the images when `cameras` are wrong."""
     tool_poses = np.tile(np.eye(4), (frames, 1, 1))
     tool_poses[:, 2, 3] = 0.2
@@ -74,7 +76,7 @@ def write_recording(path: Path, cameras: list[Camera], *, frames: int = 2, truth
                          time_s=np.arange(frames) / 30, tool_mesh=TOOL,
                          world_from_tool=tool_poses) as writer:  # fmt: skip
         for claimed, real in zip(cameras, truth or cameras, strict=True):
-            rgb, depth, mask = render(real)
+            rgb, depth, mask = render(real, plate=plate)
             mask = mask if masks else np.full_like(mask, MaskLabel.UNKNOWN)
             depth = depth * (depth_factor or {}).get(claimed.name, 1.0)
             writer.add_camera(claimed.name, claimed.intrinsics, np.tile(claimed.world_from_cam, (frames, 1, 1)),
