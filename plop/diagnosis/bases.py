@@ -43,7 +43,7 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     model, first = load_model(model_folder), read_splat(splat_path)
     with Recording(recording_path) as recording:
         actions = Actions.of(recording)
-    states = predict(model, at_rest(first), actions.steps(), episode.name, seed=0)
+    states = predict(model, at_rest(first, (episode.vertices, episode.faces)), actions.steps(), episode.name, seed=0)
     return np.stack([followed(first, state.gaussians, episode.points[0]) for state, _ in states])
 
 

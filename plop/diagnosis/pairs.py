@@ -18,11 +18,11 @@ from plop.diagnosis.findings import State
 from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import sham_gains
-from plop.diagnosis.together import least_together
+from plop.diagnosis.together import directions, least_together
 from plop.diagnosis.verdict import PAIR_SHARE, Finding
 
 SECONDS = 2
-"""Laws beside the first whose amplitudes are looked for in rollout."""
+"""Laws whose amplitudes are looked for in rollout because of what they do beside the first one."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,12 @@ def find_pair(state: State, candidates: Sequence[Candidate], *, shams: int, seed
     Returns:
         None where there are not two laws to be tried, or the engine is unstable with both.
     """
-    first = next((s.candidate for s in state.judged() if s.candidate.kind == "physics"), None)
-    if first is None:
+    alone = [score for score in state.judged() if score.candidate.kind == "physics"]
+    if not alone:
         return None
-    both = _best_pair(state, first, _beside(state, first, candidates)[:SECONDS])
+    first = alone[0].candidate
+    # what the first law hides where it was fitted without the second may still be next to it by itself
+    both = _best_pair(state, first, one_per_effect([*alone[1:2], *_beside(state, first, candidates)[:SECONDS]]))
     if both is None:
         return None
     for table in state.tables:
@@ -117,9 +119,20 @@ def _fitted(state: State, first: Candidate, second: Score) -> tuple[float | None
     """Fit both laws in rollout: sum of squares that is left (None: unstable), and their amplitudes."""
     columns = [*first.columns, *second.candidate.columns]
     start = np.concatenate([[column.value for column in first.columns], second.values])
-    values = least_together(columns, start, state.left_with)
+    values = least_together(columns, start, state.left_with, _turned(first, second.candidate, start))
     (left,) = state.left_with([tuple(zip(columns, values.tolist(), strict=True))])
     return None if left is None else float(left @ left), values
+
+
+def _turned(first: Candidate, second: Candidate, start: np.ndarray) -> list[np.ndarray]:
+    """Give other first guesses [C]: a law of several amplitudes as large, in other directions than it has alone."""
+    turned = []
+    for law, at in ((first, 0), (second, len(first.columns))):
+        own = slice(at, at + len(law.columns))
+        for direction in directions(len(law.columns)) if len(law.columns) > 1 else []:
+            turned.append(start.copy())
+            turned[-1][own] = direction * np.linalg.norm(start[own]) / np.linalg.norm(direction)
+    return turned
 
 
 def _judged(state: State, both: tuple[Candidate, Candidate], shams: int, seed: int) -> Pair | None:

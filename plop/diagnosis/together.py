@@ -28,19 +28,22 @@ Left = Callable[[Sequence[Settings]], list[np.ndarray | None]]
 """Whitened residuals with a law at some amplitudes, [D] each; None where a run is unstable."""
 
 
-def least_together(columns: Sequence[Column], start: np.ndarray, left: Left) -> np.ndarray:
+def least_together(
+    columns: Sequence[Column], start: np.ndarray, left: Left, others: Sequence[np.ndarray] = ()
+) -> np.ndarray:
     """Find the amplitudes of least squared residual: Gauss-Newton in a trust region (Branch, Coleman & Li 1999).
 
     Args:
-        columns: Of one law; their values tell which changes can be seen.
+        columns: Of one law or of several; their values tell which changes can be seen.
         start: First guess [C], for example of a fit to the sum of the columns' responses.
         left: Runs the engine.
+        others: More places where the search may begin, [C] each.
 
     Returns:
         Shape [C], each in its range; the start where all runs are unstable.
     """
     search = _Search(columns, left)
-    tried = [np.clip(start / 2**k, search.low, search.high) for k in range(_HALVINGS)]
+    tried = [np.clip(place, search.low, search.high) for place in (*(start / 2**k for k in range(_HALVINGS)), *others)]
     known = [(float(r @ r), k) for k, r in enumerate(search.residuals(tried)) if r is not None]
     if not known:
         return np.asarray(start)
@@ -63,7 +66,7 @@ def looked_around(columns: Sequence[Column], left: Left) -> np.ndarray | None:
     """
     search = _Search(columns, left)
     tried = [np.clip(_RING * direction * search.steps / _STEP, search.low, search.high)
-             for direction in _directions(len(columns))]  # fmt: skip
+             for direction in directions(len(columns))]  # fmt: skip
     none, *around = search.residuals([np.zeros(len(columns)), *tried])
     known = [(float(r @ r), k) for k, r in enumerate(around) if r is not None]
     if none is None or not known or min(known)[0] >= float(none @ none):
@@ -71,8 +74,8 @@ def looked_around(columns: Sequence[Column], left: Left) -> np.ndarray | None:
     return least_together(columns, tried[min(known)[1]], left)
 
 
-def _directions(count: int) -> list[np.ndarray]:
-    """All combinations of forward, not at all and backward; of more than two amplitudes one at a time."""
+def directions(count: int) -> list[np.ndarray]:
+    """Give all combinations of forward, not at all and backward; of more than two amplitudes one at a time."""
     if count > 2:
         return [sign * axis for axis in np.eye(count) for sign in (1.0, -1.0)]
     return [np.array(signs) for signs in product((-1.0, 0.0, 1.0), repeat=count) if any(signs)]

@@ -9,20 +9,13 @@ from scipy.spatial import cKDTree
 
 from plop.diagnosis.episode import POINTS, Episode, patches_of
 from plop.diagnosis.hidden_points import seen_points
+from plop.dynamics.first_surface import LEAST_POINTS, ON_SURFACE_M, FirstFrame
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
-from plop.geometry.convex import convex_surface
-from plop.metrics.clouds import back_project_all
 from plop.physics.tool_motion import ToolMotion
 from plop.recordings.recording import Recording
-
-ON_SURFACE_M = 0.0015
-"""Largest distance from a followed Gaussian to the measured surface of the first frame [m]."""
-_LEAST_POINTS = 40
-_STRAY = 0.005
-"""Share of the measured points farthest out that are taken for stray pixels."""
 
 
 def episode_from_track(
@@ -41,37 +34,24 @@ def episode_from_track(
         PlopError: The track is of another recording or another fit, or too few Gaussians lie on the measured surface.
     """
     with Recording(recording_path) as recording:
-        cloud = _first_cloud(recording)
+        start = FirstFrame.of(recording)
         times, poses, mesh = recording.time_s.astype(float), recording.world_from_tool, recording.tool_mesh
         table = recording.table_z_m
     first = read_splat(splat_path)
     paths, sides = _paths(first, track_path, len(times))
-    near = cKDTree(cloud).query(paths[0])[0] < ON_SURFACE_M
-    usable = np.flatnonzero(near & (first.opacities.numpy() > 0.5) & np.isfinite(paths).all((0, 2)))
-    if len(usable) < _LEAST_POINTS:
+    usable = np.flatnonzero(start.shown(first) & np.isfinite(paths).all((0, 2)))
+    if len(usable) < LEAST_POINTS:
         raise PlopError("Too few Gaussians lie on the measured surface.", where=track_path,
-                        expected=f"at least {_LEAST_POINTS} within {1000 * ON_SURFACE_M:g} mm", found=str(len(usable)),
+                        expected=f"at least {LEAST_POINTS} within {1000 * ON_SURFACE_M:g} mm", found=str(len(usable)),
                         fix="Look at the fit: `plop export` its splats; fit again with more steps.")  # fmt: skip
     generator = np.random.default_rng([seed, 73])
     chosen = np.sort(generator.choice(usable, min(points, len(usable)), replace=False))
     chosen = chosen[_settled_side(paths[:, chosen], sides[chosen])]
-    # the fit has averaged the noise of depth: its Gaussians show the surface better than the pixels do
-    vertices, faces = convex_surface(paths[0, usable], table)
+    vertices, faces = start.surface(paths[0, usable])
     track = paths[:, chosen]
     tool = ToolMotion(mesh.vertices, mesh.faces, times, poses.astype(float))
     return Episode(recording_path.stem, times, track, track_noise_m(track), patches_of(track[0], track[-1]), tool,
                    table, vertices, faces, seen_points(tool, track))  # fmt: skip
-
-
-def _first_cloud(recording: Recording) -> np.ndarray:
-    views = [recording.view(name, 0) for name in recording.camera_names]
-    cloud = back_project_all([v.camera for v in views], [v.depth_m for v in views], [v.object_mask for v in views])
-    if len(cloud) < _LEAST_POINTS:
-        raise PlopError("The first frame shows no object.", where=recording.path, expected="depth on the object's mask",
-                        found=f"{len(cloud)} points", fix="Check masks and depth: `plop calibrate`.")  # fmt: skip
-    middle = np.median(cloud.points, 0)
-    distance = np.linalg.norm(cloud.points - middle, axis=1)
-    return cloud.points[distance <= np.quantile(distance, 1 - _STRAY)]
 
 
 def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from plop.dynamics.episodes import Actions, MeasuredView, measured_views
+from plop.dynamics.first_surface import first_surface
 from plop.dynamics.grid import GridBox, fit_grid
 from plop.dynamics.interface import DynamicsModel, ParticleState, at_rest
 from plop.dynamics.kernels import Stencil, build_stencil
@@ -78,7 +79,7 @@ def run_filter(
         Frames 1 to T - 1.
     """
     actions = Actions.of(recording, initial.means.device)
-    state = at_rest(initial)
+    state = at_rest(initial, first_surface(recording, initial))
     pairs = Neighbourhood.of(initial.means)
     length = float((initial.means.amax(0) - initial.means.amin(0)).max())
     for frame in range(1, len(actions)):

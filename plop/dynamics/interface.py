@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -25,16 +26,19 @@ class ParticleState:
     """Side of the cut on which a Gaussian lies, shape [N], -1, 0 (no blade has passed yet) or 1."""
     has_history: bool
     """False at the first frame, where the motion of the last step means nothing."""
+    surface: tuple[np.ndarray, np.ndarray] | None = None
+    """At the first frame, if it was measured: the object's closed surface, vertices [V, 3] [m] and triangles [F, 3],
+    for models that fill it themselves (`plop.dynamics.first_surface`)."""
 
     def select(self, index: Tensor) -> ParticleState:
         """Take a subset of the Gaussians with everything that belongs to them."""
         return ParticleState(self.gaussians.select(index), self.last_translation[index], self.last_rotation[index],
-                             self.side[index], self.has_history)  # fmt: skip
+                             self.side[index], self.has_history, self.surface)  # fmt: skip
 
     def detach(self) -> ParticleState:
         """Copy without gradient history."""
         return ParticleState(self.gaussians.detach(), self.last_translation.detach(), self.last_rotation.detach(),
-                             self.side, self.has_history)  # fmt: skip
+                             self.side, self.has_history, self.surface)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ class DynamicsModel(Protocol):
         ...
 
 
-def at_rest(gaussians: Gaussians) -> ParticleState:
-    """Start a rollout from Gaussians without history."""
+def at_rest(gaussians: Gaussians, surface: tuple[np.ndarray, np.ndarray] | None = None) -> ParticleState:
+    """Start a rollout from Gaussians without history, and the object's surface where it was measured."""
     zeros = torch.zeros_like(gaussians.means)
-    return ParticleState(gaussians, zeros, zeros, zeros[:, 0], has_history=False)
+    return ParticleState(gaussians, zeros, zeros, zeros[:, 0], has_history=False, surface=surface)

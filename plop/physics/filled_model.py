@@ -13,7 +13,6 @@ from torch import Tensor
 
 from plop.dynamics.interface import ParticleState, ToolStep
 from plop.gaussians.carried import carried
-from plop.gaussians.state import Gaussians
 from plop.geometry.convex import convex_surface
 from plop.physics.effects.effect import Effect
 from plop.physics.filled import EngineBase, filled_particles
@@ -75,15 +74,15 @@ class FilledEngineModel:
         means = state.gaussians.means.detach().cpu().double().numpy()
         memory = self._memory
         if memory is None or not state.has_history:
-            return self._first(state.gaussians, means, action.table_z_m)
+            return self._first(state, means, action.table_z_m)
         same = torch.equal(memory.ids, state.gaussians.ids)
         if same and float((memory.means - state.gaussians.means).abs().max()) < _MOVED_M:
             return memory.particles
         return self._moved(memory, means if same else None, state)
 
-    def _first(self, gaussians: Gaussians, means: np.ndarray, table_z_m: float | None) -> Particles:
-        solid = means[gaussians.opacities.detach().cpu().numpy() >= _OPAQUE]
-        surface = convex_surface(solid if len(solid) >= 4 else means, table_z_m)
+    def _first(self, state: ParticleState, means: np.ndarray, table_z_m: float | None) -> Particles:
+        solid = means[state.gaussians.opacities.detach().cpu().numpy() >= _OPAQUE]
+        surface = state.surface or convex_surface(solid if len(solid) >= 4 else means, table_z_m)
         return filled_particles(self.base, surface, means, table_z_m, self.effects)
 
     def _moved(self, memory: _Memory, means: np.ndarray | None, state: ParticleState) -> Particles:

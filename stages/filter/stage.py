@@ -143,7 +143,7 @@ def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) 
 
 STAGE = Stage(
     name="filter",
-    version=5,
+    version=6,
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={

@@ -1,6 +1,6 @@
 """Roll out one episode: states, rendered views, a side-by-side video and, if wanted, splat files.
 
-The prediction sees frame 0's Gaussians, the tool's motion, the times and the table. Measured
+The prediction sees frame 0 (its Gaussians and its depth), the tool's motion, the times and the table. Measured
 images of later frames go into the video beside it (and the choice of its camera), nowhere else.
 """
 
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plop.dynamics.episodes import Actions
+from plop.dynamics.first_surface import first_surface
 from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
@@ -64,7 +65,8 @@ def roll_out(
             VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
         ):
             moves = Actions.of(recording, device).steps()
-            for frame, (state, ms) in enumerate(predict(model, at_rest(start), moves, name, config.seed)):
+            initial = at_rest(start, first_surface(recording, start))
+            for frame, (state, ms) in enumerate(predict(model, initial, moves, name, config.seed)):
                 states.append("states", frame, state.gaussians, side=state.side)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
                 placed = tool_above_table(tool, poses[frame], recording.table_z_m)

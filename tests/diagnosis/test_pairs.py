@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plop.diagnosis.candidates import Candidate, Column
 from plop.diagnosis.diagnose import _two_are_tried, diagnose
 from plop.diagnosis.episode import Episode
+from plop.diagnosis.pairs import _turned
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.table import Measured
 from plop.diagnosis.verdict import Verdict
@@ -87,6 +89,19 @@ def test_where_one_law_settles_it_no_pair_is_tried():
     assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["swelling"])
     _, more = told(HIDDEN)
     assert world.ran < 0.8 * more.ran
+
+
+def test_a_law_of_two_amplitudes_is_tried_in_other_directions_as_large():
+    tilt = Candidate("tilt", "physics", tuple(
+        Column("tilt", name, "m/s^2", (), 1.0, -5.0, 5.0) for name in ("gx_m_s2", "gy_m_s2")))  # fmt: skip
+    sticky = Candidate("adhesion", "physics", (Column("adhesion", "traction_pa", "Pa", (), 300.0, 0, 1e5),))
+    for first, second, start in ((tilt, sticky, [-3.0, 4.0, 500.0]), (sticky, tilt, [500.0, -3.0, 4.0])):
+        places = np.array(_turned(first, second, np.array(start)))
+        own = slice(0, 2) if first is tilt else slice(1, 3)
+        assert len(places) == 8 and len({tuple(place) for place in places.round(6)}) == 8
+        np.testing.assert_allclose(np.linalg.norm(places[:, own], axis=1), 5.0)
+        assert (np.delete(places, [own.start, own.start + 1], axis=1) == 500.0).all()
+    assert not _turned(sticky, sticky, np.array([1.0, 2.0]))
 
 
 @pytest.mark.parametrize(("kind", "named", "tried"), [

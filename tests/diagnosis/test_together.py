@@ -40,6 +40,16 @@ def test_the_least_is_found_from_a_start_that_points_elsewhere(start):
     np.testing.assert_allclose(least_together(columns(), np.array(start), left()), TRUTH, atol=0.05)
 
 
+def test_the_best_of_several_starts_begins_the_search():
+    ran: list[np.ndarray] = []
+    away = np.array([-3.0, -3.0])
+    begun = least_together(columns(), away, left(ran=ran), [np.array([2.9, -0.8]), np.array([9.0, 9.0])])
+    np.testing.assert_allclose(begun, TRUTH, atol=0.05)
+    assert not any(np.allclose(place, [9.0, 9.0]) for place in ran)  # its range is kept
+    steps = [place for place in ran if np.linalg.norm(place - TRUTH) < 1]
+    assert len(steps) > 3 and len(ran) < 40
+
+
 def test_the_range_is_kept_and_nothing_is_run_twice():
     ran: list[np.ndarray] = []
     found = least_together(columns(2.0), np.array([9.0, -0.5]), left(ran=ran))

@@ -59,3 +59,28 @@ def test_faces_look_outwards():
 def test_points_that_enclose_nothing_are_refused(points):
     with pytest.raises(PlopError, match="enclose nothing"):
         convex_surface(points)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 5e-4])
+def test_points_inside_the_surface_are_moved_onto_what_was_measured(noise_m):
+    inside = box_points(2000) * (1 - 0.0014 / SIZE_M) + [0, 0, 0.0002]  # 0.7 mm inside on every side
+    measured = box_points(8000, noise_m=noise_m)
+    within = convex_surface(inside, 0.0)
+    onto = convex_surface(inside, 0.0, measured)
+    assert volume(within) < 0.95 * SIZE_M.prod()
+    assert volume(onto) == pytest.approx(SIZE_M.prod(), rel=0.01)
+    assert np.ptp(onto[0], axis=0) == pytest.approx(SIZE_M, abs=3e-4)
+
+
+def test_each_side_is_moved_by_its_own_distance():
+    inside = box_points(2000)
+    inside[inside[:, 0] > 0.0399, 0] -= 0.001
+    onto = convex_surface(inside, 0.0, box_points(8000, noise_m=3e-4))
+    assert onto[0][:, 0].max() == pytest.approx(0.04, abs=3e-4)
+    assert onto[0][:, 0].min() == pytest.approx(-0.04, abs=3e-4)
+
+
+def test_a_handful_of_measured_points_moves_nothing():
+    inside = box_points(2000)
+    kept = convex_surface(inside, 0.0, box_points(20, noise_m=1e-3))
+    assert volume(kept) == pytest.approx(volume(convex_surface(inside, 0.0)), rel=1e-9)

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from plop.diagnosis.engine_run import predict_points, start_particles
+from plop.dynamics.interface import at_rest
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.physics.base_io import base_from_dict, base_to_dict
@@ -132,5 +133,14 @@ def test_gaussians_inside_decide_nothing_about_the_surface():
     floating = np.concatenate([points, [[0.2, 0.2, 0.2]]])
     state = gaussians(floating)
     faint = state.with_(opacities=torch.cat([state.opacities[:-1], torch.tensor([0.05])]))
-    particles = FilledEngineModel(replace(BASE, settled=False))._first(faint, floating, 0.0)
+    particles = FilledEngineModel(replace(BASE, settled=False))._first(at_rest(faint), floating, 0.0)
     assert particles.positions[: -len(floating)].max() < 0.06
+
+
+def test_a_measured_surface_is_filled_wherever_the_gaussians_lie():
+    points = coarse_episode(0).points[0]
+    inside = points.mean(0) + 0.9 * (points - points.mean(0))
+    model = FilledEngineModel(replace(BASE, settled=False))
+    corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
+    particles = model._first(at_rest(gaussians(inside), convex_surface(corners)), inside, 0.0)
+    np.testing.assert_allclose(np.ptp(particles.positions[: -len(inside)], axis=0), [0.06, 0.05, 0.04], atol=1e-6)
