@@ -194,8 +194,9 @@ def judge_pair(
 
 
 def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdict:
-    """Name nothing, but say which law would have been named if more than one episode showed it."""
-    lone = next((f for f in findings if f.kind == "physics" and f.reasons() == [CARRIED]), None)
+    """Name nothing, but say which law would have been named, if only in part, had more than one episode shown it."""
+    lone = next((f for f in findings if f.kind == "physics" and CARRIED in f.reasons()
+                 and {*f.reasons()} <= {CARRIED, AT_BOUND}), None)  # fmt: skip
     missing = kind == "NONE OF THESE"
     if lone is None:
         return Verdict(kind, [], "Something is missing that the library does not hold." if missing else _NOTHING, facts)

@@ -293,6 +293,8 @@ def test_a_law_that_one_episode_alone_carries_is_told_with_the_episode():
         assert (verdict.kind, verdict.named) == (kind, [])
         assert "adhesion takes 70 % of the held-out error away, but press_3 alone shows it" in verdict.text
         assert verdict.evidence["lone"] == {"effect": "adhesion", "episode": "press_3"}
+        ended = replace(alone, parameters=at_bound().parameters)
+        assert told([ended], [], None, [], **size).evidence["lone"] == verdict.evidence["lone"]
     for other in (replace(alone, p=0.4), finding("drag", gain=0.7, steady=0.01, helps="press_3")):
         verdict = told([other], [], None, [], **FACTS)
         assert "lone" not in verdict.evidence and "press_3" not in verdict.text
