@@ -19,6 +19,8 @@ ON_SURFACE_M = 0.0015
 LEAST_POINTS = 40
 """Points and Gaussians below which there is no surface."""
 _OPAQUE = 0.5
+_ENOUGH = 20_000
+"""About as many measured points tell where the faces lie; large images have fifty times more."""
 _STRAY = 0.005
 """Share of the measured points farthest out that are taken for stray pixels."""
 
@@ -72,14 +74,14 @@ class FirstFrame:
         if self.table_z_m is not None:
             depths = [(view.camera, view.depth_without_tool_m) for view in self.views]
             rim = hidden_below(places, depths, self.table_z_m)
-        return convex_surface(places, self.table_z_m, self.points, rim)
+        return convex_surface(places, self.table_z_m, self.points[:: -(-len(self.points) // _ENOUGH)], rim)
 
 
 def first_surface(recording: Recording, gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray] | None:
     """Wrap the object that fitted Gaussians and the first frame show; None where too little of it was measured."""
     try:
         frame = FirstFrame.of(recording)
+        places = gaussians.means.detach().cpu().double().numpy()[frame.shown(gaussians)]
+        return frame.surface(places) if len(places) >= LEAST_POINTS else None
     except PlopError:
         return None
-    places = gaussians.means.detach().cpu().double().numpy()[frame.shown(gaussians)]
-    return frame.surface(places) if len(places) >= LEAST_POINTS else None

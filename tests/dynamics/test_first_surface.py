@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -55,6 +57,24 @@ def test_with_too_little_there_is_no_surface(episode):
     recording, fitted = episode
     assert first_surface(recording, fitted.select(torch.arange(LEAST_POINTS - 1))) is None
     assert first_surface(recording, gaussians(np.zeros((60, 3)) + [0.0, 0.0, 0.02])) is None
+
+
+def test_gaussians_in_one_plane_enclose_nothing(episode):
+    recording, fitted = episode
+    on_top = fitted.select(torch.nonzero(fitted.means[:, 2] > 0.0395).squeeze(1))
+    flat = on_top.with_(means=on_top.means * torch.tensor([1.0, 1.0, 0.0]) + torch.tensor([0.0, 0.0, 0.04]))
+    frame = replace(FirstFrame.of(recording), table_z_m=None)
+    with pytest.raises(PlopError, match="enclose nothing"):
+        frame.surface(flat.means.double().numpy())
+
+
+def test_of_many_measured_points_some_are_enough(episode):
+    recording, fitted = episode
+    frame = FirstFrame.of(recording)
+    places = fitted.means.double().numpy()[frame.shown(fitted)]
+    many = replace(frame, points=np.repeat(frame.points, 1 + 100_000 // len(frame.points), axis=0))
+    np.testing.assert_allclose(np.ptp(many.surface(places)[0], axis=0), np.ptp(frame.surface(places)[0], axis=0),
+                               atol=2e-4)  # fmt: skip
 
 
 def test_a_frame_that_shows_no_object_is_an_error(episode, monkeypatch):
