@@ -48,6 +48,13 @@ class Camera:
         pixels = points[:, :2] / safe[:, None] * [self.intrinsics[0, 0], self.intrinsics[1, 1]]
         return pixels + self.intrinsics[:2, 2], depth
 
+    def pixels_of(self, points_world: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Find the pixel of each point [N, 3] [m]: whether there is one, row, column (0 where not), depth [m]."""
+        pixel, depth = self.project(points_world)
+        column, row = np.floor(np.clip(pixel.T, -1e6, 1e6)).astype(int)
+        inside = (depth > 1e-6) & (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
+        return inside, np.where(inside, row, 0), np.where(inside, column, 0), depth
+
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Give directions through image coordinates [px], any shape [...] -> [..., 3], in the camera's axes.
 

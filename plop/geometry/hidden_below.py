@@ -46,8 +46,6 @@ def hidden_below(points: np.ndarray, views: Iterable[tuple[Camera, np.ndarray]],
 
 def _seen_through(places: np.ndarray, camera: Camera, depth_m: np.ndarray) -> np.ndarray:
     """Tell which places a camera sees something behind of, [M] bool."""
-    pixels, depth = camera.project(places)
-    column, row = np.floor(pixels).astype(int).T
-    inside = (depth > 0) & (column >= 0) & (row >= 0) & (column < camera.width) & (row < camera.height)
-    measured = np.where(inside, depth_m[np.where(inside, row, 0), np.where(inside, column, 0)], 0.0)
-    return np.asarray(np.isfinite(measured) & (measured > depth + _BEHIND_M))
+    inside, row, column, depth = camera.pixels_of(places)
+    measured = depth_m[row, column]
+    return np.asarray(inside & np.isfinite(measured) & (measured > depth + _BEHIND_M))

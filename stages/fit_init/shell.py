@@ -106,7 +106,7 @@ def seen_by(points: np.ndarray, views: list[View], tolerance_m: float) -> np.nda
     """
     seen = np.zeros(len(points), dtype=bool)
     for view in views:
-        inside, row, column, depth = pixels_of(points, view)
+        inside, row, column, depth = view.camera.pixels_of(points)
         measured = view.depth_m[row, column]
         near = (np.abs(measured - depth) < tolerance_m) | ~(view.depth_m > 0).any()
         seen |= inside & view.object_mask[row, column] & near
@@ -126,19 +126,11 @@ def carved(points: np.ndarray, views: list[View], tolerance_m: float) -> np.ndar
     """
     outside = np.zeros(len(points), dtype=bool)
     for view in views:
-        inside, row, column, depth = pixels_of(points, view)
+        inside, row, column, depth = view.camera.pixels_of(points)
         measured = view.depth_m[row, column]
         before = view.object_mask[row, column] & (measured > 0) & (depth < measured - tolerance_m)
         outside |= inside & (before | (view.mask[row, column] == 0))
     return outside
-
-
-def pixels_of(points: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the pixel of each point: whether there is one, row, column (0 where there is none), depth [m]."""
-    pixel, depth = view.camera.project(points)
-    column, row = np.floor(np.clip(pixel.T, -1e6, 1e6)).astype(int)
-    inside = (depth > 1e-6) & (column >= 0) & (column < view.camera.width) & (row >= 0) & (row < view.camera.height)
-    return inside, np.where(inside, row, 0), np.where(inside, column, 0), depth
 
 
 def seed_gaussians(surface: Surface, count: int, *, opacity: float, overlap: float, flatness: float) -> Gaussians:

@@ -12,7 +12,7 @@ from plop.geometry.rigid import transform_points
 from plop.geometry.tool import ToolGeometry
 from plop.recordings.recording import Mesh, Recording
 from plop.render.sh import C0
-from stages.fit_init.shell import farthest_points, pixels_of, quats_along
+from stages.fit_init.shell import farthest_points, quats_along
 
 _DEPTH_TOLERANCE_M = 0.003
 _FLATNESS = 5.0
@@ -153,7 +153,7 @@ def _colours(recording: Recording, cameras: list[str], points: np.ndarray) -> tu
         world = transform_points(poses[frame], points)
         for name in cameras:
             view = recording.view(name, int(frame))
-            inside, row, column, depth = pixels_of(world, view)
+            inside, row, column, depth = view.camera.pixels_of(world)
             measured = view.depth_m[row, column]
             shown = inside & view.tool_mask[row, column] & (np.abs(measured - depth) < _DEPTH_TOLERANCE_M)
             total[shown] += view.rgb[row[shown], column[shown]] / 255

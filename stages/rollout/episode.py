@@ -108,9 +108,6 @@ def _check_same_object(start: Gaussians, recording: Recording, least: float) -> 
 
 
 def _part_inside(points: np.ndarray, view: View) -> float:
-    pixels, depth = view.camera.project(points)
-    columns, rows = np.floor(pixels).astype(int).T
-    height, width = view.mask.shape
-    visible = (depth > 0) & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    visible, rows, columns, _ = view.camera.pixels_of(points)
     covered = view.object_mask | view.tool_mask
-    return float(covered[rows[visible], columns[visible]].mean()) if visible.any() else 0.0
+    return float(covered[rows, columns][visible].mean()) if visible.any() else 0.0
