@@ -121,7 +121,9 @@ def laws() -> str:
 
 
 def _numbers(p: Parameter, value: float) -> str:
-    return f"`{p.name}` [{p.unit}] {p.low:g} to {p.high:g}, {'typically' if p.step else 'else'} {value:g}: {p.help}"
+    also = f" (also tried: {', '.join(f'{v:g}' for v in p.tried)})" if p.tried else ""
+    usual = f"{'typically' if p.step else 'else'} {value:g}{also}"
+    return f"`{p.name}` [{p.unit}] {p.low:g} to {p.high:g}, {usual}: {p.help}"
 
 
 def measured(result: Figures) -> str:

@@ -26,6 +26,8 @@ class Column:
     """Amplitude at which the response is computed."""
     low: float
     high: float
+    tried: tuple[float, ...] = ()
+    """Further amplitudes at which the search for it may begin."""
 
     @property
     def key(self) -> str:
@@ -72,7 +74,8 @@ def candidates_of(types: Mapping[str, EffectType], names: Iterable[str] | None =
         for variant in kind.variants:
             shapes = tuple(sorted({p.name: variant.get(p.name, p.default) for p in kind.shapes}.items()))
             columns = tuple(
-                Column(name, p.name, p.unit, shapes, p.typical or p.step, p.low, p.high) for p in kind.amplitudes
+                Column(name, p.name, p.unit, shapes, p.typical or p.step, p.low, p.high, p.tried)
+                for p in kind.amplitudes
             )
             found.append(Candidate(name, kind.kind, columns, units))
     return found

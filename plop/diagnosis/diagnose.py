@@ -17,6 +17,7 @@ from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
+from plop.diagnosis.starts import begun, turned
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.together import least_together, looked_around
 from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, judge_pair
@@ -88,18 +89,20 @@ def diagnose(
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     state = State(tables, candidates)
-    turned = _turned(state)
-    if turned:
-        candidates = [turned.get(c.key, c) for c in candidates]
-        state = _responded(tables, candidates, list(turned))
+    begins = begun(state, candidates)
+    candidates, state = _started(state, candidates, begins)
+    others = {key: candidate for key, candidate in turned(state).items() if key not in begins}
+    candidates, state = _started(state, candidates, others)
     several = _searched(state, candidates)
     candidates = _moved(candidates, several)
     state = _responded(tables, candidates, list(several))
+    # what was looked for in rollout is not moved by what responses, taken as proportional, say
+    settled = several | {key: np.array([candidate.columns[0].value]) for key, candidate in begins.items()}
     best = _best_values(state)
-    candidates = _moved(candidates, {key: values for key, values in best.items() if key not in several})
-    state = _responded(tables, candidates, [key for key in best if key not in several])
+    candidates = _moved(candidates, {key: values for key, values in best.items() if key not in settled})
+    state = _responded(tables, candidates, [key for key in best if key not in settled])
     best = _best_values(state, PROFILED_SHARE)
-    best |= {key: values for key, values in several.items() if key in best}
+    best |= {key: values for key, values in settled.items() if key in best}
     candidates = _moved(candidates, best)
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
@@ -153,20 +156,14 @@ def _searched(state: State, candidates: list[Candidate]) -> dict[str, np.ndarray
     return {key: values for key, values in found.items() if values is not None}
 
 
-def _turned(state: State) -> dict[str, Candidate]:
-    """Give the laws that seem to act the other way than they were tried, to be tried that way, by key.
-
-    What sticks does not respond to more friction, however much it would to less: a response is judged in the
-    direction in which it is needed.
-    """
-    found = {}
-    for score in state.scores():
-        candidate = score.candidate
-        column = candidate.columns[0]
-        signed = len(candidate.columns) == 1 and column.low < 0 < column.high
-        if signed and score.values[0] * column.value < 0:
-            found[candidate.key] = replace(candidate, columns=(replace(column, value=-column.value),))
-    return found
+def _started(
+    state: State, candidates: list[Candidate], starts: Mapping[str, Candidate]
+) -> tuple[list[Candidate], State]:
+    """Put some laws, by key, in place of those with typical amplitudes, and compute their responses."""
+    if not starts:
+        return candidates, state
+    candidates = [starts.get(c.key, c) for c in candidates]
+    return candidates, _responded(state.tables, candidates, list(starts))
 
 
 def _best_values(state: State, share: float = -np.inf) -> dict[str, np.ndarray]:

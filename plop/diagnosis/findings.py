@@ -20,7 +20,7 @@ from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
-from plop.diagnosis.verdict import Finding
+from plop.diagnosis.verdict import LONE_SHARE, Finding
 from plop.errors import PlopError
 
 
@@ -110,6 +110,12 @@ class State:
         """Mean squared whitened held-out residual with an effect."""
         return float(score.after.sum() / self.numbers)
 
+    @cached_property
+    def energy(self) -> float:
+        """Sum of squares that is left without any law, the base's own parameters refitted."""
+        left = self._without_base(np.concatenate([e.residual for e in self.screen.episodes]))
+        return float(left @ left)
+
     def measure(self, wanted: Sequence[tuple[Column, float]]) -> list[tuple[float, float] | None]:
         """Run columns at some amplitudes, see `profiles_of`; the base's own parameters are refitted to what is left."""
         both = self._runs([((column, amplitude),) for column, amplitude in wanted])
@@ -128,10 +134,14 @@ class State:
     def _refitted(self, key: str, change: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         evidence = self.tables[0].evidence([{key: points} for points in change])
         response = np.concatenate([whiten(e, self.misfit, [key]).matrix[0] for e in evidence])
-        others = np.array([k for k in self.screen.base if self.keys[k] != key], int)
-        matrix = np.concatenate([e.matrix[others] for e in self.screen.episodes], 1)
         left = np.concatenate([e.residual for e in self.screen.episodes]) - response
-        return left - solve(matrix @ matrix.T, matrix @ left) @ matrix, response
+        return self._without_base(left, besides=key), response
+
+    def _without_base(self, left: np.ndarray, besides: str = "") -> np.ndarray:
+        """Take off whitened residuals [D] what the base's own parameters can do, but for one of them."""
+        others = np.array([k for k in self.screen.base if self.keys[k] != besides], int)
+        matrix = np.concatenate([e.matrix[others] for e in self.screen.episodes], 1)
+        return left - solve(matrix @ matrix.T, matrix @ left) @ matrix
 
     def finding(self, score: Score, shams: np.ndarray, beside: bool = False) -> Finding:
         """Add parameters, intervals, p and contrast to a score.
@@ -151,7 +161,12 @@ class State:
         contrast = self._contrast(score.rows, len(columns), whole_library=beside)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
-                       self._apart(score), self.evidence[_most_helped(score.before, score.after)].name)  # fmt: skip
+                       self._apart(score), self.evidence[_most_helped(score.before, score.after)].name,
+                       float(score.shown.sum()), self._shown_by(score.shown))  # fmt: skip
+
+    def _shown_by(self, shown: np.ndarray) -> str:
+        most = int(np.argmax(shown))
+        return self.evidence[most].name if shown[most] > LONE_SHARE * shown.sum() else ""
 
     def beyond(self, best: Score, shams: np.ndarray) -> tuple[Finding, float] | None:
         """Find the law that explains most of what the best one leaves; its gain is a share of that.

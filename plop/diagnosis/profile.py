@@ -2,7 +2,7 @@
 
 Responses are not proportional to amplitudes. The least error is looked for among runs of the engine itself, at
 amplitudes a factor of two apart, from the fitted one towards where the error falls, and lies at the vertex of the
-parabola, over the length of the response, through the best three.
+parabola, over the length of the response, through the best three, where the engine is run again.
 """
 
 from __future__ import annotations
@@ -18,6 +18,10 @@ STEP = 2.0
 """Ratio of neighbouring amplitudes."""
 FURTHER = 3
 """How often the search goes on where the error still falls at an end."""
+CLOSER = 2
+"""How often the engine is run where the least error should be by the runs so far."""
+_NEAR = 1.05
+"""Ratio of two amplitudes between which nothing is looked for."""
 _SLOPES = 0.1, 2.0
 """Limits of the exponent with which a response is taken to go on beyond the runs."""
 Measure = Callable[[Sequence[tuple[Column, float]]], Sequence[tuple[float, float] | None]]
@@ -89,6 +93,10 @@ def profiles_of(columns: Sequence[Column], measure: Measure) -> dict[str, Profil
         for (column, amplitude), answer in zip(jobs, measure(jobs), strict=True):
             found[column.key][amplitude] = answer
         asked = {column.key: _next(found[column.key]) for column in columns}
+    for _ in range(CLOSER):
+        jobs = [(column, at) for column in columns if (at := _closer(found[column.key])) is not None]
+        for (column, amplitude), answer in zip(jobs, measure(jobs) if jobs else [], strict=True):
+            found[column.key][amplitude] = answer
     return {key: _profile(runs) for key, runs in found.items() if any(answer for answer in runs.values())}
 
 
@@ -105,6 +113,14 @@ def _next(runs: dict[float, tuple[float, float] | None]) -> list[float]:
     best = min(known)[1]
     ends = {order[0]: best / STEP, order[-1]: best * STEP}
     return [ends[best]] if best in ends else []
+
+
+def _closer(runs: dict[float, tuple[float, float] | None]) -> float | None:
+    """Where the least error should be by the runs so far; None where one of them is near, or all are unstable."""
+    if not any(runs.values()):
+        return None
+    least = _profile(runs).least()
+    return None if any(1 / _NEAR < amplitude / least < _NEAR for amplitude in runs) else least
 
 
 def _profile(runs: dict[float, tuple[float, float] | None]) -> Profile:

@@ -57,8 +57,13 @@ def held_out_energy(grams: Grams, columns: np.ndarray) -> np.ndarray:
     if len(columns) == 0:
         return grams.energy
     hessian, gradient = grams.hessian[:, columns][:, :, columns], grams.gradient[:, columns]
-    value = held_out_values(grams, columns)
-    return grams.energy - 2 * (gradient * value).sum(-1) + np.einsum("ec,ecd,ed->e", value, hessian, value)
+    return _energy(grams.energy, hessian, gradient, held_out_values(grams, columns))
+
+
+def _energy(energy: np.ndarray, hessian: np.ndarray, gradient: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sum of squares left in each episode at some values, [C] or [E, C] -> [E]."""
+    values = np.broadcast_to(values, gradient.shape)
+    return energy - 2 * (gradient * values).sum(-1) + np.einsum("ec,ecd,ed->e", values, hessian, values)
 
 
 def held_out_values(grams: Grams, columns: np.ndarray) -> np.ndarray:
@@ -89,6 +94,14 @@ def fit(grams: Grams, columns: np.ndarray) -> Fit:
     inverse = np.linalg.inv(total / np.outer(scale, scale) + _RIDGE * np.eye(len(columns))) / np.outer(scale, scale)
     meat = scores.T @ scores * count / max(count - len(columns), 1)
     return Fit(values, inverse @ meat @ inverse, count)
+
+
+def energy_left(grams: Grams, columns: np.ndarray) -> np.ndarray:
+    """Sum of squares left in each episode when the columns were fitted to all, itself too, [E]."""
+    if len(columns) == 0:
+        return grams.energy
+    hessian, gradient = grams.hessian[:, columns][:, :, columns], grams.gradient[:, columns]
+    return _energy(grams.energy, hessian, gradient, solve(hessian.sum(0), gradient.sum(0)))
 
 
 def known_misfit(reference: Grams, base: np.ndarray, groups: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

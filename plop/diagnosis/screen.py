@@ -9,7 +9,7 @@ import numpy as np
 
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate
 from plop.diagnosis.evidence import Whitened
-from plop.diagnosis.regression import Fit, Grams, fit, gain, held_out_energy, held_out_values, solve
+from plop.diagnosis.regression import Fit, Grams, energy_left, fit, gain, held_out_energy, held_out_values, solve
 
 CONFOUNDED_COSINE = 0.95
 """Signatures closer than this, after the base's parameters are taken out, cannot be told apart here."""
@@ -38,6 +38,8 @@ class Score:
     """RMS displacement that it makes at the fitted amplitude [m]."""
     alone: float
     """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
+    shown: np.ndarray
+    """Share of all episodes' error that it takes away in each one when fitted to all, none held out, [E]."""
 
     @property
     def values(self) -> np.ndarray:
@@ -118,8 +120,12 @@ class Screen:
             values = fitted.values[-len(candidate.columns) :]
             sizes = [abs(v) * response_rms_m(c.key) for v, c in zip(values, candidate.columns, strict=True)]
             found.append(Score(candidate, gain(before, after), self.gain_error(null, rows), before, after, null, rows,
-                               fitted, float(np.hypot.reduce(sizes)), alone))  # fmt: skip
+                               fitted, float(np.hypot.reduce(sizes)), alone, self._shown(null, rows)))  # fmt: skip
         return sorted(found, key=lambda s: -s.gain)
+
+    def _shown(self, less: np.ndarray, more: np.ndarray) -> np.ndarray:
+        before = energy_left(self.grams, less)
+        return np.asarray((before - energy_left(self.grams, more)) / max(before.sum(), 1e-30))
 
     def gain_error(self, less: np.ndarray, more: np.ndarray) -> float:
         """Give the standard error of the gain of some columns over others [-].

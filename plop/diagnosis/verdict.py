@@ -25,6 +25,10 @@ AT_BOUND = "a parameter is at its bound"
 """Why a law is named only as a part whose fitted amplitude is at the end of its range."""
 CARRIED = "one episode alone carries it"
 """Why a law is not named that says nothing about the other episodes."""
+LONE_SHARE = 0.8
+"""Share of what a law explains from which on one episode alone is said to show it."""
+SHOWN_LEAST = 0.2
+"""Least share of the error that a law takes away, fitted to the one episode that shows it, to be told of."""
 
 _NOTHING = "No effect of the library can be detected in these recordings."
 
@@ -51,6 +55,11 @@ class Finding:
     """Standard error of the difference between `alone` and what the base's own parameters take away [-]."""
     helps: str = ""
     """The episode that it helps most."""
+    shown: float = 0.0
+    """Share of the error that it takes away where no episode is held out [-]: all that can be known of a law that
+    acts in one motion only."""
+    shown_by: str = ""
+    """The episode that shows nearly all of it; "" where there are several."""
 
     @property
     def at_bound(self) -> bool:
@@ -195,15 +204,30 @@ def judge_pair(
 
 def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdict:
     """Name nothing, but say which law would have been named, if only in part, had more than one episode shown it."""
-    lone = next((f for f in findings if f.kind == "physics" and CARRIED in f.reasons()
-                 and {*f.reasons()} <= {CARRIED, AT_BOUND}), None)  # fmt: skip
     missing = kind == "NONE OF THESE"
+    told = [f for f in findings if f.kind == "physics" and (_carried_only(f) or (missing and _shown_once(f)))]
+    lone = max(told, key=lambda f: f.shown, default=None)
     if lone is None:
         return Verdict(kind, [], "Something is missing that the library does not hold." if missing else _NOTHING, facts)
     start = "Something is missing" if missing else "No effect can be detected in more than one episode"
-    text = (f"{start}: {lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but {lone.helps} alone "
-            "shows it, so that it is not named.")  # fmt: skip
-    return Verdict(kind, [], text, {**facts, "lone": {"effect": lone.name, "episode": lone.helps}})
+    if _carried_only(lone):
+        episode, what = lone.helps, f"{lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but"
+    else:
+        episode = lone.shown_by
+        what = (f"fitted to all episodes, {lone.name} takes {100 * lone.shown:.0f} % of the error away "
+                f"({parameters_text(lone)}), but")  # fmt: skip
+    text = f"{start}: {what} {episode} alone shows it, so that it is not named."
+    return Verdict(kind, [], text, {**facts, "lone": {"effect": lone.name, "episode": episode}})
+
+
+def _carried_only(finding: Finding) -> bool:
+    """Tell whether nothing but the other episodes, or else the end of its range, is against a law."""
+    return CARRIED in finding.reasons() and {*finding.reasons()} <= {CARRIED, AT_BOUND}
+
+
+def _shown_once(finding: Finding) -> bool:
+    """Tell whether one episode shows a law well that, held out, the others cannot predict: they do not hold it."""
+    return finding.shown_by != "" and finding.shown >= SHOWN_LEAST and not finding.at_bound
 
 
 def _law(
@@ -253,7 +277,7 @@ def _by_base(
         return None
     found, closed = _base_or(base, findings, beyond, facts), size.closed_by_base
     if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
-        if size.beyond_chance:
+        if size.beyond_chance or size.stands_out:
             return Verdict("PARTLY", found.named, _partly_base_text(base, found.named[1:]), found.evidence)
         if _may_be_chance(size):
             return _nothing(facts)

@@ -54,7 +54,7 @@ def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None
         "gain": finding.gain, "gain_error": finding.gain_error, "p": finding.p,
         "contrast": _clean(finding.contrast and finding.contrast.errors),
         "contrast_p": _clean(finding.contrast and finding.contrast.p),
-        "size_mm": None if size_m is None else 1000 * size_m,
+        "size_mm": None if size_m is None else 1000 * size_m, "shown": finding.shown, "shown_by": finding.shown_by,
         "parameters": _clean(finding.parameters), "passes": finding.passes(), "reasons": finding.reasons(),
     }  # fmt: skip
 

@@ -2,75 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from plop.diagnosis.candidates import Candidate, Column
-from plop.diagnosis.diagnose import _two_are_tried, diagnose
-from plop.diagnosis.episode import Episode
+from plop.diagnosis.diagnose import _two_are_tried
 from plop.diagnosis.pairs import _turned
-from plop.diagnosis.responses import Answer, Job
-from plop.diagnosis.table import Measured
 from plop.diagnosis.verdict import Verdict
-from plop.physics.effects.library import library
-from tests.coarse_episodes import BASE, coarse_episode
+from tests.diagnosis.world import World
 
 LAWS = ("stiffness", "adhesion", "tilt", "swelling", "fibres")
-NOISE_M = 1e-4
 HIDDEN = {"adhesion": 600.0, "gx_m_s2": 1.5, "gy_m_s2": -1.0}
 
 
-class World:
-    """Points move by smooth fields; what adhesion has lifted moves otherwise under a tilt than what lies still."""
+class Sticking(World):
+    """What adhesion has lifted moves otherwise under a tilt than what lies still."""
 
-    def __init__(self) -> None:
-        self.ran = 0
-
-    def plain(self, episode: Episode) -> np.ndarray:
-        return np.repeat(self.start(episode)[None], len(episode.times), 0)
-
-    def start(self, episode: Episode) -> np.ndarray:
-        return np.asarray(episode.points[0], float)
-
-    def fields(self, episode: Episode, number: int) -> np.ndarray:
-        """Displacement by one unit, of order 1 mm, growing in time, [T, M, 3]."""
-        draw = np.random.default_rng([int(episode.name[-3:]), number])
-        places = (self.start(episode) - self.start(episode).mean(0)) / 0.02
-        ramp = np.linspace(0, 1, len(episode.times)) ** draw.uniform(0.5, 2)
-        return 1e-3 * ramp[:, None, None] * (draw.normal(0, 1, 3) + places @ draw.normal(0, 1, (3, 3)))
-
-    def moved(self, episode: Episode, values: dict[str, float]) -> np.ndarray:
+    def amounts(self, values: dict[str, float]) -> list[float]:
         lifted, x, y = values.get("adhesion", 0.0) / 300, values.get("gx_m_s2", 0.0), values.get("gy_m_s2", 0.0)
         free, held = min(lifted, 1.0), 1 - min(lifted, 1.0)
-        total = self.plain(episode)
-        amounts = [values.get("stiffness", 0.0), 0.5 * lifted / (1 + 0.2 * lifted), 10 * values.get("swelling", 0.0),
-                   0.3 * values.get("fibres", 0.0), free * x, free * y, held * x, held * y]  # fmt: skip
-        for number, amount in enumerate(amounts):
-            total = total + amount * self.fields(episode, number)
-        return total
-
-    def run(self, jobs: list[Job]) -> list[Answer]:
-        self.ran += len(jobs)
-        return [Answer(self.moved(job.episode, {c.amplitude if c.effect == "tilt" else c.effect: value
-                                                for c, value in job.settings})) for job in jobs]  # fmt: skip
-
-    def measured(self, seed: int, hidden: dict[str, float]) -> Measured:
-        episodes = []
-        for k in range(6):
-            like = replace(coarse_episode(k % 2), name=f"box_{10 * seed + k:03d}", seen=None)
-            noise = np.random.default_rng([seed, k]).normal(0, NOISE_M, like.points.shape)
-            points = self.moved(like, hidden) + noise
-            points[0] = self.start(like)
-            episodes.append(replace(like, points=points, noise_m=NOISE_M))
-        return Measured(episodes)
+        return [values.get("stiffness", 0.0), 0.5 * lifted / (1 + 0.2 * lifted), 10 * values.get("swelling", 0.0),
+                0.3 * values.get("fibres", 0.0), free * x, free * y, held * x, held * y]  # fmt: skip
 
 
 def told(hidden: dict[str, float]):
-    world = World()
-    return diagnose(world.measured(1, hidden), BASE, library(), world.run, reference=world.measured(2, {}),
-                    effects=LAWS, shams=99), world  # fmt: skip
+    world = Sticking()
+    return world.told(hidden, LAWS), world
 
 
 def test_two_laws_that_hide_each_other_are_named_together():

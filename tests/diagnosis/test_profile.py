@@ -53,3 +53,17 @@ def test_unstable_amplitudes_are_left_out():
 
 def test_one_run_alone_is_taken_as_proportional():
     assert Profile(np.array([2.0]), np.array([1.0]), np.array([1.0])).at_response(2.0, 1.5) == 3.0
+
+
+def test_the_engine_is_run_once_more_where_the_least_should_be():
+    """What slides beyond a threshold responds ever more: a parabola over the threshold has its vertex too far."""
+    tried: list[float] = []
+
+    def measure(wanted):
+        tried.extend(a for _, a in wanted)
+        return [((a - 5) ** 2, a) if a < 5 else (3.3 * (a - 5) ** 2, 5 + 18 * (a - 5)) for _, a in wanted]
+
+    found = profiles_of([column(2.0)], measure)["law().a"]
+    once = Profile(*np.array([(a, *measure([(None, a)])[0]) for a in (2.0, 4.0, 8.0)]).T)
+    assert once.least() > 5.5 and found.least() == pytest.approx(5.0, rel=0.05)
+    assert 4 < len(found.amplitudes) <= 6

@@ -88,6 +88,14 @@ def test_a_base_parameter_that_leaves_most_of_the_gap_is_a_part():
     assert (verdict.kind, verdict.named) == ("BASE PARAMETER", ["stiffness"])
 
 
+def test_a_parameter_that_leaves_an_error_which_stands_out_is_a_part_whichever_test_says_so():
+    """A few episodes that are very wrong: dealt out anew they stand out, by standard errors they do not."""
+    size: dict[str, Any] = {"error": 6.5, "floor": 1.4, "left": 5.3, "raw": 12.1, "excess": 2.0}
+    for chance, kind in ((0.003, "PARTLY"), (0.01, "BASE PARAMETER")):
+        verdict = told([finding(**WEAK)], [], finding("stiffness"), [], **size, excess_p=chance)
+        assert (verdict.kind, verdict.named) == (kind, ["stiffness"])
+
+
 def test_an_error_in_few_episodes_stands_out_by_permutation():
     facts = {**FACTS, "excess": 2.3}
     assert told([finding(**WEAK)], [], None, [], **facts).kind == "NOTHING DETECTABLE"

@@ -42,6 +42,15 @@ class Parameter:
     typical: float = 0.0
     """An amplitude at which the effect is plainly there; where to start when a signal of given size is wanted."""
     help: str = ""
+    tried: tuple[float, ...] = ()
+    """Further amplitudes, of either sign, at which a diagnosis tries it: for a law with a threshold (what sticks,
+    yields or tears), whose response at one amplitude tells little of another's."""
+
+    def __post_init__(self) -> None:
+        given = (self.typical, *self.tried) if self.typical else self.tried
+        outside = [value for value in given if not self.low <= value <= self.high]
+        if outside:
+            raise ValueError(f"{self.name}: {outside[0]:g} is not in its range, {self.low:g} to {self.high:g}")
 
 
 class Effect:

@@ -99,7 +99,10 @@ class Plasticity(Effect):
     help = "beyond a yield stress it flows and keeps its new shape"
     law = "sqrt(3/2) |dev(tau)| <= 1 / softness + 3 mu hardening e_p, by shrinking the elastic strain by the flow e_p"
     source = "von Mises 1913; return mapping: Simo & Hughes, Computational Inelasticity, 1998, ch. 9"
-    amplitudes = (Parameter("softness_per_kpa", "1/kPa", 0.0, 20.0, step=2.0, typical=4.0, help="1 / yield stress"),)
+    amplitudes = (
+        Parameter("softness_per_kpa", "1/kPa", 0.0, 20.0, step=2.0, typical=4.0, help="1 / yield stress",
+                  tried=(2.0, 8.0)),
+    )  # fmt: skip
     shapes = (
         Parameter("hardening", "-", 0.0, 1.0, step=0.0, default=0.1, help="slope of stress over flow, over 3 mu"),
     )

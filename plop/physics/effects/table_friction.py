@@ -15,7 +15,10 @@ class TableFriction(Effect):
     help = "the table is rougher or more slippery"
     law = "|t| <= (mu + d_mu) p at the table"
     source = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
-    amplitudes = (Parameter("d_mu", "-", -2.0, 2.0, step=0.05, typical=0.5, help="change of the coefficient"),)
+    amplitudes = (
+        Parameter("d_mu", "-", -2.0, 2.0, step=0.05, typical=0.5, help="change of the coefficient",
+                  tried=(-0.4, -0.3, -0.2, -0.1, 0.25)),
+    )  # fmt: skip
 
     def material(self, material: Material) -> Material:
         """Add to the base's own friction."""

@@ -167,7 +167,13 @@ def test_a_hook_that_does_something_else_is_refused(run_user_file, hook, body):
 
 def test_a_broken_file_names_its_line_and_a_taken_name_is_refused(tmp_path):
     path = tmp_path / "broken.py"
-    for text, where in [("x = 1\ny = (\n", "line 2"), ("x = 1\n\nraise ValueError('no')\n", "line 3")]:
+    outside = "from plop.physics.effects.effect import Parameter\nParameter('a', '-', 0.0, 1.0, step=0.1, {})\n"
+    for text, where in [
+        ("x = 1\ny = (\n", "line 2"),
+        ("x = 1\n\nraise ValueError('no')\n", "line 3"),
+        (outside.format("typical=2.0"), "line 2"),
+        (outside.format("tried=(0.5, -0.1)"), "line 2"),
+    ]:
         path.write_text(text)
         with pytest.raises(PlopError, match="error") as caught:
             library([path])
