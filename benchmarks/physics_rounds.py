@@ -10,9 +10,9 @@ from joblib import Parallel, delayed
 from plop.diagnosis.diagnose import Diagnosis, diagnose
 from plop.diagnosis.discretisations import predicted_by_each
 from plop.diagnosis.episode import Episode
+from plop.diagnosis.finding import Finding
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
-from plop.diagnosis.verdict import Finding
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase

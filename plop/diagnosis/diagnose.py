@@ -11,16 +11,17 @@ import numpy as np
 from plop.diagnosis.candidates import Candidate, Column, candidates_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
+from plop.diagnosis.finding import Finding
 from plop.diagnosis.findings import State
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
-from plop.diagnosis.starts import begun, turned
+from plop.diagnosis.starts import begun, searched, turned
 from plop.diagnosis.table import Measured, RunJobs, Table
-from plop.diagnosis.together import least_together, looked_around
-from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, judge_pair
+from plop.diagnosis.together import least_together
+from plop.diagnosis.verdict import Verdict, first_of, judge, judge_pair
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
@@ -93,7 +94,7 @@ def diagnose(
     candidates, state = _started(state, candidates, begins)
     others = {key: candidate for key, candidate in turned(state).items() if key not in begins}
     candidates, state = _started(state, candidates, others)
-    several = _searched(state, candidates)
+    several = searched(state, candidates)
     candidates = _moved(candidates, several)
     state = _responded(tables, candidates, list(several))
     # what was looked for in rollout is not moved by what responses, taken as proportional, say
@@ -144,16 +145,6 @@ def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType
             ends = sorted((value / STEP, -value / STEP))
             return replace(column, low=max(column.low, ends[0]), high=min(column.high, ends[1]))
     return column
-
-
-def _searched(state: State, candidates: list[Candidate]) -> dict[str, np.ndarray]:
-    """Look for the amplitudes of laws that have several, by key; left out is what makes nothing better.
-
-    Responses along the axes would not do: what lies still under a weak pull says nothing of a strong one.
-    """
-    found = {c.key: looked_around(c.columns, state.left_with) for c in candidates
-             if len(c.columns) > 1 and all(column.key in state.keys for column in c.columns)}  # fmt: skip
-    return {key: values for key, values in found.items() if values is not None}
 
 
 def _started(

@@ -14,13 +14,13 @@ from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
+from plop.diagnosis.finding import LONE_SHARE, Finding
 from plop.diagnosis.profile import Profile
 from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, solve
 from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
-from plop.diagnosis.verdict import LONE_SHARE, Finding
 from plop.errors import PlopError
 
 

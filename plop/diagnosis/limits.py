@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.contrast import P_LARGEST
+from plop.diagnosis.finding import ERRORS_LEAST, GAIN_LEAST
 from plop.diagnosis.regression import Grams, gain, held_out_energy
 from plop.diagnosis.screen import Score, Screen
-from plop.diagnosis.verdict import ERRORS_LEAST, GAIN_LEAST
 
 _STEPS = 24
 

@@ -14,12 +14,13 @@ import numpy as np
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import corrected, whiten
+from plop.diagnosis.finding import Finding
 from plop.diagnosis.findings import State
 from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import sham_gains
 from plop.diagnosis.together import directions, least_together
-from plop.diagnosis.verdict import PAIR_SHARE, Finding
+from plop.diagnosis.verdict import PAIR_SHARE
 
 SECONDS = 2
 """Laws whose amplitudes are looked for in rollout because of what they do beside the first one."""

@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from plop.diagnosis.candidates import Candidate
 from plop.diagnosis.findings import State
+from plop.diagnosis.together import looked_around
 
 
 def begun(state: State, candidates: Sequence[Candidate]) -> dict[str, Candidate]:
@@ -52,6 +55,16 @@ def turned(state: State) -> dict[str, Candidate]:
         if signed and score.values[0] * column.value < 0:
             found[candidate.key] = _set_to(candidate, -column.value)
     return found
+
+
+def searched(state: State, candidates: Sequence[Candidate]) -> dict[str, np.ndarray]:
+    """Look for the amplitudes of laws that have several, by key; left out is what makes nothing better.
+
+    Responses along the axes would not do: what lies still under a weak pull says nothing of a strong one.
+    """
+    found = {c.key: looked_around(c.columns, state.left_with) for c in candidates
+             if len(c.columns) > 1 and all(column.key in state.keys for column in c.columns)}  # fmt: skip
+    return {key: values for key, values in found.items() if values is not None}
 
 
 def _set_to(candidate: Candidate, amplitude: float) -> Candidate:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from plop.diagnosis.contrast import P_LARGEST, Contrast
+from plop.diagnosis.contrast import P_LARGEST
 from plop.diagnosis.error_size import ErrorSize
-from plop.law_values import parameter_text
+from plop.diagnosis.finding import AT_BOUND, CARRIED, ERRORS_LEAST, Finding
+from plop.diagnosis.verdict_text import base_text, both_text, effect_text, parameters_text, partly_base_text
 
-GAIN_LEAST = 0.05
-"""Least share of the held-out error that a named effect takes away."""
-ERRORS_LEAST = 2.0
-"""Least gain in standard errors over episodes."""
 PARTLY_SHARE = 0.6
 """Share of the explainable gap below which an effect is named only as a part: most of what a law that is not in the
 library does, a neighbour can do as well."""
@@ -21,86 +18,10 @@ SECOND_LEAST = 0.1
 is wrong with it resembles other laws."""
 PAIR_SHARE = 0.8
 """The same for two laws that only together explain it: they have more amplitudes to do it with."""
-AT_BOUND = "a parameter is at its bound"
-"""Why a law is named only as a part whose fitted amplitude is at the end of its range."""
-CARRIED = "one episode alone carries it"
-"""Why a law is not named that says nothing about the other episodes."""
-LONE_SHARE = 0.8
-"""Share of what a law explains from which on one episode alone is said to show it."""
 SHOWN_LEAST = 0.2
 """Least share of the error that a law takes away, fitted to the one episode that shows it, to be told of."""
 
 _NOTHING = "No effect of the library can be detected in these recordings."
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One named thing with its evidence."""
-
-    name: str
-    kind: str
-    """physics, decoy, base or sensor."""
-    parameters: dict[str, dict[str, Any]]
-    """Name -> {"value", "low", "high", "unit", "at_bound"}."""
-    gain: float
-    gain_error: float
-    p: float | None
-    contrast: Contrast | None
-    """Its amplitude against that in the reference recordings; None without reference."""
-    steady: float | None = None
-    """Its gain over the episodes without the one that it helps most [-]; None when that is not known."""
-    alone: float = 0.0
-    """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
-    alone_error: float = 0.0
-    """Standard error of the difference between `alone` and what the base's own parameters take away [-]."""
-    helps: str = ""
-    """The episode that it helps most."""
-    shown: float = 0.0
-    """Share of the error that it takes away where no episode is held out [-]: all that can be known of a law that
-    acts in one motion only."""
-    shown_by: str = ""
-    """The episode that shows nearly all of it; "" where there are several."""
-
-    @property
-    def at_bound(self) -> bool:
-        """Tell whether a parameter ran into its range."""
-        return any(p["at_bound"] for p in self.parameters.values())
-
-    @property
-    def differs(self) -> bool:
-        """Tell whether its amplitude is another than in the reference."""
-        return self.contrast is None or self.contrast.p <= P_LARGEST
-
-    @property
-    def carried(self) -> bool:
-        """Tell whether one episode alone carries it."""
-        return self.steady is not None and self.steady <= GAIN_LEAST / 2
-
-    def passes(self) -> bool:
-        """Tell whether all conditions for being named hold."""
-        return not self.reasons()
-
-    def ends(self) -> bool:
-        """Tell whether only the end of its range is against it."""
-        return self.reasons() == [AT_BOUND]
-
-    def reasons(self) -> list[str]:
-        """Say which conditions fail."""
-        found = []
-        if self.p is None or self.p > P_LARGEST:
-            found.append(f"p = {self.p:.3f} > {P_LARGEST}" if self.p is not None else "no shams")
-        if self.gain <= GAIN_LEAST:
-            found.append(f"gain {100 * self.gain:.1f} % <= {100 * GAIN_LEAST:g} %")
-        if self.gain <= ERRORS_LEAST * self.gain_error:
-            found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
-        if self.at_bound:
-            found.append(AT_BOUND)
-        if self.carried:
-            found.append(CARRIED)
-        if self.contrast is not None and not self.differs:
-            distance = f"{self.contrast.errors:.1f} standard errors, p = {self.contrast.p:.2f}"
-            found.append(f"the same amplitude as in the reference recordings ({distance})")
-        return found
 
 
 @dataclass(frozen=True)
@@ -248,13 +169,13 @@ def _law(
     if partly and (_may_be_chance(size) or (best.kind == "base" and not size.beyond_chance)):
         return _nothing(facts)
     if more is not None and not others:
-        text = _both_text(best, more, partly, share)
+        text = both_text(best, more, partly, share)
         return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
     kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
     if best.kind == "base" and not others and not partly:
-        return Verdict("BASE PARAMETER", [best.name], _base_text(best), facts)
+        return Verdict("BASE PARAMETER", [best.name], base_text(best), facts)
     facts = {**facts, "alternatives": others}
-    return Verdict(kind, [best.name, *others], _effect_text(kind, best, others, share), facts)
+    return Verdict(kind, [best.name, *others], effect_text(kind, best, others, share), facts)
 
 
 def _may_be_chance(size: ErrorSize) -> bool:
@@ -278,7 +199,7 @@ def _by_base(
     found, closed = _base_or(base, findings, beyond, facts), size.closed_by_base
     if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
         if size.beyond_chance or size.stands_out:
-            return Verdict("PARTLY", found.named, _partly_base_text(base, found.named[1:]), found.evidence)
+            return Verdict("PARTLY", found.named, partly_base_text(base, found.named[1:]), found.evidence)
         if _may_be_chance(size):
             return _nothing(facts)
     return found
@@ -303,8 +224,8 @@ def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, fac
     if better is not None:
         better = replace(better, gain=better.alone)
         if better.kind == "base":
-            return Verdict("BASE PARAMETER", [better.name], _base_text(better), facts)
-        return Verdict("EFFECT", [better.name], _effect_text("EFFECT", better, [], None), facts)
+            return Verdict("BASE PARAMETER", [better.name], base_text(better), facts)
+        return Verdict("EFFECT", [better.name], effect_text("EFFECT", better, [], None), facts)
     if beyond is not None and beyond.gain * (1 - base.gain) > base.gain / 2:
         return None
     law = next((f for f in rivals if f.kind == "physics"), None)
@@ -313,47 +234,9 @@ def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, fac
                 f"{parameters_text(base)}; or {parameters_text(law)}.")  # fmt: skip
         return Verdict("CONFOUNDED", [base.name, law.name], text, {**facts, "alternatives": [law.name]})
     also = [f.name for f in rivals]
-    return Verdict("BASE PARAMETER", [base.name], _base_text(base, also), {**facts, "alternatives": also})
+    return Verdict("BASE PARAMETER", [base.name], base_text(base, also), {**facts, "alternatives": also})
 
 
 def _margin(finding: Finding) -> float:
     """How much more or less than the base's parameters a finding may explain by itself by chance."""
     return ERRORS_LEAST * finding.alone_error
-
-
-def parameters_text(finding: Finding) -> str:
-    """Write parameters with intervals and units."""
-    return ", ".join(parameter_text(name, p) for name, p in finding.parameters.items())
-
-
-def _effect_text(kind: str, best: Finding, others: list[str], share: float | None) -> str:
-    gained = f"it explains {100 * best.gain:.0f} % of the held-out error"
-    closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
-    start = {"EFFECT": "Missing: ", "PARTLY": "Partly ", "CONFOUNDED": ""}[kind]
-    what = best.name + (f", or {' or '.join(others)}, which these motions cannot tell apart" if others else "")
-    return f"{start}{what}; {parameters_text(best)}{_end_text(best)}; {gained}{closed}."
-
-
-def _both_text(best: Finding, more: Finding, partly: bool, share: float | None) -> str:
-    closed = "" if share is None else f"; both close {100 * min(share, 1):.0f} % of the explainable gap"
-    start = "Partly" if partly else "Missing:"
-    shares = (f"the first explains {100 * best.gain:.0f} % of the held-out error, the second {100 * more.gain:.0f} % "
-              "of what it leaves")  # fmt: skip
-    first = parameters_text(best) + _end_text(best)
-    return (f"{start} {best.name} and {more.name}; {first}; {parameters_text(more)}; {shares}{closed}. "
-            f"Add {best.name}, then diagnose again.")  # fmt: skip
-
-
-def _partly_base_text(base: Finding, others: list[str]) -> str:
-    either = f" (or {' or '.join(others)}, which these motions cannot tell from it)" if others else ""
-    return (f"A changed {base.name}{either} explains a part: {parameters_text(base)}; much of the gap remains, and no "
-            "law of the library explains it.")  # fmt: skip
-
-
-def _base_text(base: Finding, also: list[str] | None = None) -> str:
-    alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
-    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}.{alike}"
-
-
-def _end_text(finding: Finding) -> str:
-    return ", the end of its range: there may be more of it" if finding.at_bound else ""

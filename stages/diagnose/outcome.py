@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.finding import Finding
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
-from plop.diagnosis.verdict import Finding
 from plop.law_values import short_number, with_unit
 from plop.physics.effects.library import EffectType
 

@@ -11,7 +11,8 @@ from benchmarks.physics import fitted_engine
 from benchmarks.physics_plan import PLAN, SNRS
 from benchmarks.physics_rounds import named_effects
 from benchmarks.physics_signal import CLOSE, at_signal
-from plop.diagnosis.verdict import Finding, Verdict
+from plop.diagnosis.finding import Finding
+from plop.diagnosis.verdict import Verdict
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 

@@ -9,9 +9,10 @@ import pytest
 
 from plop.diagnosis.amplitude import RESPONSE_ERROR
 from plop.diagnosis.diagnose import _conclude, _moved
+from plop.diagnosis.finding import CARRIED
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
-from plop.diagnosis.verdict import CARRIED, Verdict
+from plop.diagnosis.verdict import Verdict
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import facts_of, rows_of

@@ -11,7 +11,9 @@ import pytest
 
 from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.error_size import ErrorSize, exceeded_within, exchanged
-from plop.diagnosis.verdict import Finding, Verdict, first_of, judge, judge_pair, parameters_text
+from plop.diagnosis.finding import Finding
+from plop.diagnosis.verdict import Verdict, first_of, judge, judge_pair
+from plop.diagnosis.verdict_text import parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -17,15 +18,15 @@ from tests.coarse_episodes import BASE, coarse_episode
 NOISE_M = 1e-4
 
 
-class World:
+class World(ABC):
     """Runs jobs; a subclass says how much of which field its laws are."""
 
     def __init__(self) -> None:
         self.ran = 0
 
+    @abstractmethod
     def amounts(self, values: dict[str, float]) -> list[float]:
         """Turn amplitudes, by effect or, for a tilt, by amplitude, into amounts of fields."""
-        raise NotImplementedError
 
     def plain(self, episode: Episode) -> np.ndarray:
         return np.repeat(self.start(episode)[None], len(episode.times), 0)

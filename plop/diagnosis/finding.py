@@ -1,0 +1,89 @@
+"""One thing that may be named, with its evidence, and the conditions under which it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from plop.diagnosis.contrast import P_LARGEST, Contrast
+
+GAIN_LEAST = 0.05
+"""Least share of the held-out error that a named effect takes away."""
+ERRORS_LEAST = 2.0
+"""Least gain in standard errors over episodes."""
+AT_BOUND = "a parameter is at its bound"
+"""Why a law is named only as a part whose fitted amplitude is at the end of its range."""
+CARRIED = "one episode alone carries it"
+"""Why a law is not named that says nothing about the other episodes."""
+LONE_SHARE = 0.8
+"""Share of what a law explains from which on one episode alone is said to show it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named thing with its evidence."""
+
+    name: str
+    kind: str
+    """physics, decoy, base or sensor."""
+    parameters: dict[str, dict[str, Any]]
+    """Name -> {"value", "low", "high", "unit", "at_bound"}."""
+    gain: float
+    gain_error: float
+    p: float | None
+    contrast: Contrast | None
+    """Its amplitude against that in the reference recordings; None without reference."""
+    steady: float | None = None
+    """Its gain over the episodes without the one that it helps most [-]; None when that is not known."""
+    alone: float = 0.0
+    """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
+    alone_error: float = 0.0
+    """Standard error of the difference between `alone` and what the base's own parameters take away [-]."""
+    helps: str = ""
+    """The episode that it helps most."""
+    shown: float = 0.0
+    """Share of the error that it takes away where no episode is held out [-]: all that can be known of a law that
+    acts in one motion only."""
+    shown_by: str = ""
+    """The episode that shows nearly all of it; "" where there are several."""
+
+    @property
+    def at_bound(self) -> bool:
+        """Tell whether a parameter ran into its range."""
+        return any(p["at_bound"] for p in self.parameters.values())
+
+    @property
+    def differs(self) -> bool:
+        """Tell whether its amplitude is another than in the reference."""
+        return self.contrast is None or self.contrast.p <= P_LARGEST
+
+    @property
+    def carried(self) -> bool:
+        """Tell whether one episode alone carries it."""
+        return self.steady is not None and self.steady <= GAIN_LEAST / 2
+
+    def passes(self) -> bool:
+        """Tell whether all conditions for being named hold."""
+        return not self.reasons()
+
+    def ends(self) -> bool:
+        """Tell whether only the end of its range is against it."""
+        return self.reasons() == [AT_BOUND]
+
+    def reasons(self) -> list[str]:
+        """Say which conditions fail."""
+        found = []
+        if self.p is None or self.p > P_LARGEST:
+            found.append(f"p = {self.p:.3f} > {P_LARGEST}" if self.p is not None else "no shams")
+        if self.gain <= GAIN_LEAST:
+            found.append(f"gain {100 * self.gain:.1f} % <= {100 * GAIN_LEAST:g} %")
+        if self.gain <= ERRORS_LEAST * self.gain_error:
+            found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
+        if self.at_bound:
+            found.append(AT_BOUND)
+        if self.carried:
+            found.append(CARRIED)
+        if self.contrast is not None and not self.differs:
+            distance = f"{self.contrast.errors:.1f} standard errors, p = {self.contrast.p:.2f}"
+            found.append(f"the same amplitude as in the reference recordings ({distance})")
+        return found

@@ -1,0 +1,48 @@
+"""The sentences of a verdict."""
+
+from __future__ import annotations
+
+from plop.diagnosis.finding import Finding
+from plop.law_values import parameter_text
+
+
+def parameters_text(finding: Finding) -> str:
+    """Write parameters with intervals and units."""
+    return ", ".join(parameter_text(name, p) for name, p in finding.parameters.items())
+
+
+def effect_text(kind: str, best: Finding, others: list[str], share: float | None) -> str:
+    """Name one effect, with those that cannot be told from it; `share` of the explainable gap is what it closes."""
+    gained = f"it explains {100 * best.gain:.0f} % of the held-out error"
+    closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
+    start = {"EFFECT": "Missing: ", "PARTLY": "Partly ", "CONFOUNDED": ""}[kind]
+    what = best.name + (f", or {' or '.join(others)}, which these motions cannot tell apart" if others else "")
+    return f"{start}{what}; {parameters_text(best)}{_end_text(best)}; {gained}{closed}."
+
+
+def both_text(best: Finding, more: Finding, partly: bool, share: float | None) -> str:
+    """Name two effects, the second fitted to what the first leaves; both close a `share` of the explainable gap."""
+    closed = "" if share is None else f"; both close {100 * min(share, 1):.0f} % of the explainable gap"
+    start = "Partly" if partly else "Missing:"
+    shares = (f"the first explains {100 * best.gain:.0f} % of the held-out error, the second {100 * more.gain:.0f} % "
+              "of what it leaves")  # fmt: skip
+    first = parameters_text(best) + _end_text(best)
+    return (f"{start} {best.name} and {more.name}; {first}; {parameters_text(more)}; {shares}{closed}. "
+            f"Add {best.name}, then diagnose again.")  # fmt: skip
+
+
+def partly_base_text(base: Finding, others: list[str]) -> str:
+    """Name a parameter of the base that leaves much of the gap, with those that cannot be told from it."""
+    either = f" (or {' or '.join(others)}, which these motions cannot tell from it)" if others else ""
+    return (f"A changed {base.name}{either} explains a part: {parameters_text(base)}; much of the gap remains, and no "
+            "law of the library explains it.")  # fmt: skip
+
+
+def base_text(base: Finding, also: list[str] | None = None) -> str:
+    """Name a parameter of the base instead of a law, with those whose change would do as well."""
+    alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
+    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}.{alike}"
+
+
+def _end_text(finding: Finding) -> str:
+    return ", the end of its range: there may be more of it" if finding.at_bound else ""
