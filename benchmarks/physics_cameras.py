@@ -37,7 +37,7 @@ OUTSIDE = ("plasticity", "table_friction", "tilt", "adhesion")
 FAULTS = ("clock=0.02", "depth_scale=1.01", "pose_error.x_m=0.004")
 NULLS = 6
 _TOO_WEAK = "The effect cannot give the wanted signal"
-_FINER = ("--spacing-m", "0", "--iterations", "5")
+FINER = ("--spacing-m", "0", "--iterations", "5")
 """The defaults of `identify`, which the demo's settings replace by half as many particles."""
 _SHARES = (1.0, 0.5)
 """Of the wanted signal that are tried, one after the other: many laws cannot move the block by 2 mm."""
@@ -111,7 +111,7 @@ class Loop:
     def base(self) -> None:
         """Film recordings without anything hidden and fit the engine to them, once."""
         self.plop("simulate", "block.toml", "--seed", "100", "--name", "plain")
-        self.plop("identify", "--recordings", "plain", "--name", "base", *_FINER)
+        self.plop("identify", "--recordings", "plain", "--name", "base", *FINER)
 
     def carry_out(self, run: Run) -> dict[str, Any]:
         """Hide, diagnose and score; the answer is opened only after the verdict."""

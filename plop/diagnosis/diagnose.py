@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -60,6 +61,8 @@ class Diagnosis:
     evidence: list[Evidence]
     control: list[Evidence]
     misfit: MisfitModel
+    screen_s: float = 0.0
+    """Seconds until every law had been tried and ranked, before any was fitted again."""
 
 
 def diagnose(
@@ -84,6 +87,7 @@ def diagnose(
         PlopError: Too few episodes, or the engine cannot follow any.
     """
     _check(len(measured.episodes), {})
+    started = time.perf_counter()
     candidates = candidates_of(types, None if effects is None else list(effects))
     tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
     _check(len(tables[0].episodes), tables[0].dropped)
@@ -94,6 +98,7 @@ def diagnose(
     candidates, state = _started(state, candidates, begins)
     others = {key: candidate for key, candidate in turned(state).items() if key not in begins}
     candidates, state = _started(state, candidates, others)
+    screen_s = time.perf_counter() - started
     several = searched(state, candidates)
     candidates = _moved(candidates, several)
     state = _responded(tables, candidates, list(several))
@@ -113,7 +118,7 @@ def diagnose(
     candidates = _moved(candidates, least)
     state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles
-    found = _conclude(state, sensors, shams, seed)
+    found = replace(_conclude(state, sensors, shams, seed), screen_s=screen_s)
     if len(tables) < 2 or not _two_are_tried(found.verdict):
         return found
     return _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))

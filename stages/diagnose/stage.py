@@ -92,7 +92,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     runs.forget()
     facts = facts_of(found, types, sensors, left_out)
     facts |= {"environment": recordings.environment, "seconds": round(time.perf_counter() - started, 1),
-              "engine_runs": runs.done}  # fmt: skip
+              "seconds_screen": round(found.screen_s, 1), "engine_runs": runs.done}  # fmt: skip
     write_json(out.path / "diagnosis.json", facts, sort_keys=False)
     figures = {"verdict": found.verdict.kind, "named": ", ".join(found.verdict.named) or "-",
                "text": found.verdict.text, "next": facts["next_step"], "episodes": len(found.evidence),
