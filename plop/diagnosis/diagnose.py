@@ -22,6 +22,7 @@ from plop.diagnosis.shams import SHAMS, sham_gains
 from plop.diagnosis.starts import begun, searched, turned
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.together import least_together
+from plop.diagnosis.variants import others_of
 from plop.diagnosis.verdict import Verdict, first_of, judge, judge_pair
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
@@ -109,6 +110,7 @@ def diagnose(
     state = _responded(tables, candidates, [key for key in best if key not in settled])
     best = _best_values(state, PROFILED_SHARE)
     best |= {key: values for key, values in settled.items() if key in best}
+    best |= others_of(best, state.scores())
     candidates = _moved(candidates, best)
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)

@@ -21,6 +21,7 @@ from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.table import Table
+from plop.diagnosis.variants import as_good
 from plop.errors import PlopError
 
 
@@ -74,7 +75,11 @@ class State:
 
     def judged(self) -> list[Score]:
         """Score every effect, best first, by its best setting inside its range."""
-        return one_per_effect(sorted(map(self._inside, self.scores()), key=lambda score: -score.gain))
+        return one_per_effect(self._all_inside)
+
+    @cached_property
+    def _all_inside(self) -> list[Score]:
+        return sorted(map(self._inside, self.scores()), key=lambda score: -score.gain)
 
     def _inside(self, score: Score) -> Score:
         """Take away what a law gains from an amplitude beyond its range, unless the engine may respond too weakly."""
@@ -154,6 +159,8 @@ class State:
         """
         columns = score.candidate.columns
         parameters = _parameters(columns, score.fit, self.profiles, alone=not beside)
+        if not beside:
+            self._widen(parameters, score)
         units = dict(score.candidate.shape_units)
         for name, value in columns[0].shapes:
             parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"),
@@ -163,6 +170,16 @@ class State:
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
                        self._apart(score), self.evidence[_most_helped(score.before, score.after)].name,
                        float(score.shown.sum()), self._shown_by(score.shown))  # fmt: skip
+
+    def _widen(self, parameters: dict[str, dict[str, Any]], score: Score) -> None:
+        """Let intervals hold what the amplitude is in other settings of the law that do as well."""
+        for other in as_good(score, self._all_inside):
+            columns = other.candidate.columns
+            if not all(column.key in self.profiles for column in columns):
+                continue
+            for name, given in _parameters(columns, other.fit, self.profiles).items():
+                own = parameters[name]
+                own["low"], own["high"] = min(own["low"], given["low"]), max(own["high"], given["high"])
 
     def _shown_by(self, shown: np.ndarray) -> str:
         most = int(np.argmax(shown))

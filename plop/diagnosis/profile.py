@@ -2,7 +2,8 @@
 
 Responses are not proportional to amplitudes. The least error is looked for among runs of the engine itself, at
 amplitudes a factor of two apart, from the fitted one towards where the error falls, and lies at the vertex of the
-parabola, over the length of the response, through the best three, where the engine is run again.
+parabola, over the length of the response, through the best three, where the engine is run again. Near the end of its
+range a response may grow without bounds: then the vertex creeps, and the wider side is halved instead.
 """
 
 from __future__ import annotations
@@ -18,8 +19,14 @@ STEP = 2.0
 """Ratio of neighbouring amplitudes."""
 FURTHER = 3
 """How often the search goes on where the error still falls at an end."""
-CLOSER = 2
+CLOSER = 4
 """How often the engine is run where the least error should be by the runs so far."""
+_LOPSIDED = 2.0
+"""How many times as far the next run on one side may be as that on the other before the wider side is halved."""
+_WIDE = 0.2
+"""Logarithm of the ratio of neighbouring amplitudes from which there is room for a least error between them."""
+_BENT = 0.5
+"""Difference of the exponents with which a response grows below and above a run, from which a parabola is doubtful."""
 _NEAR = 1.05
 """Ratio of two amplitudes between which nothing is looked for."""
 _SLOPES = 0.1, 2.0
@@ -51,6 +58,33 @@ class Profile:
         curve = np.polyfit(size - size[1], self.energy[k - 1 : k + 2], 2)
         vertex = np.clip(size[1] - curve[1] / (2 * curve[0]) if curve[0] > 0 else size[1], size[0], size[2])
         return float(np.sign(self.amplitudes[k]) * np.exp(np.interp(np.log(vertex), np.log(size), place)))
+
+    def halved(self) -> float | None:
+        """Give the middle between the run that leaves least and its farther neighbour; None where there is no room."""
+        sides = self._sides()
+        wider = max(sides, key=lambda near: abs(sides[near]), default=0)
+        if not sides or abs(sides[wider]) < _WIDE:
+            return None
+        return float(self.amplitudes[int(np.argmin(self.energy))] * np.exp(sides[wider] / 2))
+
+    def _sides(self) -> dict[int, float]:
+        """Logarithms of the neighbours' amplitudes over that of the run that leaves least, by neighbour."""
+        place, k = np.log(np.abs(self.amplitudes)), int(np.argmin(self.energy))
+        return {near: place[near] - place[k] for near in (k - 1, k + 1) if 0 <= near < len(place)}
+
+    @property
+    def lopsided(self) -> bool:
+        """Whether the run that leaves least is the last on one side, or much farther from one neighbour."""
+        gaps = np.abs(list(self._sides().values()))
+        return len(gaps) < 2 or bool(gaps.max() > _LOPSIDED * gaps.min())
+
+    @property
+    def bent(self) -> bool:
+        """Whether the response grows much faster with the amplitude on one side of the run that leaves least."""
+        around = slice(max(int(np.argmin(self.energy)) - 1, 0), int(np.argmin(self.energy)) + 2)
+        size = np.log(np.maximum(self.size[around], 1e-30))
+        slopes = np.diff(size) / np.diff(np.log(np.abs(self.amplitudes[around])))
+        return len(slopes) == 2 and bool(abs(slopes[1] - slopes[0]) > _BENT)
 
     def at_response(self, value: float, factor: float) -> float:
         """Find the amplitude whose response is so many times (> 0) that of another one; infinite where none is."""
@@ -116,11 +150,18 @@ def _next(runs: dict[float, tuple[float, float] | None]) -> list[float]:
 
 
 def _closer(runs: dict[float, tuple[float, float] | None]) -> float | None:
-    """Where the least error should be by the runs so far; None where one of them is near, or all are unstable."""
+    """Where the least error should be by the runs so far; None where one of them is near, or all are unstable.
+
+    At an end of the range it may also lie inside, before the next run.
+    """
     if not any(runs.values()):
         return None
-    least = _profile(runs).least()
-    return None if any(1 / _NEAR < amplitude / least < _NEAR for amplitude in runs) else least
+    profile = _profile(runs)
+    least, half = profile.least(), profile.halved()
+    near = any(1 / _NEAR < amplitude / least < _NEAR for amplitude in runs)
+    if half is not None and (profile.lopsided or near and profile.bent):
+        return half
+    return None if near else least
 
 
 def _profile(runs: dict[float, tuple[float, float] | None]) -> Profile:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.profile import Profile, profiles_of
+from plop.diagnosis.profile import CLOSER, Profile, profiles_of
 
 
 def column(start: float, low: float = 0.0, high: float = 100.0) -> Column:
@@ -55,7 +55,7 @@ def test_one_run_alone_is_taken_as_proportional():
     assert Profile(np.array([2.0]), np.array([1.0]), np.array([1.0])).at_response(2.0, 1.5) == 3.0
 
 
-def test_the_engine_is_run_once_more_where_the_least_should_be():
+def test_the_engine_is_run_again_where_the_least_should_be():
     """What slides beyond a threshold responds ever more: a parabola over the threshold has its vertex too far."""
     tried: list[float] = []
 
@@ -66,4 +66,24 @@ def test_the_engine_is_run_once_more_where_the_least_should_be():
     found = profiles_of([column(2.0)], measure)["law().a"]
     once = Profile(*np.array([(a, *measure([(None, a)])[0]) for a in (2.0, 4.0, 8.0)]).T)
     assert once.least() > 5.5 and found.least() == pytest.approx(5.0, rel=0.05)
-    assert 4 < len(found.amplitudes) <= 6
+    assert 4 < len(found.amplitudes) <= 4 + CLOSER
+
+
+@pytest.mark.parametrize("truth", [0.8, 0.85, 0.9])
+def test_near_an_end_at_which_the_response_grows_without_bounds_the_least_is_found(truth: float):
+    """A share that relaxes: what is left of the stiffness vanishes at the end, and the direction changes on the way."""
+
+    def response(a: float) -> np.ndarray:
+        return np.array([2 * a, 0.02 * (a / (1 - a)) ** 2])
+
+    def measure(wanted):
+        return [(float(((response(a) - response(truth)) ** 2).sum()), float(np.linalg.norm(response(a))))
+                for _, a in wanted]  # fmt: skip
+
+    found = profiles_of([column(0.95, high=0.95)], measure)["law().a"]
+    assert found.least() == pytest.approx(truth, rel=0.03)
+
+
+def test_at_the_end_of_the_range_the_least_may_lie_before_it():
+    found = profiles_of([column(100.0)], measured(80.0, 1.0, []))["law().a"]
+    assert found.least() == pytest.approx(80.0, rel=0.02)

@@ -96,6 +96,7 @@ class Adhesion(Effect):
     source = "constant traction: Dugdale 1960, Maugis 1992; slip: Dahl 1968; rate: Creton & Ciccotti 2016"
     amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=300.0, help="traction of a whole bond"),)
     shapes = (Parameter("release_s", "s", 0.001, 10.0, step=0.0, default=0.1, help="time in which an open bond fades"),)
+    variants = tuple({"release_s": release} for release in (0.03, 0.1, 0.3))
     remembers = {"bond": ((), 0.0), "slip": ((3,), 0.0)}
 
     def before(self, body: Engine, dt: float) -> None:

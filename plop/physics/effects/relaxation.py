@@ -75,7 +75,7 @@ class Relaxation(Effect):
         Parameter("ratio", "-", 0.0, 0.95, step=0.1, typical=0.6, help="share of the shear modulus that relaxes"),
     )
     shapes = (Parameter("tau_s", "s", 0.005, 100.0, step=0.0, default=0.2, help="time constant"),)
-    variants = tuple({"tau_s": tau} for tau in (0.05, 0.2, 0.8))
+    variants = tuple({"tau_s": tau} for tau in (0.02, 0.05, 0.2, 0.8))
     remembers = {"branch": ((6,), 0.0)}
 
     def stress(self, body: Engine, dt: float) -> None:

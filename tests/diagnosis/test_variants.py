@@ -1,0 +1,96 @@
+"""An interval holds what the amplitude is in every setting of a law that does as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.candidates import Column
+from plop.diagnosis.responses import Answer, Job
+from plop.diagnosis.variants import as_good, others_of
+from plop.physics.effects.library import EffectType, library
+from tests.diagnosis.synthetic import episodes, state
+from tests.diagnosis.world import World
+
+LAWS = ("stiffness", "adhesion", "viscosity", "swelling")
+SOON, SOME, BETWEEN = 0.03, 0.1, 0.05
+STRENGTH = {SOON: 0.25, SOME: 1.0, BETWEEN: 0.4}
+"""What a bond does that lets go in this time [s]."""
+HIDDEN_PA = 300.0
+
+
+class Sticky(World):
+    """A bond that lets go sooner does less, in the same way (`alike`) or in a way of its own."""
+
+    def __init__(self, alike: bool) -> None:
+        super().__init__()
+        self.alike = alike
+
+    def amounts(self, values: dict[str, float]) -> list[float]:
+        bonds = [STRENGTH[release] * values.get(_bond(release), 0.0) / 100 for release in STRENGTH]
+        ways = [sum(bonds)] if self.alike else bonds
+        return [values.get("stiffness", 0.0), values.get("viscosity", 0.0) / 100, 10 * values.get("swelling", 0.0),
+                *ways]  # fmt: skip
+
+    def run(self, jobs: list[Job]) -> list[Answer]:
+        return [Answer(self.moved(job.episode, {_key(c): value for c, value in job.settings})) for job in jobs]
+
+
+def _bond(release_s: float) -> str:
+    return f"adhesion {release_s:g}"
+
+
+def _key(column: Column) -> str:
+    return _bond(dict(column.shapes)["release_s"]) if column.effect == "adhesion" else column.effect
+
+
+def tried_with(*releases: float) -> dict[str, EffectType]:
+    """The library, in which adhesion is tried with these times."""
+    law = library()["adhesion"]
+    variants = tuple({"release_s": release} for release in releases)
+    return {**library(), "adhesion": type("Tried", (law,), {"variants": variants})}
+
+
+def traction(world: World, release: float, *tried: float) -> dict[str, float]:
+    found = world.told({_bond(release): HIDDEN_PA}, LAWS, tried_with(*tried))
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["adhesion"])
+    return found.findings[0].parameters["traction_pa"]
+
+
+def test_what_cannot_be_told_apart_widens_the_interval():
+    fitted = traction(Sticky(alike=True), BETWEEN, SOON, SOME)
+    assert fitted["low"] < HIDDEN_PA * STRENGTH[BETWEEN] / STRENGTH[SOME]
+    assert fitted["high"] > HIDDEN_PA * STRENGTH[BETWEEN] / STRENGTH[SOON] > HIDDEN_PA
+
+
+def test_with_one_setting_alone_the_truth_is_outside():
+    """What the other test would be worth if the interval were wide anyway."""
+    assert traction(Sticky(alike=True), BETWEEN, SOME)["high"] < HIDDEN_PA
+
+
+def test_what_does_worse_does_not_widen_it():
+    own, both = traction(Sticky(alike=False), SOME, SOME), traction(Sticky(alike=False), SOME, SOON, SOME)
+    for name in ("value", "low", "high"):
+        assert both[name] == pytest.approx(own[name], rel=0.05)
+
+
+def test_only_other_settings_of_the_same_law_are_fitted_beside():
+    scores = state(episodes(1, {"tilt": 0.3}), episodes(2)).scores()
+    assert others_of([scores[0].candidate.key], scores) == {}
+    other = replace(scores[1], candidate=replace(scores[1].candidate, effect=scores[0].candidate.effect))
+    found = others_of([scores[0].candidate.key], [scores[0], other, *scores[2:]])
+    assert list(found) == [other.candidate.key] and np.array_equal(found[other.candidate.key], other.values)
+
+
+def test_as_good_is_what_is_no_worse_but_for_chance():
+    best = state(episodes(1, {"tilt": 0.3}), episodes(2)).scores()[0]
+    column = replace(best.candidate.columns[0], shapes=(("tau_s", 1.0),))
+    like = replace(best.candidate, columns=(column,))
+    bit = np.array([1.0, -1.0, 2.0, -2.0, 1.0, 0.0])
+    assert as_good(best, [best]) == []
+    assert len(as_good(best, [replace(best, candidate=like, after=best.after + bit)])) == 1
+    assert as_good(best, [replace(best, candidate=like, after=best.after + 5 + bit)]) == []
+    law = replace(like, effect="viscosity")
+    assert as_good(best, [replace(best, candidate=law, after=best.after)]) == []
