@@ -81,7 +81,7 @@ def measure(names: list[str]) -> None:
         "shorter_step_mm": round(rms_mm(other - base), 4),
         "step_ms": round(1e3 * step_s, 3),
         "particles": len(base) // PLANS // 22,
-        "effects": json.loads(RESULT.read_text(encoding="utf-8"))["effects"] if names and RESULT.is_file() else {},
+        "effects": _known() if names else {},
     }
     for key, (effect, parameter, shape) in keys().items():
         if not names or effect.name in names:
@@ -89,6 +89,12 @@ def measure(names: list[str]) -> None:
             sys.stdout.write(f"{key:45s} {result['effects'][key]}\n")
             sys.stdout.flush()
             RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def _known() -> Figures:
+    """Give the figures of before, but for rows that the table no longer has."""
+    figures = json.loads(RESULT.read_text(encoding="utf-8"))["effects"] if RESULT.is_file() else {}
+    return {key: figure for key, figure in figures.items() if key in keys()}
 
 
 def _response(effect: type[Effect], parameter: Parameter, shape: Figures, base: np.ndarray, step_s: float) -> Figures:

@@ -1,8 +1,18 @@
-"""The same runs diagnosed by two engines, side by side."""
+"""The same runs diagnosed by two engines, or judged by two versions, side by side.
+
+`python -m benchmarks.physics_compared BEFORE.json AFTER.json` prints the runs that both results hold, with what was
+hidden and the amplitudes that were found.
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
+import sys
+from pathlib import Path
 from typing import Any
+
+from plop.law_values import short_number
 
 
 def compared(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> str:
@@ -23,6 +33,35 @@ def compared(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> str:
                      _both([_cosine(each) for each in pair])]  # fmt: skip
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def judged_again(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> str:
+    """Give a table with a line for each run and hidden law of the second result that the first holds, too.
+
+    Args:
+        before: Runs as results/<name>.json keeps them.
+        after: The same, judged again.
+    """
+    earlier = {row["name"]: row for row in before}
+    lines = ["| run | hidden | before | found | since | found |", "|---|---|---|---|---|---|"]
+    for row in after:
+        if row["set"] == "unreachable" or row["name"] not in earlier:
+            continue
+        pair = (earlier[row["name"]], row)
+        for law, values in row["hidden"].items() or (("", {}),):
+            hidden = ", ".join([law, *(f"{name} {short_number(value)}" for name, value in values.items())])
+            cells = [cell for each in pair for cell in (_verdict(each), _found(each, law))]
+            lines.append(f"| {' | '.join([row['set'] + ' ' + str(row['seed']), hidden or '-', *cells])} |")
+    return "\n".join(lines)
+
+
+def _found(row: dict[str, Any], law: str) -> str:
+    """Write what was fitted: amplitudes with their intervals, shapes as they were chosen."""
+    fitted = row["parameters"].get(law, {})
+    cells = [f"{short_number(p['value'])} ({short_number(p['low'])} to {short_number(p['high'])})"
+             if p["low"] is not None and p["high"] is not None and not p.get("chosen")
+             else f"{name} {short_number(p['value'])}" for name, p in fitted.items()]  # fmt: skip
+    return ", ".join(cells) or "-"
 
 
 def _verdict(row: dict[str, Any] | None) -> str:
@@ -51,3 +90,17 @@ def _cosine(row: dict[str, Any] | None) -> str:
 
 def _both(cells: list[str]) -> str:
     return "-" if cells == ["-", "-"] else " -> ".join(cells)
+
+
+def main() -> None:
+    """Print the table of two result files."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("before", type=Path)
+    parser.add_argument("after", type=Path)
+    options = parser.parse_args()
+    before, after = (json.loads(path.read_text())["runs"] for path in (options.before, options.after))
+    sys.stdout.write(judged_again(before, after) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,26 @@
+"""The same runs judged by two versions, side by side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.physics_compared import judged_again
+
+
+def row(name: str, traction_pa: float, **more: Any) -> dict[str, Any]:
+    fitted = {"traction_pa": {"value": traction_pa, "low": 0.5 * traction_pa, "high": 2 * traction_pa},
+              "release_s": {"value": 0.1, "low": None, "high": None, "chosen": True}}  # fmt: skip
+    return {"name": name, "set": "single", "seed": 3009, "hidden": {"adhesion": {"traction_pa": 1725.4}},
+            "verdict": "EFFECT", "named": ["adhesion"], "error": 10.0, "floor": 2.0, "left": 4.0,
+            "parameters": {"adhesion": fitted}, **more}  # fmt: skip
+
+
+def test_runs_of_both_results_stand_beside_each_other():
+    nothing = {"hidden": {}, "named": [], "verdict": "NOTHING DETECTABLE", "set": "null", "parameters": {}}
+    before = [row("a", 300.0), row("null", 0.0, **nothing), row("only before", 1.0)]
+    after = [row("a", 400.0), row("null", 0.0, **nothing), row("new", 1.0), row("far", 1.0, set="unreachable")]
+    assert judged_again(before, after).splitlines()[2:] == [
+        "| single 3009 | adhesion, traction_pa 1730 | EFFECT adhesion (75 %) | 300 (150 to 600), release_s 0.1 "
+        "| EFFECT adhesion (75 %) | 400 (200 to 800), release_s 0.1 |",
+        "| null 3009 | - | NOTHING DETECTABLE | - | NOTHING DETECTABLE | - |",
+    ]
