@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import sys
 from pathlib import Path
@@ -66,14 +65,11 @@ def diagnosed(loop: Loop, laws: list[str]) -> dict[str, Any]:
     """Diagnose with no engine run remembered."""
     forget(loop)
     words = [word for law in laws for word in ("--effects", law)]
-    before = os.times()
     loop.plop("diagnose", "--model", "base", "--recordings", "mystery", "--name", "timed", "--force", *words)
-    used = os.times()
     found = json.loads((loop.store.find("timed").path / "diagnosis.json").read_text())
     return {"verdict": found["verdict"]["kind"], "named": found["verdict"]["named"],
             "screen_s": found["seconds_screen"], "whole_s": found["seconds"], "engine_runs": found["engine_runs"],
-            "command_s": round(used.elapsed - before.elapsed, 1), "episodes": len(found["episodes"]),
-            "reference_episodes": len(found["reference_episodes"])}  # fmt: skip
+            "episodes": len(found["episodes"]), "reference_episodes": len(found["reference_episodes"])}  # fmt: skip
 
 
 def forget(loop: Loop) -> None:

@@ -46,9 +46,14 @@ class Profile:
     size: np.ndarray
     """Length of the response over all episodes, [A]."""
 
+    @property
+    def best(self) -> int:
+        """Number of the run that leaves least."""
+        return int(np.argmin(self.energy))
+
     def least(self) -> float:
         """Give the amplitude of the least error."""
-        k = int(np.argmin(self.energy))
+        k = self.best
         if k in (0, len(self.amplitudes) - 1):
             return float(self.amplitudes[k])
         place, size = np.log(np.abs(self.amplitudes[k - 1 : k + 2])), self.size[k - 1 : k + 2]
@@ -65,11 +70,11 @@ class Profile:
         wider = max(sides, key=lambda near: abs(sides[near]), default=0)
         if not sides or abs(sides[wider]) < _WIDE:
             return None
-        return float(self.amplitudes[int(np.argmin(self.energy))] * np.exp(sides[wider] / 2))
+        return float(self.amplitudes[self.best] * np.exp(sides[wider] / 2))
 
     def _sides(self) -> dict[int, float]:
         """Logarithms of the neighbours' amplitudes over that of the run that leaves least, by neighbour."""
-        place, k = np.log(np.abs(self.amplitudes)), int(np.argmin(self.energy))
+        place, k = np.log(np.abs(self.amplitudes)), self.best
         return {near: place[near] - place[k] for near in (k - 1, k + 1) if 0 <= near < len(place)}
 
     @property
@@ -81,7 +86,7 @@ class Profile:
     @property
     def bent(self) -> bool:
         """Whether the response grows much faster with the amplitude on one side of the run that leaves least."""
-        around = slice(max(int(np.argmin(self.energy)) - 1, 0), int(np.argmin(self.energy)) + 2)
+        around = slice(max(self.best - 1, 0), self.best + 2)
         size = np.log(np.maximum(self.size[around], 1e-30))
         slopes = np.diff(size) / np.diff(np.log(np.abs(self.amplitudes[around])))
         return len(slopes) == 2 and bool(abs(slopes[1] - slopes[0]) > _BENT)

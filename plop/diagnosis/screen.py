@@ -183,6 +183,12 @@ def one_per_effect(scores: list[Score]) -> list[Score]:
     return list(seen.values())
 
 
+def worse_than(best: Score, other: Score) -> tuple[float, float]:
+    """Give how much more of the held-out error another one leaves, and its standard error over episodes."""
+    worse = other.after - best.after
+    return float(worse.sum()), float(np.std(worse, ddof=1) * np.sqrt(len(worse)))
+
+
 def confounded(screen: Screen, best: Score, others: list[Score]) -> list[Score]:
     """Find the effects that these recordings cannot tell from the best one.
 
@@ -194,8 +200,8 @@ def confounded(screen: Screen, best: Score, others: list[Score]) -> list[Score]:
         if other.candidate.effect == best.candidate.effect or other.gain <= 0:
             continue
         cosine = abs(float(mine @ screen.signature(other.candidate, other.values)))
-        worse = other.after - best.after
-        unclear = worse.sum() < 2 * np.std(worse, ddof=1) * np.sqrt(len(worse)) and other.gain > 0.7 * best.gain
+        worse, error = worse_than(best, other)
+        unclear = worse < 2 * error and other.gain > 0.7 * best.gain
         if cosine > CONFOUNDED_COSINE or unclear:
             found.append(other)
     return found

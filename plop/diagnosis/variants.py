@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from scipy.stats import t as student
 
-from plop.diagnosis.screen import Score
+from plop.diagnosis.screen import Score, worse_than
 
 CHANCE = 0.05
 """Chance with which a setting that is as good would be left out."""
@@ -41,8 +41,7 @@ def as_good(best: Score, scores: Sequence[Score]) -> list[Score]:
     for score in scores:
         if score.candidate.effect != best.candidate.effect or score.candidate.key == best.candidate.key:
             continue
-        worse = score.after - best.after
-        by_chance = student.ppf(1 - CHANCE, len(worse) - 1) * np.std(worse, ddof=1) * np.sqrt(len(worse))
-        if worse.sum() <= by_chance:
+        worse, error = worse_than(best, score)
+        if worse <= student.ppf(1 - CHANCE, len(best.after) - 1) * error:
             found.append(score)
     return found
