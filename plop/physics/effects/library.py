@@ -15,6 +15,7 @@ from pathlib import Path
 
 import plop.physics.effects as package
 from plop.errors import PlopError
+from plop.physics.effects.declared import check_declared, line_of
 from plop.physics.effects.effect import Effect
 
 EffectType = type[Effect]
@@ -48,10 +49,11 @@ def library(effect_files: Iterable[str | Path] = ()) -> dict[str, EffectType]:
         PlopError: A file cannot be used, or names an effect that exists.
     """
     found = dict(_own())
-    for path in effect_files:
-        for effect in load_effect_file(Path(path)):
+    for path in map(Path, effect_files):
+        for effect in load_effect_file(path):
             if effect.name in found:
-                raise PlopError("Two effects have the same name.", where=path, found=effect.name,
+                line = line_of(effect, "name", path)
+                raise PlopError("Two effects have the same name.", where=f"{path}, line {line}", found=effect.name,
                                 fix="Give yours another name.")  # fmt: skip
             found[effect.name] = effect
     return found
@@ -75,7 +77,7 @@ def load_effect_file(path: Path) -> list[EffectType]:
     """Import a user's file and give the effects it defines.
 
     Raises:
-        PlopError: No such file, an error in it (its line is named), or no effect in it.
+        PlopError: No such file, an error in it or in what an effect declares (its line is named), or no effect.
     """
     if not path.is_file():
         raise PlopError("There is no such effect file.", where=path, expected="a Python file", found="no file")
@@ -91,6 +93,8 @@ def load_effect_file(path: Path) -> list[EffectType]:
     if not effects:
         raise PlopError("The effect file defines no effect.", where=path, expected="a subclass of Effect",
                         found="none", fix="See the template in docs/effects.md.")  # fmt: skip
+    for effect in effects:
+        check_declared(effect, path)
     return effects
 
 

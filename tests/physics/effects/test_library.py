@@ -182,8 +182,9 @@ def test_a_broken_file_names_its_line_and_a_taken_name_is_refused(tmp_path):
     with pytest.raises(PlopError, match="defines no effect"):
         library([path])
     path.write_text(USER.format(hook=BEFORE, body="pass").replace('"mine"', '"drag"', 1))
-    with pytest.raises(PlopError, match="same name"):
+    with pytest.raises(PlopError, match="same name") as caught:
         library([path])
+    assert "line 4" in str(caught.value.where)
     with pytest.raises(PlopError, match="no such effect file"):
         library([tmp_path / "nothing.py"])
 

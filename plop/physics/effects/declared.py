@@ -1,0 +1,158 @@
+"""Look at what a user's effect declares, before anything runs, and name the line that is wrong."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.physics.effects.effect import Effect, Kind, Parameter
+
+HOOKS = ("material", "config", "before", "stress", "after", "slowest_step_s")
+TEXTS = ("name", "help", "law", "source")
+
+
+def check_declared(effect: type[Effect], path: Path) -> None:
+    """Insist that a class says what an effect has to say.
+
+    Args:
+        effect: The class, imported from a user's file.
+        path: That file.
+
+    Raises:
+        PlopError: Something is missing or out of place; names the line of it, or the class's own.
+    """
+    for name, expected, found in _mistakes(effect):
+        raise PlopError("The effect file has an error.", where=f"{path}, line {line_of(effect, name, path)}",
+                        expected=f"{effect.__name__}.{name}: {expected}", found=found,
+                        fix="Correct that line; docs/effects.md has a template.")  # fmt: skip
+
+
+Mistake = tuple[str, str, str]
+"""Name in the class, what is expected of it, what was found."""
+
+
+def _mistakes(effect: type[Effect]) -> Iterator[Mistake]:
+    for name in TEXTS:
+        text = getattr(effect, name, None)
+        if not (isinstance(text, str) and text.strip()):
+            yield name, "some text", _seen(text)
+    if effect.kind not in get_args(Kind):
+        yield "kind", " or ".join(get_args(Kind)), _seen(effect.kind)
+    yield from _mistaken_parameters(effect, "amplitudes", least=1)
+    yield from _mistaken_parameters(effect, "shapes", least=0)
+    yield from _mistaken_values(effect)
+    yield from _mistaken_variants(effect)
+    yield from _mistaken_memory(effect)
+    yield from _mistaken_hooks(effect)
+
+
+def _mistaken_parameters(effect: type[Effect], name: str, *, least: int) -> Iterator[Mistake]:
+    given = getattr(effect, name, None)
+    whole = isinstance(given, tuple) and all(isinstance(each, Parameter) for each in given)
+    if not whole or len(given or ()) < least:
+        alone = " (a comma is missing behind it)" if isinstance(given, Parameter) else ""
+        yield name, "a tuple of Parameter, such as (Parameter(...),)", _seen(given) + alone
+
+
+def _mistaken_values(effect: type[Effect]) -> Iterator[Mistake]:
+    seen: set[str] = set()
+    for group, one in [(g, p) for g in ("amplitudes", "shapes") for p in getattr(effect, g)]:
+        if one.name in seen:
+            yield group, "a name once", f"{one.name} twice"
+        seen.add(one.name)
+        if not one.low < one.high:
+            yield group, f"{one.name}: low < high", f"{one.low:g} and {one.high:g}"
+        if not one.low <= one.default <= one.high:
+            yield group, f"{one.name}: a default in its range, {one.low:g} to {one.high:g}", f"{one.default:g}"
+        if group == "amplitudes" and one.default != 0:
+            yield group, f"{one.name}: default 0, which means absent", f"{one.default:g}"
+        if group == "amplitudes" and not (np.isfinite(one.step) and one.step != 0):
+            yield group, f"{one.name}: a small amplitude as step, not 0", f"{one.step:g}"
+
+
+def _mistaken_variants(effect: type[Effect]) -> Iterator[Mistake]:
+    shapes = {shape.name: shape for shape in effect.shapes}
+    if not (isinstance(effect.variants, tuple) and effect.variants):
+        yield "variants", "a tuple of dicts, at least one", _seen(effect.variants)
+        return
+    for variant in effect.variants:
+        if not isinstance(variant, dict):
+            yield "variants", "a tuple of dicts", _seen(variant)
+            continue
+        for key, value in variant.items():
+            if key not in shapes:
+                yield "variants", "names of shapes: " + (", ".join(shapes) or "it has none"), _seen(key)
+            elif not (isinstance(value, float | int) and shapes[key].low <= value <= shapes[key].high):
+                yield "variants", f"{key} from {shapes[key].low:g} to {shapes[key].high:g}", _seen(value)
+
+
+def _mistaken_memory(effect: type[Effect]) -> Iterator[Mistake]:
+    expected = "name -> (shape after N, first value), such as {'age': ((), 0.0)}"
+    if not isinstance(effect.remembers, dict):
+        yield "remembers", expected, _seen(effect.remembers)
+        return
+    for name, kept in effect.remembers.items():
+        match kept:
+            case (tuple() as shape, float() | int()) if all(isinstance(length, int) for length in shape):
+                continue
+        yield "remembers", expected, f"{name!r}: {_seen(kept)}"
+
+
+def _mistaken_hooks(effect: type[Effect]) -> Iterator[Mistake]:
+    own = {name for base in effect.__mro__[: effect.__mro__.index(Effect)] for name in vars(base)}
+    if not own & set(HOOKS):
+        near = [name for name in sorted(own) if callable(getattr(effect, name)) and get_close_matches(name, HOOKS, 1)]
+        yield (near[0] if near else "before"), "at least one hook: " + ", ".join(HOOKS), \
+            f"{near[0]}, which nothing calls" if near else "none: it would change nothing"  # fmt: skip
+    for name in HOOKS:
+        expected = list(inspect.signature(getattr(Effect, name)).parameters)
+        hook = getattr(effect, name)
+        if not callable(hook):
+            yield name, "a function", _seen(hook)
+            continue
+        try:
+            inspect.signature(hook).bind(*expected)
+        except TypeError:
+            yield name, f"({', '.join(expected)})", str(inspect.signature(hook))
+
+
+def _seen(value: Any) -> str:
+    return "nothing" if value is None else repr(value)[:80]
+
+
+def line_of(effect: type[Effect], name: str, path: Path) -> int:
+    """Find where a class, or a class of the same file that it derives from, sets a name.
+
+    Args:
+        effect: The class.
+        name: Of a class variable or a method.
+        path: The file.
+
+    Returns:
+        The line, counted from 1; where the class begins, if nothing sets it.
+    """
+    bases = [base.__name__ for base in effect.__mro__[: effect.__mro__.index(Effect)]]
+    classes = {node.name: node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ClassDef)}
+    for node in (classes[base] for base in bases if base in classes):
+        for statement in node.body:
+            if name in _names(statement):
+                return statement.lineno
+    return classes[effect.__name__].lineno if effect.__name__ in classes else 1
+
+
+def _names(statement: ast.stmt) -> list[str]:
+    match statement:
+        case ast.FunctionDef(name=name):
+            return [name]
+        case ast.Assign(targets=targets):
+            return [target.id for target in targets if isinstance(target, ast.Name)]
+        case ast.AnnAssign(target=ast.Name(id=name)):
+            return [name]
+    return []
