@@ -102,7 +102,8 @@ def test_a_users_effect_travels_with_the_model(engine, tmp_path):
     mine = tmp_path / "mine.py"
     mine.write_text(
         "from plop.physics.effects.effect import Effect, Parameter\n\n\nclass Mine(Effect):\n    name = 'mine'\n"
-        "    help = law = source = 'test'\n    amplitudes = (Parameter('a', '-', 0.0, 1.0, step=0.1),)\n"
+        "    help = law = source = 'test'\n    amplitudes = (Parameter('a', '-', 0.0, 1.0, step=0.1),)\n\n"
+        "    def before(self, body, dt):\n        body.v[:, 0] += self['a'] * dt\n"
     )
     run({"model": engine, "effect_file": Input(mine)}, AugmentConfig("mine", ("a=0.5",)), out(tmp_path / "a"))
     mine.unlink()
