@@ -2,7 +2,8 @@
 
 The likelihood is the rendering loss. The update looks for the displacement field that lowers it: a smooth
 field on a coarse grid, u(x) = U0(x) + side U1(x), where U1 opens the cut between particles on its two
-sides, and isometry keeps neighbours together. Particles that no camera sees follow their surroundings.
+sides, and isometry keeps neighbours together. Particles that no camera sees follow their surroundings, and what a
+pressing tool covers gives way to it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
+from plop.dynamics.contact import SolidTool
 from plop.dynamics.episodes import Actions, MeasuredView, measured_views
 from plop.dynamics.first_surface import first_surface
 from plop.dynamics.grid import GridBox, fit_grid
@@ -43,6 +45,8 @@ class UpdateConfig:
     """Step of Adam on the opacity logit [-]; 0 leaves opacities alone."""
     isometry: float = 1.0
     """Weight of the isometry term, counted in units of 0.1 m as depth is [-]."""
+    contact: float = 1.0
+    """Weight of how deep Gaussians lie inside a solid tool, in units of 0.1 m [-]; 0 lets them."""
     smoothness: float = 0.3
     """Weight of the difference between neighbouring grid nodes, in units of 0.1 m [-]."""
     weights: RenderWeights = field(default_factory=RenderWeights)
@@ -89,7 +93,8 @@ def run_filter(
         if lineage is not None:
             pairs, state = pairs.following(lineage), state.select(lineage)
         views = measured_views(recording, frame, cameras, initial.means.device)
-        updated = update(predicted, state.gaussians, views, pairs, length, config)
+        tool = SolidTool.of(actions.tool, actions.world_from_tool[frame])
+        updated = update(predicted, state.gaussians, views, pairs, length, config, tool)
         innovation = _innovation(predicted, updated, views) if score else {}
         yield FilterStep(frame, predicted, updated, innovation)
         state = updated
@@ -163,7 +168,7 @@ class _Displacement:
 
 def update(
     predicted: ParticleState, before: Gaussians, views: list[MeasuredView], pairs: Neighbourhood,
-    length_m: float, config: UpdateConfig,
+    length_m: float, config: UpdateConfig, tool: SolidTool | None = None,
 ) -> ParticleState:  # fmt: skip
     """Move a predicted state towards the measured views (Eq. 4).
 
@@ -174,6 +179,7 @@ def update(
         pairs: Neighbours at frame 0, indices into the predicted state.
         length_m: Longest extent of the object [m].
         config: The update.
+        tool: Where the tool is in this frame, if nothing can be inside it.
 
     Returns:
         Updated state; rotations follow the neighbourhoods' best rotation since the last frame.
@@ -191,6 +197,8 @@ def update(
     for iteration in range(config.iterations):
         moved = unknown.apply()
         loss = (config.isometry * isometry(intact, moved) + config.smoothness * unknown.roughness()) / unit
+        if tool is not None and config.contact > 0:
+            loss = loss + config.contact * tool.overlap_m(moved.means) / unit
         chosen = [views[(iteration * config.views + k) % len(views)] for k in range(min(config.views, len(views)))]
         for view in chosen:
             loss = loss + render_loss(render(moved, view.camera), view.target, config.weights)[0] / len(chosen)

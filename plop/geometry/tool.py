@@ -8,6 +8,8 @@ import numpy as np
 import torch
 from scipy.spatial import ConvexHull
 from torch import Tensor
+from trimesh import Trimesh
+from trimesh.repair import fix_normals
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,10 @@ class ToolGeometry:
     """Half the extent along each axis, ascending, shape [3] [m]."""
     outline: Tensor
     """Convex outline of the tool seen along column 0, counter-clockwise in (axes 1, 2), shape [K, 2] [m]."""
+    hull: Tensor
+    """Planes of the convex hull in the tool's frame, outward normal and offset: n x <= d inside, shape [P, 4]."""
+    filled: float
+    """Share of its convex hull that the mesh fills, 0 for a mesh that is not closed [-]."""
 
     @classmethod
     def from_mesh(cls, vertices: np.ndarray, faces: np.ndarray) -> ToolGeometry:
@@ -36,7 +42,8 @@ class ToolGeometry:
             faces: Shape [F, 3].
         """
         vertices = np.asarray(vertices, dtype=np.float64)
-        hull = vertices[ConvexHull(vertices).vertices]
+        convex = ConvexHull(vertices)
+        hull = vertices[convex.vertices]
         _, _, rows = np.linalg.svd(hull - hull.mean(0), full_matrices=False)
         spans = np.ptp(hull @ rows.T, axis=0)
         axes = rows[np.argsort(spans)].T
@@ -46,9 +53,12 @@ class ToolGeometry:
         low, high = local.min(0), local.max(0)
         flat = (local - (low + high) / 2)[:, 1:]
         outline = flat[ConvexHull(flat).vertices]
-        tensors = (vertices, axes @ ((low + high) / 2), axes, (high - low) / 2, outline)
-        vert, center, axis, half, line = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
-        return cls(vert, torch.as_tensor(np.asarray(faces), dtype=torch.int64), center, axis, half, line)
+        planes = np.unique(convex.equations.round(9), axis=0) * [1, 1, 1, -1]
+        tensors = (vertices, axes @ ((low + high) / 2), axes, (high - low) / 2, outline, planes)
+        vert, center, axis, half, line, sides = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
+        faces = np.asarray(faces)
+        return cls(vert, torch.as_tensor(faces, dtype=torch.int64), center, axis, half, line, sides,
+                   _closed_volume(vertices, faces) / convex.volume)  # fmt: skip
 
     def beside_blade(self, points_tool: Tensor) -> tuple[Tensor, Tensor]:
         """Place points of the tool's frame against a blade.
@@ -69,6 +79,18 @@ class ToolGeometry:
         shift = torch.cat([corners.new_zeros(1), (corners * outward).sum(-1)])
         distance = torch.addmm(-(center @ planes + shift), points_tool, planes)
         return distance[:, 0], distance[:, 1:].amax(-1)
+
+    def depth_inside(self, points_tool: Tensor) -> Tensor:
+        """How deep points of the tool's frame lie in its convex hull, 0 outside.
+
+        Args:
+            points_tool: Shape [N, 3] [m].
+
+        Returns:
+            Distance to the nearest face, shape [N] [m].
+        """
+        planes = self.hull.to(points_tool)
+        return torch.addmm(-planes[:, 3], points_tool, planes[:, :3].T).amax(-1).neg().clamp_min(0)
 
     def surface_points(self, count: int) -> Tensor:
         """Spread points over the surface by area, the same ones each time.
@@ -92,5 +114,14 @@ class ToolGeometry:
 
     def to(self, device: torch.device | str) -> ToolGeometry:
         """Copy on another device."""
-        names = ("vertices", "faces", "center", "axes", "half_extent", "outline")
-        return ToolGeometry(*(getattr(self, name).to(device) for name in names))
+        moved = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
+        return ToolGeometry(filled=self.filled, **moved)
+
+
+def _closed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Volume inside a mesh of one or more bodies, whichever way its faces turn [m^3]; 0 if it is not closed."""
+    mesh = Trimesh(vertices, faces, process=True)
+    if not mesh.is_watertight:
+        return 0.0
+    fix_normals(mesh, multibody=True)
+    return float(abs(mesh.volume))

@@ -49,6 +49,8 @@ class FilterConfig:
     """Cells of the displacement grid along the object's longest extent."""
     isometry: float = 1.0
     """Weight of the isometry term, per 0.1 m [-]."""
+    contact: float = 1.0
+    """Weight of how deep Gaussians lie inside a solid tool that is no blade, per 0.1 m [-]; 0 lets them."""
     depth_weight: float = 0.6
     """Weight of the depth error, per 0.1 m [-]."""
     settle: int = 2
@@ -79,7 +81,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     check_choices(config, "filter", {"split": ("train", "test", "all")})
     check_jobs(config, "filter")
     check_ranges(config, "filter", {
-        "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf),
+        "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf), "contact": (0, inf),
         "depth_weight": (0, inf), "settle": (0, inf),
     })  # fmt: skip
     recordings = RecordingSet.load(inputs["recordings"].path)
@@ -108,7 +110,7 @@ def _filter_episode(
         device = device_of(model)
     update = UpdateConfig(
         iterations=config.iterations, views=config.views, cells_across=config.cells_across,
-        isometry=config.isometry, weights=RenderWeights(depth=config.depth_weight),
+        isometry=config.isometry, contact=config.contact, weights=RenderWeights(depth=config.depth_weight),
     )  # fmt: skip
     generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
@@ -143,7 +145,7 @@ def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) 
 
 STAGE = Stage(
     name="filter",
-    version=6,
+    version=7,
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={

@@ -324,7 +324,7 @@ def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
 
 STAGE = Stage(
     name="train",
-    version=8,
+    version=9,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
