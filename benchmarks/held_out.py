@@ -81,8 +81,11 @@ def main() -> None:
         delayed(held_out_score)(options.data, episode, settings[count]) for episode, count in wanted
     )
     found = json.loads(RESULT.read_text())["episodes"] if RESULT.is_file() else {}
+    names = {count: f"virtual_views {count}" for count in settings}
+    found = {episode: {name: given[name] for name in given if name in names.values()}
+             for episode, given in found.items()}  # fmt: skip
     for (episode, count), score in zip(wanted, scores, strict=True):
-        found.setdefault(episode, {})[f"virtual_views {count}"] = score
+        found.setdefault(episode, {})[names[count]] = score
         sys.stdout.write(f"{episode} {count}: {score['psnr_db']:.2f} dB, {score['depth_error_mm']:.2f} mm\n")
     facts = {"command": "python -m benchmarks.held_out --data <DiSECt folder>", "machine": machine(),
              "seeds": [default.seed], "steps": default.steps, "episodes": dict(sorted(found.items()))}  # fmt: skip

@@ -39,7 +39,7 @@ class FitInitConfig:
     """Optimisation steps, one view each."""
     held_out: int = 1
     """Cameras that only score: those that see least that no other camera sees; at least two always train."""
-    virtual_views: int = 16
+    virtual_views: int = 32
     """Views between the cameras, drawn from what they measured, that train too; 0 for none, as in the paper."""
     filling: str = "solid"
     """Inside: "solid" fills evenly, "paper" as in Sec. III-C, "none"."""
@@ -172,7 +172,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=6,
+    version=7,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={

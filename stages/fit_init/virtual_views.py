@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import open3d as o3d
-from scipy.ndimage import binary_dilation, binary_erosion, map_coordinates, minimum_filter
+from scipy.ndimage import binary_dilation, binary_erosion
 
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.depth_planes import PixelPlanes, pixel_planes
 from plop.recordings.recording import MaskLabel, View
 from plop.render.rays import pixel_rays, window
 from stages.fit_init.shell import carved
+from stages.fit_init.sight import Sight
 
 SIDE = 3
 """Rays along each side of a pixel."""
@@ -29,12 +30,8 @@ FACING_LEAST = 0.25
 """Cosine below which a camera looks along a surface rather than at it."""
 _SAME_SHARE = 0.04
 """Difference in depth under which two views show the same point, as a share of the object's size."""
-_OUTSIDE = 0.05
-"""Of a mask of 0 and 1 between pixel centres: below, a point lies beyond the object's outline."""
 _LAYERS = 4
 """Pieces of surface behind one another that are looked at before a ray is given up."""
-_MIXED = 1e-3
-"""Weight of a colour that background is mixed into, as on an outline."""
 _SAMPLES = 32
 """Places along a ray at which it is asked whether the object could be there."""
 _STEEPEST_DEG = 80.0
@@ -82,52 +79,6 @@ def _cameras(drawn: _Drawn, views: list[View], count: int) -> list[Camera]:
 
 
 @dataclass(frozen=True)
-class _Sight:
-    """One view, ready to say what it shows at a point."""
-
-    view: View
-    near_m: np.ndarray
-    """Least depth of the object in each pixel and its neighbours, [H, W] [m]; 0 where there is none."""
-    possible: np.ndarray
-    """1 where the object may be, 0 where the background shows, [H, W]."""
-    pure: np.ndarray
-    """1 where the object shows, [H, W]."""
-
-    @classmethod
-    def of(cls, view: View) -> _Sight:
-        near = minimum_filter(np.where(view.object_mask & (view.depth_m > 0), view.depth_m, np.inf), 3)
-        return cls(view, np.where(np.isinf(near), 0, near), (view.mask != MaskLabel.BACKGROUND).astype(np.float64),
-                   view.object_mask.astype(np.float64))  # fmt: skip
-
-    def shows(
-        self, points: np.ndarray, normals: np.ndarray, tolerance_m: float
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Look at points [N, 3] of a surface with normals [N, 3].
-
-        Returns:
-            Whether the view contradicts them (it sees past or through), bool [N]; colours [N, 3], 0..255; weights [N],
-            0 where it does not see them.
-        """
-        camera = self.view.camera
-        pixel, depth = camera.project(points)
-        place = (pixel - 0.5).T[::-1]
-        row, column = np.clip(np.floor(np.clip(pixel.T[::-1], -1e6, 1e6)), 0,
-                              [[camera.height - 1], [camera.width - 1]]).astype(int)  # fmt: skip
-        inside = (np.abs(pixel / [camera.width, camera.height] - 0.5) < 0.5).all(1) & (depth > 0)
-        past = map_coordinates(self.possible, place, order=1, mode="nearest") < _OUTSIDE
-        through = depth < self.near_m[row, column] - tolerance_m
-        seen = inside & self.view.object_mask[row, column]
-        seen &= np.abs(self.view.depth_m[row, column] - depth) < tolerance_m
-        toward = camera.world_from_cam[:3, 3] - points
-        facing = (toward * normals).sum(1) / np.linalg.norm(toward, axis=1)
-        mixed = map_coordinates(self.pure, place, order=1, mode="nearest") < 0.99
-        weight = seen * np.clip(facing, 0.02, 1) ** 3 * np.where(mixed, _MIXED, 1.0)
-        colour = np.stack([map_coordinates(self.view.rgb[..., k].astype(np.float64), place, order=1, mode="nearest")
-                           for k in range(3)], axis=1)  # fmt: skip
-        return inside & (past | through), colour, weight
-
-
-@dataclass(frozen=True)
 class _Drawn:
     """The measured surface, ready to be drawn."""
 
@@ -137,7 +88,7 @@ class _Drawn:
     """Of the box around it, [2, 3] [m]."""
     pixel_m: float
     """Typical width of a pixel on it [m]."""
-    sights: list[_Sight]
+    sights: list[Sight]
     shrunk: list[View]
     """The views with outlines a pixel further in: a ray that passes within a pixel of the object is free of it."""
     background: np.ndarray
@@ -157,7 +108,7 @@ class _Drawn:
         behind = np.concatenate([view.rgb[view.mask == MaskLabel.BACKGROUND] for view in views])
         background = behind.mean(0) if len(behind) else np.full(3, 128.0)
         return cls(scene, np.stack([points.min(0), points.max(0)]), float(np.median(widths)),
-                   [_Sight.of(view) for view in views], [_shrunk(view) for view in views], background)  # fmt: skip
+                   [Sight.of(view) for view in views], [_shrunk(view) for view in views], background)  # fmt: skip
 
     @property
     def tolerance_m(self) -> float:
@@ -211,11 +162,16 @@ class _Drawn:
     def _looked_at(self, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Ask all views: whether one contradicts [N], the weighted sum of colours [N, 3], the sum of weights [N]."""
         wrong, mixed, total = np.zeros(len(points), bool), np.zeros((len(points), 3)), np.zeros(len(points))
+        beyond_m, before_m = np.full(len(points), np.inf), np.full(len(points), np.inf)
         for sight in self.sights:
-            against, colour, weight = sight.shows(points, normals, self.tolerance_m)
-            wrong |= against
-            mixed += weight[:, None] * colour
-            total += weight
+            said = sight.about(points, normals, self.tolerance_m)
+            wrong |= said.wrong
+            mixed += said.weight[:, None] * said.colour
+            total += said.weight
+            beyond_m, before_m = np.minimum(beyond_m, said.beyond_m), np.minimum(before_m, said.before_m)
+        # Each camera's piece ends half a pixel beyond the object, give or take half a pixel: the one that reaches
+        # farthest would make every edge too wide. It ends half way between what is seen and what is seen past.
+        wrong |= np.isfinite(beyond_m) & (beyond_m > before_m)
         return wrong, mixed, total
 
     def _free(self, rays: np.ndarray) -> np.ndarray:

@@ -2,21 +2,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation, binary_erosion
 
+from plop.geometry.cameras import Camera
 from plop.recordings.recording import MaskLabel, View
+from plop.render.mesh_raycast import Look, MeshRenderer
+from plop.render.texture import SolidTexture
 from stages.fit_init.episode import fit_object
 from stages.fit_init.held_out import score_view
 from stages.fit_init.shell import surface_from_views
 from stages.fit_init.stage import FitInitConfig
 from stages.fit_init.virtual_views import virtual_views
 from tests.geometry.scene import ellipsoid_distance, render, ring
+from tests.render.box_sequence import box_sequence
 
 
 def views(count: int = 6, size: int = 96, noise_m: float = 0.0) -> list[View]:
+    """See the scene as cameras do: a pixel's colour is the mean over nine rays, object and background alike."""
     generator = np.random.default_rng(0)
     found = []
-    for camera in ring(count, size):
-        rgb, depth, mask = render(camera)
+    for camera, fine in zip(ring(count, size), ring(count, 3 * size)):
+        rgb = render(fine)[0].reshape(size, 3, size, 3, 3).mean((1, 3)).round().astype(np.uint8)
+        _, depth, mask = render(camera)
         noise = generator.normal(0, noise_m, depth.shape) * (depth > 0)
         found.append(View(camera, rgb, (depth + noise).astype(np.float32), mask))
     return found
@@ -36,6 +43,28 @@ def test_a_virtual_view_is_what_a_camera_there_would_see(noise_m: float, off_px:
         pixel_m = depth[both].mean() / view.camera.intrinsics[0, 0]
         assert np.abs(view.depth_m - depth)[both].mean() < off_px * pixel_m
         assert np.abs(view.rgb.astype(float) - rgb)[both].mean() < 4
+
+
+def box_views(cameras: list[Camera]) -> list[View]:
+    """See a box on a black table: what is mixed into its colour darkens it."""
+    black = Look(SolidTexture.from_seed(3), table=(0.0, 0.0, 0.0), nothing=(0.0, 0.0, 0.0))
+    renderer = MeshRenderer(box_sequence(gap_m=0.0, height_m=0.06), black)
+    seen = [renderer.render(0, camera) for camera in cameras]
+    return [View(camera, shown.rgb, shown.depth_m, shown.mask) for camera, shown in zip(cameras, seen)]
+
+
+def test_outlines_of_a_box_are_no_wider_than_it_is_and_have_its_own_colour():
+    around = [camera for height in (0.15, 0.3) for camera in ring(4, 96, height=height)]
+    drawn = virtual_views(box_views(around), 12)
+    inner, outer = [], []
+    for view, true in zip(drawn, box_views([view.camera for view in drawn])):
+        known = (view.mask != MaskLabel.UNKNOWN) & ~binary_dilation(true.tool_mask, iterations=2)
+        own = true.rgb[binary_erosion(true.object_mask, iterations=2)].mean()
+        brighter = (view.rgb.astype(float) - true.rgb).mean(2) / own
+        inner.append(brighter[true.object_mask & binary_dilation(~true.object_mask) & known].mean())
+        outer.append(brighter[~true.object_mask & binary_dilation(true.object_mask) & known].mean())
+    assert np.mean(inner) > -0.05, "the table's colour is mixed in"
+    assert abs(np.mean(outer)) < 0.015, "pieces of several cameras end beyond the edges"
 
 
 def test_a_side_that_nobody_saw_is_unknown():

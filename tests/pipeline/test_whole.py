@@ -45,14 +45,28 @@ def test_demo_ends_with_scores_a_video_and_times(
     assert all(Path(video).stat().st_size > 0 for video in facts["videos"])
 
 
-def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    docs = tmp_path / "docs"
+def reproduce_small(shared_data: Path, folder: Path) -> tuple[list[str], Path]:
+    """Give the command for one environment, two episodes and tiny images, and the folder its results go to."""
+    docs = folder / "docs"
     docs.mkdir()
     shutil.copyfile(REPOSITORY / "docs" / "results.md", docs / "results.md")
     settings = [*SMALL, "ingest.disect.size=32", "ingest.disect.cameras=3", "ingest.disect.supersample=1",
                 "ingest.disect.episodes=*_part_00[04]"]  # fmt: skip
-    command = ["reproduce", str(shared_data / "disect"), "--env", "prism-jelly", "-w", str(tmp_path / "work"),
-               "--out", str(docs), *options(settings)]  # fmt: skip
+    return ["reproduce", str(shared_data / "disect"), "--env", "prism-jelly", "-w", str(folder / "work"),
+            "--out", str(docs), *options(settings)], docs  # fmt: skip
+
+
+def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, tmp_path: Path):
+    command, docs = reproduce_small(shared_data, tmp_path)
+    assert main([*command, "-q", "--profile", "paper", *options(["train.track_steps=0"])]) == 0
+    results = json.loads((docs / "results" / "disect.json").read_text())
+    assert results["seeds"] == [0, 1, 2] and results["command"].endswith("PROFILE=paper")
+    trained = Store(tmp_path / "work").find("train@latest").manifest.config
+    assert (trained["kernel"], trained["features"], trained["resampling_form"]) == ("paper", "paper", "paper")
+
+
+def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    command, docs = reproduce_small(shared_data, tmp_path)
     assert main([*command, "-q"]) == 0
     results = json.loads((docs / "results" / "disect.json").read_text())
     assert {"command", "versions", "seeds", "environments"} <= results.keys()
