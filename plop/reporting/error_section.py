@@ -56,7 +56,7 @@ def before_after_section(facts: ReportFacts) -> str:
             rows.append(_row(facts, episodes, f"{len(episodes)} episodes", kind))
     head = ["episode", "", *(c.label for c in facts.compared), "nothing moves", "best rigid", "floor"]
     if len(facts.compared) > 1:
-        head.append("gap closed")
+        head.append("way to the floor")
     body = table(head, rows, numeric=range(2, len(head)), marked=marked)
     return f"<h2>{_title(facts)}</h2>{_note(facts)}{body}{_scores(facts)}"
 

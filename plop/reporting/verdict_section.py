@@ -55,7 +55,7 @@ def error_over(compared: Compared, episodes: list[str]) -> dict[str, float] | No
 
 
 def closed_gap(before: dict[str, float], after: dict[str, float]) -> float | None:
-    """Share of the explainable gap (error minus floor) that closed; None where there is none."""
+    """Share of the way from an error down to the noise floor that was gone; None where it was there already."""
     gap = before["rms"] - before["floor"]
     return (before["rms"] - after["rms"]) / gap if gap > 0 else None
 
@@ -77,7 +77,7 @@ def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
         figures.append((f"error on {name}, {facts.compared[0].label} to {facts.compared[-1].label}",
                         f"{number(before['rms'])} → {number(after['rms'])} mm"))  # fmt: skip
         share = closed_gap(before, after)
-        figures.append(("of the explainable gap closed", "–" if share is None else f"{100 * share:.0f} %"))
+        figures.append(("of the way from there to the noise floor", "–" if share is None else f"{100 * share:.0f} %"))
     else:
         figures.append((f"error on {name}, RMS", f"{number(before['rms'])} mm"))
         figures.append(("times the noise floor", number(before["rms"] / before["floor"], 1)))
