@@ -1,0 +1,68 @@
+"""Goals of the missing-physics benchmark beside what was measured: `python -m benchmarks.physics_overview`.
+
+Reads docs/results/physics.json (followed points) and physics_cameras.json (through cameras), which other commands
+write, and rewrites the first table of docs/results-physics.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from benchmarks.physics_tables import GOALS, MEDIANS, percent, shown
+from plop.metrics.table import replace_between_markers
+
+NAMES = {
+    ("recovery", "snr_2_and_more"): "one hidden effect, at least twice the noise: named first",
+    ("recovery", "snr_2_and_more_in_set"): "the same: in the named set",
+    ("null", "false_alarm"): "nothing hidden: something is named",
+    ("sensor", "called_physics"): "only a sensor fault: called physics",
+    ("outside", "none_or_partly"): "a law outside the library: NONE OF THESE or PARTLY",
+    ("pairs", "both_in_turn"): "two hidden effects: both, one after the other",
+    ("pairs", "one"): "two hidden effects: at least one",
+    ("decoys", "chosen"): "decoys chosen, over all runs",
+    ("parameter_error", "covered"): "95 % intervals that hold the hidden amplitude",
+}
+
+
+def reached(value: float | None, goal: str) -> str:
+    """Say whether a share meets a goal such as ">= 90 %", "<= 2 %" or "90 to 98 %", to the whole per cent shown."""
+    if value is None:
+        return "not run"
+    numbers = [float(number) for number in re.findall(r"[\d.]+", goal)]
+    low = numbers[0] if not goal.startswith("<=") else 0.0
+    high = numbers[-1] if not goal.startswith(">=") else 100.0
+    return "yes" if low <= round(100 * value) <= high else "**no**"
+
+
+def overview(points: dict[str, Any], cameras: dict[str, Any]) -> str:
+    """Give the table from the "sets" of both results."""
+    lines = ["| what | goal | followed points | reached | through cameras | reached |", "|---|---|---|---|---|---|"]
+    for (group, key), name in NAMES.items():
+        goal = GOALS[group, key]
+        rates = [sets.get(group, {}).get(key) for sets in (points, cameras)]
+        cells = [cell for rate in rates for cell in (shown(rate), reached((rate or {}).get("rate"), goal))]
+        lines.append(f"| {name} | {goal} | {' | '.join(cells)} |")
+    for name, key, goal in MEDIANS:
+        values = [sets[key]["median"] for sets in (points, cameras)]
+        cells = [cell for value in values for cell in (percent(value), reached(value, goal))]
+        lines.append(f"| {name} | {goal} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Rewrite the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
+    out = parser.parse_args().out
+    points, cameras = (json.loads((out / "results" / f"{name}.json").read_text())["sets"]
+                       for name in ("physics", "physics_cameras"))  # fmt: skip
+    page = out / "results-physics.md"
+    page.write_text(replace_between_markers(page.read_text(), "overview", overview(points, cameras)))
+
+
+if __name__ == "__main__":
+    main()
