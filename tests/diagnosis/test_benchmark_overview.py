@@ -1,7 +1,12 @@
+import json
+from pathlib import Path
+
 import pytest
 
 from benchmarks.physics_overview import overview, reached
 from benchmarks.physics_tables import verdict_rates, wilson
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.mark.parametrize("value, goal, said", [
@@ -21,3 +26,9 @@ def test_both_benchmarks_stand_beside_the_goals():
     null = next(line for line in lines if line.startswith("| nothing hidden"))
     assert null.endswith("| <= 2 % | 25 % (5 to 70 %, n = 4) | **no** | not run | not run |")
     assert lines[-2] == "| median error of the parameter | <= 10 % | not run | not run | 8 % | yes |"
+
+
+def test_the_page_shows_what_the_results_hold():
+    points, cameras = (json.loads((DOCS / "results" / f"{name}.json").read_text())["sets"]
+                       for name in ("physics", "physics_cameras"))  # fmt: skip
+    assert overview(points, cameras) in (DOCS / "results-physics.md").read_text(), "python -m benchmarks.physics_overview"
