@@ -124,7 +124,15 @@ class I2N(nn.Module):
         nodes = torch.cat([object_nodes, tool_nodes, _occupancy(object_mass), _occupancy(tool_mass)], dim=1)
         grid = nodes.reshape(batches, *box.shape, -1).permute(0, 4, 1, 2, 3).contiguous()
         solved = self.solve(grid).permute(0, 2, 3, 4, 1).reshape(batches * box.size, -1).contiguous()
-        return self.decode(torch.cat([g2p(solved, stencil), encoded], dim=-1))
+        return self._decoded(g2p(solved, stencil), encoded)
+
+    def _decoded(self, solved: Tensor, encoded: Tensor) -> Tensor:
+        """Decode what the grid and what the particle says, [N, width] each; spares the copy that joins them."""
+        first, act, last = self.decode
+        assert isinstance(first, nn.Linear)
+        of_grid, of_particle = first.weight.split([solved.shape[1], encoded.shape[1]], dim=1)
+        hidden = torch.addmm(first.bias, solved, of_grid.T).addmm_(encoded, of_particle.T)
+        return last(act(hidden))
 
     def _tool_grid(
         self, tool: ParticleBatch, origin: Tensor, shape: tuple[int, int, int], spacing_m: float, nodes: int
