@@ -1,7 +1,7 @@
 """How near the filter follows what moves: `python -m benchmarks.track_errors --workspace W RECORDINGS FILTER ...`.
 
-Compares followed points with the material they began on, which a simulated recording knows (`/truth`): those that the
-tool covers at some time and the others apart, for each kind of motion.
+Compares followed points with the material they began on, which a simulated recording knows (`/truth`): while they are
+in sight and from when the tool first covers them apart, for each kind of motion.
 """
 
 from __future__ import annotations
