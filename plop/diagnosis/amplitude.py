@@ -1,7 +1,10 @@
 """How well an amplitude is known: what differs between episodes, what the engine gets wrong, what saturation hides.
 
 All amplitudes belong to its interval whose response is as large as the fitted one's, give or take what episodes
-differ by and what the engine gets wrong. A law whose response hardly grows any more leaves its amplitude open.
+differ by and what the engine gets wrong. A law whose response hardly grows any more leaves its amplitude open. Where a
+response grows steeply (a bond that holds or does not) its size alone would tell the amplitude to a few per cent; but
+the engine may be as wrong about how strong a law must be to do the same, so that an interval is never narrower than
+for a response that is proportional.
 """
 
 from __future__ import annotations
@@ -16,9 +19,9 @@ from plop.diagnosis.candidates import Column
 from plop.diagnosis.profile import Profile
 
 RESPONSE_ERROR = 0.25
-"""Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
-episodes, so that no scatter between them tells. A round figure from runs where the truth is known, which
-docs/results-physics.md gives."""
+"""Standard deviation of how much too strongly or too weakly the engine responds to a law [-], and of how much too
+strong or too weak a law must be for it to respond so: the same in all episodes, so that no scatter between them tells.
+A round figure from runs where the truth is known, which docs/results-physics.md gives."""
 STRONGEST_RESPONSE = 1 + float(norm.ppf(0.975)) * RESPONSE_ERROR
 """How much stronger than the engine's a response may be, at most, for an amplitude to count as inside its range."""
 
@@ -43,9 +46,13 @@ def amplitude_of(
     if value == 0 or not np.isfinite(by_chance):
         low, high = value - by_chance, value + by_chance
     else:
-        width = float(np.hypot(by_chance / abs(value), norm.ppf(0.975) * RESPONSE_ERROR))
-        low, high = sorted((_at(value, 1 - width, profile), _at(value, 1 + width, profile)))
-        low, high = (float(np.clip(end, column.low, column.high)) for end in (low, high))
+        wrong = norm.ppf(0.975) * RESPONSE_ERROR
+        width = float(np.hypot(by_chance / abs(value), wrong))
+        ends = [_at(value, factor, profile) for factor in (1 - width, 1 + width)] + [
+            value * (1 - wrong),
+            value * (1 + wrong),
+        ]
+        low, high = (float(np.clip(end, column.low, column.high)) for end in (min(ends), max(ends)))
     return {"value": float(np.clip(value, column.low, column.high)), "low": float(low), "high": float(high),
             "unit": column.unit, "at_bound": bool(at_bound or value < column.low)}  # fmt: skip
 

@@ -41,6 +41,14 @@ def test_a_law_that_saturates_leaves_its_amplitude_open(power: float):
     assert found["low"] == pytest.approx(2.1 * (1 - 1.96 * RESPONSE_ERROR) ** (1 / power), rel=0.01)
 
 
+def test_a_steep_response_tells_an_amplitude_no_better_than_a_proportional_one():
+    steep, straight = (amplitude_of(FIBRES, 2.1, 0.0, 8, power_law(power, np.array([1.0, 2.0, 4.0])))
+                       for power in (2.0, 1.0))  # fmt: skip
+    assert (steep["low"], steep["high"]) == pytest.approx((straight["low"], straight["high"]), rel=0.01)
+    unsteady = amplitude_of(FIBRES, 2.1, 2.1, 8, power_law(2.0, np.array([1.0, 2.0, 4.0])))
+    assert unsteady["low"] < steep["low"] and unsteady["high"] > steep["high"]
+
+
 def test_a_response_that_no_longer_grows_has_no_upper_end():
     flat = Profile(np.array([1.0, 2.0, 4.0]), np.array([3.0, 1.0, 1.1]), np.array([1.0, 1.01, 1.01]))
     assert amplitude_of(FIBRES, 2.1, 0.0, 8, flat)["high"] == FIBRES.high
