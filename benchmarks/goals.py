@@ -1,4 +1,4 @@
-"""What the project wants its speed to be, and the table of docs/speed.md that sets it beside what was measured."""
+"""What the project wants its speed and its verdicts to be, and the table of docs/speed.md that sets speed beside it."""
 
 from __future__ import annotations
 
@@ -30,6 +30,26 @@ class Goal:
         figure = measured * self.scale
         reached = "yes" if _SIGNS[self.sign](figure, self.value) else "**no**"
         return f"| {self.what} | {_shown(figure)}{self.unit} | {goal} | {reached} |"
+
+
+@dataclass(frozen=True)
+class ShareGoal:
+    """What a rate or a median shall be, 0 to 1."""
+
+    low: float = 0.0
+    high: float = 1.0
+
+    def __str__(self) -> str:
+        """Give it as tables show it."""
+        if self.high == 1:
+            return f">= {100 * self.low:g} %"
+        return f"<= {100 * self.high:g} %" if self.low == 0 else f"{100 * self.low:g} to {100 * self.high:g} %"
+
+    def reached(self, value: float | None) -> str:
+        """Say whether a value meets it, to the whole per cent that tables show."""
+        if value is None:
+            return "not run"
+        return "yes" if self.low <= round(value, 2) <= self.high else "**no**"
 
 
 GOALS: dict[str, Goal] = {

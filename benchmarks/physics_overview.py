@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -28,27 +27,17 @@ NAMES = {
 }
 
 
-def reached(value: float | None, goal: str) -> str:
-    """Say whether a share meets a goal such as ">= 90 %", "<= 2 %" or "90 to 98 %", to the whole per cent shown."""
-    if value is None:
-        return "not run"
-    numbers = [float(number) for number in re.findall(r"[\d.]+", goal)]
-    low = numbers[0] if not goal.startswith("<=") else 0.0
-    high = numbers[-1] if not goal.startswith(">=") else 100.0
-    return "yes" if low <= round(100 * value) <= high else "**no**"
-
-
 def overview(points: dict[str, Any], cameras: dict[str, Any]) -> str:
     """Give the table from the "sets" of both results."""
     lines = ["| what | goal | followed points | reached | through cameras | reached |", "|---|---|---|---|---|---|"]
     for (group, key), name in NAMES.items():
         goal = GOALS[group, key]
         rates = [sets.get(group, {}).get(key) for sets in (points, cameras)]
-        cells = [cell for rate in rates for cell in (shown(rate), reached((rate or {}).get("rate"), goal))]
+        cells = [cell for rate in rates for cell in (shown(rate), goal.reached((rate or {}).get("rate")))]
         lines.append(f"| {name} | {goal} | {' | '.join(cells)} |")
     for name, key, goal in MEDIANS:
         values = [sets[key]["median"] for sets in (points, cameras)]
-        cells = [cell for value in values for cell in (percent(value), reached(value, goal))]
+        cells = [cell for value in values for cell in (percent(value), goal.reached(value))]
         lines.append(f"| {name} | {goal} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

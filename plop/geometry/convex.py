@@ -38,6 +38,14 @@ class _Planes:
         return _Planes(equations, self.free)
 
 
+def sides_of(hull: ConvexHull) -> np.ndarray:
+    """Give the sides of a convex hull, one each: outward normal and offset, n x <= d inside; [P, 4], [-] and [m].
+
+    Qhull gives one for every triangle; those of one side are taken for the same to a nanometre.
+    """
+    return np.asarray(np.unique(hull.equations.round(9), axis=0) * [1, 1, 1, -1])
+
+
 def convex_surface(
     points: np.ndarray, table_z_m: float | None = None, measured: np.ndarray | None = None,
     rim: np.ndarray | None = None,

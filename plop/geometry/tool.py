@@ -11,6 +11,8 @@ from torch import Tensor
 from trimesh import Trimesh
 from trimesh.repair import fix_normals
 
+from plop.geometry.convex import sides_of
+
 
 @dataclass(frozen=True)
 class ToolGeometry:
@@ -53,8 +55,7 @@ class ToolGeometry:
         low, high = local.min(0), local.max(0)
         flat = (local - (low + high) / 2)[:, 1:]
         outline = flat[ConvexHull(flat).vertices]
-        planes = np.unique(convex.equations.round(9), axis=0) * [1, 1, 1, -1]
-        tensors = (vertices, axes @ ((low + high) / 2), axes, (high - low) / 2, outline, planes)
+        tensors = (vertices, axes @ ((low + high) / 2), axes, (high - low) / 2, outline, sides_of(convex))
         vert, center, axis, half, line, sides = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
         faces = np.asarray(faces)
         return cls(vert, torch.as_tensor(faces, dtype=torch.int64), center, axis, half, line, sides,

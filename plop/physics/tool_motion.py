@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
+from plop.geometry.convex import sides_of
 from plop.geometry.tool import ToolGeometry
 
 BLADE_ASPECT = 0.25
@@ -57,10 +58,8 @@ class ToolShape:
         axes, center = _sign_fixed(geometry.axes.double().numpy()), geometry.center.double().numpy()
         local = (np.asarray(vertices, float) - center) @ axes
         if kind == ToolKind.SOLID:
-            planes = np.unique(ConvexHull(local).equations.round(9), axis=0)
-            planes[:, 3] *= -1
-            return cls(ToolKind.SOLID, center, axes, planes.astype(np.float32), np.zeros(4, np.float32),
-                       np.zeros((0, 3), np.float32))  # fmt: skip
+            sides = sides_of(ConvexHull(local)).astype(np.float32)
+            return cls(ToolKind.SOLID, center, axes, sides, np.zeros(4, np.float32), np.zeros((0, 3), np.float32))
         flat = local[:, 1:]
         outline = flat[ConvexHull(flat).vertices]
         ahead = np.roll(outline, -1, 0) - outline
