@@ -36,15 +36,22 @@ def with_unit(number: str, unit: str | None) -> str:
 
 
 def parameter_text(name: str, found: Mapping[str, Any]) -> str:
-    """Write a fitted number with interval and unit; an infinite interval is left out.
+    """Write a fitted number with interval and unit, or with what else it may be; an infinite interval is left out.
 
     Args:
         name: Of the number.
-        found: {"value", "low", "high", "unit"}.
+        found: {"value", "low", "high", "unit"}, and "also", other values that do as well, for one that was tried with
+            some values only.
     """
     known = np.isfinite([found["low"], found["high"]]).all()
     interval = f" ({short_number(found['low'])} to {short_number(found['high'])})" if known else ""
-    return with_unit(f"{name} = {short_number(found['value'])}{interval}", found["unit"])
+    return with_unit(f"{name} = {short_number(found['value'])}{interval}{also_text(found)}", found["unit"])
+
+
+def also_text(found: Mapping[str, Any]) -> str:
+    """Write the other values of a number that do as well, e.g. " (or 0.03, 0.1)"; "" where there are none."""
+    also = found.get("also") or ()
+    return f" (or {', '.join(map(short_number, also))})" if also else ""
 
 
 def checked_values(

@@ -159,21 +159,26 @@ class State:
         """
         columns = score.candidate.columns
         parameters = _parameters(columns, score.fit, self.profiles, alone=not beside)
-        if not beside:
-            self._widen(parameters, score)
+        others = [] if beside else self.settings(score)
+        self._widen(parameters, others)
         units = dict(score.candidate.shape_units)
         for name, value in columns[0].shapes:
-            parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"),
-                                "unit": units.get(name, ""), "at_bound": False, "chosen": True}  # fmt: skip
+            also = sorted({dict(other.candidate.columns[0].shapes)[name] for other in others} - {value})
+            parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": units.get(name, ""),
+                                "at_bound": False, "chosen": True, "also": also}  # fmt: skip
         contrast = self._contrast(score.rows, len(columns), whole_library=beside)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
                        p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
                        self._apart(score), self.evidence[_most_helped(score.before, score.after)].name,
                        float(score.shown.sum()), self._shown_by(score.shown))  # fmt: skip
 
-    def _widen(self, parameters: dict[str, dict[str, Any]], score: Score) -> None:
+    def settings(self, score: Score) -> list[Score]:
+        """Give the other settings of a law, a time or a direction, that do as well as the one that was taken."""
+        return as_good(score, self._all_inside)
+
+    def _widen(self, parameters: dict[str, dict[str, Any]], settings: Sequence[Score]) -> None:
         """Let intervals hold what the amplitude is in other settings of the law that do as well."""
-        for other in as_good(score, self._all_inside):
+        for other in settings:
             columns = other.candidate.columns
             if not all(column.key in self.profiles for column in columns):
                 continue

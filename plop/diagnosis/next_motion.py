@@ -1,17 +1,20 @@
 """Which motion to record next: judged by the motions that were recorded.
 
-Confounded effects are told apart by the motion in which their responses differ most; an effect that one episode alone
-shows, by more of its kind.
+Confounded effects, and settings of one effect, are told apart by the motion in which their responses differ most; an
+effect that one episode alone shows, by more of its kind.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from plop.diagnosis.diagnose import Diagnosis
 from plop.diagnosis.evidence import Evidence
+from plop.diagnosis.screen import Score
+from plop.law_values import short_number, with_unit
 
 
 def next_motion(found: Diagnosis) -> dict[str, Any] | None:
@@ -28,34 +31,63 @@ def next_motion(found: Diagnosis) -> dict[str, Any] | None:
     return _apart(found) if found.verdict.evidence.get("alternatives") else None
 
 
-def _apart(found: Diagnosis) -> dict[str, Any] | None:
-    """Compare the best effect's response with its rivals', episode by episode.
+def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
+    """Choose the motion that would tell the settings of a law, a time or a direction, that do as well now.
 
-    In an episode two effects are told apart by what is left of one response when the other's multiple is taken
-    off, in units of the expected error. The episode with the most left shows the motion to repeat, larger.
+    Returns:
+        As `next_motion`; None where one effect is not all that is named, or its setting is known.
     """
+    best = next((s for s in found.scores if [s.candidate.effect] == found.verdict.named), None)
+    if best is None or not found.settings:
+        return None
+    rivals = {_setting(score): score for score in found.settings}
+    separation, episode, pairs = _most_apart(found, best, rivals)
+    either = ", or ".join([_setting(best), *rivals])
+    text = (f"These motions do not tell its setting ({either}): that of {episode} comes nearest "
+            f"({separation:.1f} standard deviations); record more like it, slower and faster.")  # fmt: skip
+    return {"episode": episode, "separation": pairs, "text": text}
+
+
+def _setting(score: Score) -> str:
+    units = dict(score.candidate.shape_units)
+    return ", ".join(with_unit(f"{name} = {short_number(value)}", units.get(name))
+                     for name, value in score.candidate.columns[0].shapes)  # fmt: skip
+
+
+def _apart(found: Diagnosis) -> dict[str, Any] | None:
+    """Choose the motion that tells the best effect from its rivals."""
     named = [s for s in found.scores if s.candidate.effect in found.verdict.named]
     if len(named) < 2:
         return None
-    best, rivals = named[0], named[1:]
-    rows = []
-    for evidence in found.evidence:
-        mine = _response(evidence, best)
-        sigma = found.misfit.sigma(evidence)
-        apart = []
-        for rival in rivals:
-            other = _response(evidence, rival)
-            a, b = (mine / sigma).ravel(), (other / sigma).ravel()
-            factor = (a @ b) / max(float(b @ b), 1e-30)
-            apart.append(float(np.linalg.norm(a - factor * b)))
-        rows.append((min(apart), evidence.name, dict(zip([r.candidate.effect for r in rivals], apart, strict=True))))
-    separation, episode, pairs = max(rows)
+    best, rivals = named[0], {s.candidate.effect: s for s in named[1:]}
+    separation, episode, pairs = _most_apart(found, best, rivals)
     text = (f"The motion of {episode} tells {best.candidate.effect} from {', '.join(pairs)} best "
             f"({separation:.1f} standard deviations); record more like it, larger or slower and faster.")  # fmt: skip
     return {"episode": episode, "separation": pairs, "text": text}
 
 
-def _response(evidence: Evidence, score: Any) -> np.ndarray:
+def _most_apart(found: Diagnosis, best: Score, rivals: Mapping[str, Score]) -> tuple[float, str, dict[str, float]]:
+    """Compare a response with those of its rivals, by label, episode by episode.
+
+    In an episode two effects are told apart by what is left of one response when the other's multiple is taken
+    off, in units of the expected error. The episode with the most left shows the motion to repeat, larger.
+
+    Returns:
+        Separation from the nearest rival, the episode, and the separation from each rival.
+    """
+    rows = []
+    for evidence in found.evidence:
+        sigma = found.misfit.sigma(evidence)
+        a = (_response(evidence, best) / sigma).ravel()
+        apart = {}
+        for label, rival in rivals.items():
+            b = (_response(evidence, rival) / sigma).ravel()
+            apart[label] = float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-30) * b))
+        rows.append((min(apart.values()), evidence.name, apart))
+    return max(rows, key=lambda row: row[:2])
+
+
+def _response(evidence: Evidence, score: Score) -> np.ndarray:
     """Response of a fitted effect in one episode, [F, K, 3] [m]."""
     total = np.zeros_like(evidence.residual)
     for column, value in zip(score.candidate.columns, score.values, strict=True):

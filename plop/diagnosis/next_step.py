@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from plop.diagnosis.diagnose import Diagnosis
-from plop.diagnosis.next_motion import next_motion
+from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.law_values import short_number, with_unit
 
 _EASIEST = 3
@@ -25,7 +25,8 @@ def next_step(found: Diagnosis) -> str:
                 "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`.")  # fmt: skip
     if verdict.kind == "CONFOUNDED":
         return f"Record motions that tell {' and '.join(verdict.named)} apart."
-    return _added(verdict.kind, verdict.named)
+    settling = settling_motion(found)
+    return _added(verdict.kind, verdict.named) + (f" {settling['text']}" if settling else "")
 
 
 def _added(kind: str, named: list[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from plop.law_values import with_unit
+from plop.law_values import also_text, with_unit
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.html import interval, number, short, table, text
 
@@ -66,7 +66,7 @@ def parameters_text(parameters: dict[str, dict[str, Any]]) -> str:
     parts = []
     for name, p in parameters.items():
         known = p.get("low") is not None and p.get("high") is not None
-        span = f" ({short(p['low'])} to {short(p['high'])})" if known else " (no interval)"
+        span = f" ({short(p['low'])} to {short(p['high'])})" if known else also_text(p) or " (no interval)"
         bound = ", at its bound" if p.get("at_bound") else ""
         parts.append(text(with_unit(f"{name} = {short(p['value'])}{span}", p.get("unit"))) + bound)
     return "<br>".join(parts)

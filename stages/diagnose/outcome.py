@@ -9,7 +9,7 @@ import numpy as np
 
 from plop.diagnosis.diagnose import Diagnosis
 from plop.diagnosis.finding import Finding
-from plop.diagnosis.next_motion import next_motion
+from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.law_values import short_number, with_unit
 from plop.physics.effects.library import EffectType
@@ -39,7 +39,7 @@ def facts_of(
         "error": found.size.error, "floor": found.size.floor, "excess": found.size.excess,
         "closed_share": found.size.closed(left),
         "next_step": next_step(found),
-        "next_motion": next_motion(found),
+        "next_motion": next_motion(found) or settling_motion(found),
         "episodes": [e.name for e in found.evidence],
         "reference_episodes": [e.name for e in found.control],
         "dropped": {**left_out, **found.dropped},
