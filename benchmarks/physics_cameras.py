@@ -20,13 +20,12 @@ from typing import Any
 
 from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
 from benchmarks.physics_tables import GOALS, MEDIANS, percent, runs_table, shown, verdict_rates
+from benchmarks.typed import Typed
 from plop.artifacts.lock import locked
-from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers
 from plop.physics.effects.library import library
 from plop.physics.sealed import open_answer
-from plop_cli.app import app
 from plop_cli.demo_physics import PROFILE
 from plop_cli.execute import versions
 
@@ -90,23 +89,11 @@ def _typed(name: str, values: dict[str, float]) -> tuple[str, ...]:
     return tuple(f"{name}.{key}={min(max(value, ends[key][0]), ends[key][1]):g}" for key, value in values.items())
 
 
-class Loop:
-    """Types the commands in one workspace."""
+class Loop(Typed):
+    """Makes the runs of the plan in one workspace."""
 
     def __init__(self, workspace: Path) -> None:
-        self.workspace, self.store = workspace, Store(workspace)
-        workspace.mkdir(parents=True, exist_ok=True)
-        settings = workspace / "plop.toml"
-        if not settings.is_file():
-            settings.write_text((importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text())
-
-    def plop(self, *words: str) -> None:
-        """Run one command.
-
-        Raises:
-            PlopError: It failed.
-        """
-        app([*words, "-w", str(self.workspace), "--quiet"], prog_name="plop", standalone_mode=False)
+        super().__init__(workspace, (importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text())
 
     def base(self) -> None:
         """Film recordings without anything hidden and fit the engine to them, once."""
