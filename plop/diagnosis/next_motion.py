@@ -42,8 +42,8 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
         return None
     rivals = {_setting(score): score for score in found.settings}
     separation, episode, pairs = _most_apart(found, best, rivals)
-    either = ", or ".join([_setting(best), *rivals])
-    text = (f"These motions do not tell its setting ({either}): that of {episode} comes nearest "
+    either = ", or ".join(f"{_setting(score)} with {_amplitudes(score)}" for score in (best, *found.settings))
+    text = (f"These motions do not tell its setting: {either}. That of {episode} comes nearest "
             f"({separation:.1f} standard deviations); record more like it, slower and faster.")  # fmt: skip
     return {"episode": episode, "separation": pairs, "text": text}
 
@@ -52,6 +52,11 @@ def _setting(score: Score) -> str:
     units = dict(score.candidate.shape_units)
     return ", ".join(with_unit(f"{name} = {short_number(value)}", units.get(name))
                      for name, value in score.candidate.columns[0].shapes)  # fmt: skip
+
+
+def _amplitudes(score: Score) -> str:
+    return ", ".join(with_unit(f"{column.amplitude} = {short_number(value)}", column.unit)
+                     for column, value in zip(score.candidate.columns, score.values, strict=True))  # fmt: skip
 
 
 def _apart(found: Diagnosis) -> dict[str, Any] | None:
