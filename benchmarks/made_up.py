@@ -1,87 +1,84 @@
-"""What episodes made up by an engine change on the DiSECt recordings: `python -m benchmarks.made_up W [W ...]`.
+"""What episodes made up by an engine change on the DiSECt recordings: `python -m benchmarks.made_up --work reproduce`.
 
-Each W is a workspace of one environment with the evaluations `made-eval` and, where it is there, `engine-eval`; the
-commands that make them are in docs/results.md, whose table this writes, beside docs/results/disect_made_up.json. The
-models without made-up episodes are those of docs/results/disect.json.
+After `make reproduce` with PROFILE=cpu and with PROFILE=cpu-engine: rolls out the engines of the latter's workspace,
+too, scores them as the networks are scored, and sets all three beside each other in docs/results.md. Writes
+docs/results/disect-engine.json; goes on where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from plop.artifacts.store import Store
-from plop.errors import PlopError
+from benchmarks.ablations import latest
+from benchmarks.typed import Typed
 from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions
+from plop_cli.results_page import gathered
 
-_DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGE, RESULT, WITHOUT = _DOCS / "results.md", _DOCS / "results" / "disect_made_up.json", _DOCS / "results/disect.json"
-METHODS = {"with made-up episodes": "made-eval", "the engine itself": "engine-eval"}
-"""What a row is called -> name of its evaluation."""
-METRICS = ("cd_mm", "emd_mm", "truth_rms_mm", "psnr_db", "j_score")
-_PART = "_part_"
+METRICS = {"cd_mm": 2, "emd_mm": 2, "truth_rms_mm": 2, "psnr_db": 1, "j_score": 3}
+"""What is shown -> digits."""
 
 
-def collected(store: Store) -> tuple[str, dict[str, Any]]:
-    """Read a workspace: its environment, and each method's scores by test episode, over the whole and at the end."""
-    found: dict[str, Any] = {}
-    environment = ""
-    for method, name in METHODS.items():
-        try:
-            artifact = store.find(name)
-        except PlopError:
-            continue
-        facts = json.loads((artifact.path / "scores.json").read_text())
-        environment = facts["environment"]
-        found[method] = {episode: {over: {key: scores["plop"][over][key] for key in METRICS}
-                                   for over in ("episode", "end")}
-                         for episode, scores in facts["episodes"].items()}  # fmt: skip
-    if not found:
-        raise PlopError("There is nothing to collect.", where=store.root, expected=" or ".join(METHODS.values()),
-                        found="neither", fix="The commands that make them are in docs/results.md.")  # fmt: skip
-    return environment, found
+class Engines(Typed):
+    """Rolls out the engines of a workspace."""
+
+    def scored(self, environment: str) -> Path:
+        """Roll out one environment's engine in its test episodes; give the scores."""
+        model, recordings, init = (latest(self.store, stage, environment).manifest.address
+                                   for stage in ("identify", "calibrate", "fit-init"))  # fmt: skip
+        name = f"{environment}-engine"
+        self.plop("rollout", "--model", model, "--recordings", recordings, "--init", init, "--name", name)
+        self.plop("eval", "--rollouts", name, "--name", f"{name}-scores")
+        return self.store.find(f"{name}-scores").path / "scores.json"
 
 
-def table(environments: Mapping[str, Any], without: Mapping[str, Any]) -> str:
-    """Set the means over part recordings side by side, whole and end."""
+def table(without: Mapping[str, Any], made: Mapping[str, Any], engine: Mapping[str, Any]) -> str:
+    """Set means over part recordings side by side, whole and end, and their means over environments.
+
+    Args:
+        without: Environment -> scores of the network that learned from recordings alone, as in disect.json.
+        made: The same of the one that learned from made-up episodes, too.
+        engine: The same of the engine itself.
+    """
     lines = ["| environment | model | CD [mm]: whole, end | EMD [mm] | true nodes [mm] | PSNR [dB] | J |",
              "|---|---|---|---|---|---|---|"]  # fmt: skip
-    for name, found in environments.items():
-        plop = without[name]["plop"]
-        rows = {"without": {key: (plop[key]["mean"], plop["end"][key]["mean"]) for key in METRICS}}
-        for method, episodes in found.items():
-            parts = [scores for episode, scores in episodes.items() if _PART in episode]
-            rows[method] = {key: tuple(float(np.mean([scores[over][key] for scores in parts]))
-                                       for over in ("episode", "end")) for key in METRICS}  # fmt: skip
-        for method, row in rows.items():
-            shown = [f"{a:.{digits}f}, {b:.{digits}f}" for (a, b), digits in zip(row.values(), (2, 2, 2, 1, 3),
-                                                                              strict=True)]  # fmt: skip
-            lines.append(f"| {name} | {method} | {' | '.join(shown)} |")
+    kinds = {"without": without, "with made-up episodes": made, "the engine itself": engine}
+    names = [name for name in without if all(name in each for each in kinds.values())]
+    for name in names:
+        lines += [_line(name, kind, [each[name]["plop"]]) for kind, each in kinds.items()]
+    if len(names) > 1:
+        lines += [_line("**mean**", kind, [each[name]["plop"] for name in names]) for kind, each in kinds.items()]
     return "\n".join(lines)
 
 
+def _line(name: str, kind: str, scores: list[Mapping[str, Any]]) -> str:
+    cells = []
+    for key, digits in METRICS.items():
+        both = [sum(s[key]["mean"] for s in part) / len(part) for part in (scores, [s["end"] for s in scores])]
+        cells.append(", ".join(f"{value:.{digits}f}" for value in both))
+    return f"| {name} | {kind} | {' | '.join(cells)} |"
+
+
 def main() -> None:
-    """Write the file and the page's table; environments that are in the file already stay."""
+    """Roll out, score, and write the file and the page's table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("workspaces", nargs="+", type=Path)
+    parser.add_argument("--work", type=Path, required=True, help="Workspace of make reproduce PROFILE=cpu-engine.")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results.md and results/.")
     options = parser.parse_args()
-    environments = json.loads(RESULT.read_text())["environments"] if RESULT.is_file() else {}
-    try:
-        environments |= dict(collected(Store(workspace)) for workspace in options.workspaces)
-    except PlopError as error:
-        sys.exit(str(error))
-    facts = {"command": "python -m benchmarks.made_up W [W ...]", "versions": versions(), "seeds": [0],
-             "environments": dict(sorted(environments.items()))}  # fmt: skip
-    RESULT.write_text(json.dumps(facts, indent=1) + "\n")
-    without = json.loads(WITHOUT.read_text())["environments"]
-    PAGE.write_text(replace_between_markers(PAGE.read_text(), "made-up", table(facts["environments"], without)))
+    results = options.out / "results"
+    without, made = (json.loads((results / f"{name}.json").read_text())["environments"]
+                     for name in ("disect", "disect-cpu-engine"))  # fmt: skip
+    engines = Engines(options.work, "")
+    scores = {name: [engines.scored(name)] for name in made}
+    facts = gathered(scores, command="python -m benchmarks.made_up --work W", versions=versions(), seeds=[0])
+    (results / "disect-engine.json").write_text(json.dumps(facts, indent=1) + "\n")
+    page = options.out / "results.md"
+    found = table(without, made, facts["environments"])
+    page.write_text(replace_between_markers(page.read_text(), "made-up", found))
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def reproduce(
         if scores:
             command = f"make reproduce DATA=<folder> PROFILE={profile}"
             results = gathered(scores, command=command, versions=versions(), seeds=chosen.seeds)
-            written = write_results(out, results, pictures)
+            written = write_results(out, results, pictures, profile)
     if scores:
         console.say(to_markdown(results))
         console.say(f"written: {', '.join(map(str, written))}")

@@ -1,5 +1,6 @@
 """Write the figures of `plop reproduce`: docs/results/disect.json, and tables and pictures in docs/results.md.
 
+Those of another profile than `cpu` go beside them, into files, and between markers, that bear its name.
 Part recordings (the halves are pushed apart) are the test; plain cuts, in which hardly anything moves, have tables of
 their own, and `all` holds both kinds together.
 """
@@ -13,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.whole_file import write_text
-from plop.metrics.table import Scores, collect, gains_to_markdown, replace_between_markers, to_markdown
+from plop.metrics.table import Scores, collect, gains_to_markdown, has_place, replace_between_markers, to_markdown
 
+MAIN = "cpu"
+"""The profile whose results bear no profile's name."""
 PARTS = ("episode", "end", "start")
 """Each part has its table between the markers `disect-<part>` of the page."""
 
@@ -38,35 +41,43 @@ def gathered(scores: Scores, *, command: str, versions: Mapping[str, str], seeds
     return found | {name: {key: other[key] for key in ("environments", "mean")} for name, other in others.items()}
 
 
-def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str, Path]) -> list[Path]:
+def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str, Path], profile: str) -> list[Path]:
     """Write all results.
 
     Args:
         docs: Folder of the documentation: results.md (when it is there) and results/.
         results: From `gathered`.
         pictures: Per environment the picture of one test episode.
+        profile: Name of the profile that made them. The page must have a place for each table of `cpu`; of another
+            profile's it takes those that it has a place for.
 
     Returns:
         The files that were written.
     """
-    folder = docs / "results"
-    write_text(folder / "disect.json", json.dumps(results, indent=1) + "\n")
-    written = [folder / "disect.json"]
+    stem = "disect" if profile == MAIN else f"disect-{profile}"
+    shown = "pictures" if profile == MAIN else f"pictures-{profile}"
+    written = [docs / "results" / f"{stem}.json"]
+    write_text(written[0], json.dumps(results, indent=1) + "\n")
     links = []
     for name, source in pictures.items():
-        target = folder / "pictures" / f"{name}.png"
+        target = docs / "results" / shown / f"{name}.png"
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
-        links.append(f"### {name}\n![{name}: measured, predicted, difference](results/pictures/{name}.png)")
+        links.append(f"### {name}\n![{name}: measured, predicted, difference](results/{shown}/{name}.png)")
     page = docs / "results.md"
     if page.is_file():
         text = page.read_text(encoding="utf-8")
-        for part in PARTS:
-            text = replace_between_markers(text, f"disect-{part}", to_markdown(results, part=part))
-        for name, each in {"gains": results, "gains-plain": results["plain"], "gains-all": results["all"]}.items():
-            text = replace_between_markers(text, f"disect-{name}", gains_to_markdown(each))
-        text = replace_between_markers(text, "disect-plain", to_markdown(results["plain"]))
-        text = replace_between_markers(text, "disect-pictures", "\n\n".join(links) or "None.")
+        for name, content in {**_tables(results), "pictures": "\n\n".join(links) or "None."}.items():
+            if profile == MAIN or has_place(text, f"{stem}-{name}"):
+                text = replace_between_markers(text, f"{stem}-{name}", content)
         write_text(page, text)
         written.append(page)
     return written
+
+
+def _tables(results: Mapping[str, Any]) -> dict[str, str]:
+    """Give the tables in Markdown by the ends of their markers' names."""
+    tables = {part: to_markdown(results, part=part) for part in PARTS}
+    for name, each in {"gains": results, "gains-plain": results["plain"], "gains-all": results["all"]}.items():
+        tables[name] = gains_to_markdown(each)
+    return {**tables, "plain": to_markdown(results["plain"])}

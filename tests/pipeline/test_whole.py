@@ -59,8 +59,9 @@ def reproduce_small(shared_data: Path, folder: Path) -> tuple[list[str], Path]:
 def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, tmp_path: Path):
     command, docs = reproduce_small(shared_data, tmp_path)
     assert main([*command, "-q", "--profile", "paper", *options(["train.track_steps=0"])]) == 0
-    results = json.loads((docs / "results" / "disect.json").read_text())
+    results = json.loads((docs / "results" / "disect-paper.json").read_text())
     assert results["seeds"] == [0, 1, 2] and results["command"].endswith("PROFILE=paper")
+    assert (docs / "results.md").read_text() == (REPOSITORY / "docs" / "results.md").read_text(), "no place for it"
     trained = Store(tmp_path / "work").find("train@latest").manifest.config
     assert (trained["kernel"], trained["features"], trained["resampling_form"]) == ("paper", "paper", "paper")
 
@@ -85,8 +86,14 @@ def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys:
     store = Store(tmp_path / "work")
     assert "engine" in store.find("train@latest").manifest.inputs
     assert store.find("rollout@latest").manifest.inputs["model"]["stage"] == "train"
-    results = json.loads((docs / "results" / "disect.json").read_text())
-    assert results["command"].endswith("PROFILE=cpu-engine")
+    both = {profile: json.loads((docs / "results" / f"disect{profile}.json").read_text())["command"]
+            for profile in ("", "-cpu-engine")}  # fmt: skip
+    assert both[""].endswith("PROFILE=cpu") and both["-cpu-engine"].endswith("PROFILE=cpu-engine")
+    page = (docs / "results.md").read_text()
+    told = page[
+        page.index("<!-- disect-cpu-engine-gains:begin -->") : page.index("<!-- disect-cpu-engine-gains:end -->")
+    ]
+    assert "| prism-jelly |" in told and "sphere" not in told
     assert main([*command[:2], "--env", "prism-jello", *command[4:]]) == 1
     assert "no such environment" in capsys.readouterr().err
 
