@@ -137,12 +137,12 @@ def verdicts_table(sets: dict[str, Any]) -> str:
     for base, found in sets.items():
         for name, row in found.items():
             law = next((law for law in row["ranking"] if law["effect"] in row["named"]), None)
-            after = f" -> {row['after_mm']:.2f}" if "after_mm" in row else ""
+            # of the gap the diagnosis tells what the best law closes, not what the base's own parameter does
+            closed = row["closed_share"] if law and row["verdict"] != "BASE PARAMETER" else None
             said = " ".join(filter(None, (row["verdict"], _amplitudes(row))))
-            lines.append(f"| {TITLES[base]} | {name[-1]} | {said} | "
-                         f"{percent(law['gain']) if law else '-'} | "
-                         f"{percent(row['closed_share']) if law and row['closed_share'] is not None else '-'} | "
-                         f"{row['before_mm']:.2f}{after} |")  # fmt: skip
+            after = f" -> {row['after_mm']:.2f}" if "after_mm" in row else ""
+            lines.append(f"| {TITLES[base]} | {name[-1]} | {said} | {percent(law['gain']) if law else '-'} | "
+                         f"{'-' if closed is None else percent(closed)} | {row['before_mm']:.2f}{after} |")  # fmt: skip
     return "\n".join(lines)
 
 
