@@ -48,10 +48,8 @@ def amplitude_of(
     else:
         wrong = norm.ppf(0.975) * RESPONSE_ERROR
         width = float(np.hypot(by_chance / abs(value), wrong))
-        ends = [_at(value, factor, profile) for factor in (1 - width, 1 + width)] + [
-            value * (1 - wrong),
-            value * (1 + wrong),
-        ]
+        ends = [_at(value, factor, profile) for factor in (1 - width, 1 + width)]
+        ends += [value * (1 - wrong), value * (1 + wrong)]
         low, high = (float(np.clip(end, column.low, column.high)) for end in (min(ends), max(ends)))
     return {"value": float(np.clip(value, column.low, column.high)), "low": float(low), "high": float(high),
             "unit": column.unit, "at_bound": bool(at_bound or value < column.low)}  # fmt: skip

@@ -38,7 +38,7 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
         As `next_motion`; None where one effect is not all that is named, or its setting is known.
     """
     best = next((s for s in found.scores if [s.candidate.effect] == found.verdict.named), None)
-    if best is None or not found.settings:
+    if best is None or not any(s.candidate.effect == best.candidate.effect for s in found.settings):
         return None
     rivals = {_setting(score): score for score in found.settings}
     separation, episode, pairs = _most_apart(found, best, rivals)
