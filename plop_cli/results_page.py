@@ -63,7 +63,8 @@ def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str,
         target = docs / "results" / shown / f"{name}.png"
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
-        links.append(f"### {name}\n![{name}: measured, predicted, difference](results/{shown}/{name}.png)")
+        title = name if profile == MAIN else f"{name}, {profile}"
+        links.append(f"### {title}\n![{title}: measured, predicted, difference](results/{shown}/{name}.png)")
     page = docs / "results.md"
     if page.is_file():
         text = page.read_text(encoding="utf-8")

@@ -62,8 +62,8 @@ class Diagnosis:
     evidence: list[Evidence]
     control: list[Evidence]
     misfit: MisfitModel
-    settings: list[Score]
-    """Other settings of the best law that do as well."""
+    settings: list[tuple[Score, dict[str, dict[str, Any]]]]
+    """Other settings of the best law that do as well, with their amplitudes."""
     screen_s: float = 0.0
     """Seconds until every law had been tried and ranked, before any was fitted again."""
 
@@ -229,6 +229,6 @@ def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Di
     limits = detection_limits(state.screen, scores, sham, state.response_rms_m, clear)
     where = ("", "reference ")  # both sets may have an episode of the same name
     dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
-    settings = [] if first is None else state.settings(first)
+    settings = [] if first is None else [(score, state.amplitudes(score)) for score in state.settings(first)]
     return Diagnosis(verdict, scores, [*findings, base], sham, limits, state.size, dropped,
                      state.evidence, state.control, state.misfit, settings)  # fmt: skip

@@ -176,13 +176,17 @@ class State:
         """Give the other settings of a law, a time or a direction, that do as well as the one that was taken."""
         return as_good(score, self._all_inside)
 
+    def amplitudes(self, score: Score) -> dict[str, dict[str, Any]]:
+        """Give a law's amplitudes with their intervals, as a finding has them."""
+        return _parameters(score.candidate.columns, score.fit, self.profiles)
+
     def _widen(self, parameters: dict[str, dict[str, Any]], settings: Sequence[Score]) -> None:
         """Let intervals hold what the amplitude is in other settings of the law that do as well."""
         for other in settings:
             columns = other.candidate.columns
             if not all(column.key in self.profiles for column in columns):
                 continue
-            for name, given in _parameters(columns, other.fit, self.profiles).items():
+            for name, given in self.amplitudes(other).items():
                 own = parameters[name]
                 own["low"], own["high"] = min(own["low"], given["low"]), max(own["high"], given["high"])
 

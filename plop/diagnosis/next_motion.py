@@ -38,13 +38,15 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
         As `next_motion`; None where one effect is not all that is named, or its setting is known.
     """
     best = next((s for s in found.scores if [s.candidate.effect] == found.verdict.named), None)
-    if best is None or not any(s.candidate.effect == best.candidate.effect for s in found.settings):
+    if best is None or not any(score.candidate.effect == best.candidate.effect for score, _ in found.settings):
         return None
-    rivals = {_setting(score): score for score in found.settings}
-    separation, episode, pairs = _most_apart(found, best, rivals)
-    either = ", or ".join(f"{_setting(score)} with {_amplitudes(score)}" for score in (best, *found.settings))
-    text = (f"These motions do not tell its setting: {either}. That of {episode} comes nearest "
-            f"({separation:.1f} standard deviations); record more like it, slower and faster.")  # fmt: skip
+    own = next(f.parameters for f in found.findings if f.name == best.candidate.effect)
+    rivals = {_setting(score): score for score, _ in found.settings}
+    _, episode, pairs = _most_apart(found, best, rivals)
+    either = ", or ".join(f"{_setting(score)} with {_amplitudes(score, parameters)}"
+                          for score, parameters in ((best, own), *found.settings))  # fmt: skip
+    text = (f"These motions do not tell its setting: {either}. They differ most in that of {episode}; "
+            "record more like it, slower and faster.")  # fmt: skip
     return {"episode": episode, "separation": pairs, "text": text}
 
 
@@ -54,9 +56,9 @@ def _setting(score: Score) -> str:
                      for name, value in score.candidate.columns[0].shapes)  # fmt: skip
 
 
-def _amplitudes(score: Score) -> str:
-    return ", ".join(with_unit(f"{column.amplitude} = {short_number(value)}", column.unit)
-                     for column, value in zip(score.candidate.columns, score.values, strict=True))  # fmt: skip
+def _amplitudes(score: Score, parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    return ", ".join(with_unit(f"{c.amplitude} = {short_number(parameters[c.amplitude]['value'])}", c.unit)
+                     for c in score.candidate.columns)  # fmt: skip
 
 
 def _apart(found: Diagnosis) -> dict[str, Any] | None:

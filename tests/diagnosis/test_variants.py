@@ -13,6 +13,7 @@ from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.variants import as_good, others_of
+from plop.law_values import short_number
 from plop.physics.effects.library import EffectType, library
 from tests.diagnosis.synthetic import episodes, state
 from tests.diagnosis.world import World
@@ -79,7 +80,9 @@ def test_the_verdict_says_which_settings_do_as_well_and_what_motion_would_tell()
     assert f"release_s = {given['value']:g} (or {given['also'][0]:g}) s" in found.verdict.text
     motion = settling_motion(found)
     assert next_motion(found) is None and motion is not None
-    assert motion["episode"] in {e.name for e in found.evidence}
+    assert motion["episode"] in {e.name for e in found.evidence} and motion["episode"] in motion["text"]
+    own = short_number(found.findings[0].parameters["traction_pa"]["value"])
+    assert f"release_s = {given['value']:g} s with traction_pa = {own} Pa, or " in motion["text"]
     assert list(motion["separation"]) == [f"release_s = {given['also'][0]:g} s"]
     assert next_step(found).startswith("Add it: `plop augment") and next_step(found).endswith(motion["text"])
 
