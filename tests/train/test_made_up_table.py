@@ -1,41 +1,42 @@
-"""The table of what made-up episodes change."""
+"""The table of docs/results.md that sets networks and engines side by side."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from types import SimpleNamespace
 
-import pytest
-
-from benchmarks.made_up import METRICS, collected, table
-from plop.artifacts.store import Store
-from plop.errors import PlopError
-from plop_cli.execute import execute
-from tests.pipeline import fake_stages as fake
+from benchmarks.made_up import METRICS, Engines, table
 
 
-def scores(value: float) -> dict[str, dict[str, float]]:
-    return {over: dict.fromkeys(METRICS, value + (over == "end")) for over in ("episode", "end")}
+def scores(value: float) -> dict:
+    return {"plop": {**{key: {"mean": value} for key in METRICS}, "end": {key: {"mean": 3 * value} for key in METRICS}}}
 
 
-def test_part_recordings_are_averaged_and_plain_cuts_left_out():
-    found = {"with made-up episodes": {"a_part_004": scores(1), "a_part_005": scores(2), "a_001": scores(50)}}
-    mean = {"mean": 3.0}
-    without = {"a": {"plop": {**dict.fromkeys(METRICS, mean), "end": dict.fromkeys(METRICS, mean)}}}
-    rows = table({"a": found}, without).splitlines()[2:]
-    assert rows[0].startswith("| a | without | 3.00, 3.00 |")
-    assert rows[1] == ("| a | with made-up episodes | 1.50, 2.50 | 1.50, 2.50 | 1.50, 2.50 | 1.5, 2.5 | 1.500, 2.500 |")
+def test_every_environment_has_three_lines_and_the_mean_stands_below():
+    both = {"a": scores(1.0), "b": scores(2.0)}
+    lines = table({**both, "c": scores(9.0)}, both, {"a": scores(0.5), "b": scores(1.0)}).splitlines()
+    assert len(lines) == 2 + 3 * 3 and not any("| c |" in line for line in lines), "only what all three have"
+    assert lines[2] == "| a | without | 1.00, 3.00 | 1.00, 3.00 | 1.00, 3.00 | 1.0, 3.0 | 1.000, 3.000 |"
+    assert lines[-1].startswith("| **mean** | the engine itself | 0.75, 2.25 |")
 
 
-def test_a_workspace_gives_what_is_named_in_it(tmp_path: Path):
-    store = Store(tmp_path)
-    with pytest.raises(PlopError, match="nothing to collect"):
-        collected(store)
-    raw = fake.raw_folder(tmp_path / "blocks")
-    artifact = execute(fake.INGEST, store=store, config=fake.PiecesConfig(), inputs={"raw": raw}).artifact
-    facts = {"environment": "prism-jelly", "episodes": {"prism_jelly_part_004": {"plop": scores(1.0)}}}
-    (artifact.path / "scores.json").write_text(json.dumps(facts))
-    store.set_name("engine-eval", artifact)
-    environment, found = collected(store)
-    assert environment == "prism-jelly"
-    assert found == {"the engine itself": {"prism_jelly_part_004": scores(1.0)}}
+def test_one_environment_has_no_mean():
+    one = {"a": scores(1.0)}
+    assert len(table(one, one, one).splitlines()) == 2 + 3
+
+
+def test_an_engine_is_rolled_out_with_what_its_own_environment_has(tmp_path, monkeypatch):
+    def artifact(stage: str, environment: str) -> SimpleNamespace:
+        address = f"{stage}@{environment}"
+        return SimpleNamespace(
+            path=tmp_path / address, manifest=SimpleNamespace(environment=environment, address=address)
+        )
+
+    typed: list[tuple[str, ...]] = []
+    monkeypatch.setattr(Engines, "plop", lambda self, *words: typed.append(words))
+    engines = Engines(tmp_path, "")
+    engines.store = SimpleNamespace(artifacts=lambda stage: [artifact(stage, name) for name in ("other", "a", "late")],
+                                    find=lambda name: SimpleNamespace(path=tmp_path / name))  # fmt: skip
+    assert engines.scored("a") == tmp_path / "a-engine-scores" / "scores.json"
+    assert [words[0] for words in typed] == ["rollout", "eval"]
+    assert {"identify@a", "calibrate@a", "fit-init@a"} <= set(typed[0])
+    assert typed[1][typed[1].index("--rollouts") + 1] == "a-engine"
