@@ -118,8 +118,10 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
     options = parser.parse_args()
-    loop, sets = Sets(options.work, options.data), {}
     bases = options.bases.split(",")
+    if not set(bases) <= set(BASES):
+        parser.error(f"--bases: some of {', '.join(BASES)}, with commas between; not {options.bases}")
+    loop, sets = Sets(options.work, options.data), {}
     for base in bases:
         loop.base(base)
         sets[base] = {f"set_{k}": loop.diagnosed(base, k) for k in SETS}
