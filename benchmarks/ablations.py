@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.workspace import latest
 from plop.artifacts.store import Artifact, Store
 from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import at_rest
@@ -48,11 +49,6 @@ WARM_UP = 3
 """Steps that are not timed."""
 
 Row = dict[str, Any]
-
-
-def latest(store: Store, stage: str, environment: str) -> Artifact:
-    """Give the last artifact of a stage for an environment."""
-    return [a for a in store.artifacts(stage) if a.manifest.environment == environment][-1]
 
 
 def inputs_of(store: Store, artifact: Artifact) -> dict[str, Input]:

@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.physics_tables import percent
-from benchmarks.typed import Typed
+from benchmarks.workspace import Typed
 from plop.artifacts.store import Store
+from plop.law_values import parameter_text
 from plop.metrics.table import replace_between_markers
+from plop_cli.chain import read_profile
 from plop_cli.execute import versions
 
 SETS = (1, 2, 3, 4)
@@ -40,18 +42,7 @@ toughness_j_m2 = 1.0
 table_slip_m_s = 0.005
 table_cone = "pyramid"
 start = "unloaded"                  # the jelly is let go at time 0
-
-[train]                             # as in the profile cpu, and longer
-track_steps = 2000
-image_steps = 20
-horizon = 8
-validate_every = 250
-filter_iterations = 24
-depth_weight = 1.0
-features = "oriented"
 """
-FIT = ("--depth-unit-m", "0.02", "--mask-weight", "1.0", "--virtual-views", "0", "--held-out", "0")
-"""How the profile cpu fits what a network learns from."""
 BASES = {
     "engine": ("jelly-engine", ("--reference", "part")),
     "made": ("jelly-made", ("--engine", "jelly-engine", "--reference", "jelly")),
@@ -84,8 +75,10 @@ class Sets(Typed):
             return
         self.filmed(self.data / "disect", "jelly", *jelly)
         self.plop("fuse", "--recordings", "jelly")
-        self.plop("fit-init", "--recordings", "jelly", *FIT)
-        more = ("--engine", "jelly-engine") if base == "made" else ("--folds", "3", "--track-steps", "1500")
+        self.plop("fit-init", "--recordings", "jelly", *_options("fit-init"))
+        # made-up episodes are many more to learn from
+        more = (("--engine", "jelly-engine", *_options("train", track_steps=2000)) if base == "made"
+                else ("--folds", "3", *_options("train")))  # fmt: skip
         self.plop("train", "--recordings", "jelly", *more, "--name", BASES[base][0])
 
     def diagnosed(self, base: str, number: int) -> dict[str, Any]:
@@ -106,6 +99,12 @@ class Sets(Typed):
         """RMS error of the followed points over all frames [mm]."""
         self.plop("compare", "--model", model, "--recordings", recordings, "--name", name, "--frames", "0")
         return float(self.store.find(name).manifest.summary["figures"]["rms_mm"])
+
+
+def _options(command: str, **changed: object) -> list[str]:
+    """Type what the profile cpu sets for a command."""
+    settings = {**read_profile("cpu").settings[command], **changed}
+    return [word for key, value in settings.items() for word in (f"--{key.replace('_', '-')}", str(value))]
 
 
 def main() -> None:
@@ -150,13 +149,12 @@ def verdicts_table(sets: dict[str, Any]) -> str:
 
 def _amplitudes(row: dict[str, Any]) -> str:
     """Write what was named, with amplitudes and intervals."""
-    parts = []
-    for law in row["ranking"]:
-        if law["effect"] in row["named"]:
-            values = [f"{key} = {p['value']:.3g} ({p['low']:.3g} to {p['high']:.3g}) {p['unit']}".rstrip(" -")
-                      for key, p in law["parameters"].items() if None not in (p["low"], p["high"])]  # fmt: skip
-            parts.append(" ".join([law["effect"], *([", ".join(values)] if values else [])]))
-    return ", ".join(parts)
+    named = [law for law in row["ranking"] if law["effect"] in row["named"]]
+    known = [[parameter_text(key, p) for key, p in law["parameters"].items() if None not in (p["low"], p["high"])]
+             for law in named]  # fmt: skip
+    return ", ".join(
+        " ".join([law["effect"], ", ".join(texts)]).strip() for law, texts in zip(named, known, strict=True)
+    )
 
 
 def collected(store: Store, name: str) -> dict[str, Any]:

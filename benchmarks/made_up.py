@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.ablations import latest
-from benchmarks.typed import Typed
+from benchmarks.workspace import Typed, latest
 from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions
 from plop_cli.results_page import gathered
@@ -72,7 +71,7 @@ def main() -> None:
     results = options.out / "results"
     without, made = (json.loads((results / f"{name}.json").read_text())["environments"]
                      for name in ("disect", "disect-cpu-engine"))  # fmt: skip
-    engines = Engines(options.work, "")
+    engines = Engines(options.work)
     scores = {name: [engines.scored(name)] for name in made}
     facts = gathered(scores, command="python -m benchmarks.made_up --work W", versions=versions(), seeds=[0])
     (results / "disect-engine.json").write_text(json.dumps(facts, indent=1) + "\n")

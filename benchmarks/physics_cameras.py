@@ -20,7 +20,7 @@ from typing import Any
 
 from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
 from benchmarks.physics_tables import GOALS, MEDIANS, percent, runs_table, shown, verdict_rates
-from benchmarks.typed import Typed
+from benchmarks.workspace import Typed
 from plop.artifacts.lock import locked
 from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.ablations import latest
+from benchmarks.workspace import latest
 from plop.artifacts.store import Store
 from plop.dynamics.episodes import Actions
 from plop.dynamics.sides import advance_sides

@@ -6,7 +6,7 @@ effect that one episode alone shows, by more of its kind.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
         As `next_motion`; None where one effect is not all that is named, or its setting is known.
     """
     best = next((s for s in found.scores if [s.candidate.effect] == found.verdict.named), None)
-    if best is None or not any(score.candidate.effect == best.candidate.effect for score, _ in found.settings):
+    if best is None or {score.candidate.effect for score, _ in found.settings} != {best.candidate.effect}:
         return None
     own = next(f.parameters for f in found.findings if f.name == best.candidate.effect)
     rivals = {_setting(score): score for score, _ in found.settings}
@@ -52,13 +52,15 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
 
 def _setting(score: Score) -> str:
     units = dict(score.candidate.shape_units)
-    return ", ".join(with_unit(f"{name} = {short_number(value)}", units.get(name))
-                     for name, value in score.candidate.columns[0].shapes)  # fmt: skip
+    return _listed((name, value, units.get(name)) for name, value in score.candidate.columns[0].shapes)
 
 
 def _amplitudes(score: Score, parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    return ", ".join(with_unit(f"{c.amplitude} = {short_number(parameters[c.amplitude]['value'])}", c.unit)
-                     for c in score.candidate.columns)  # fmt: skip
+    return _listed((c.amplitude, parameters[c.amplitude]["value"], c.unit) for c in score.candidate.columns)
+
+
+def _listed(numbers: Iterable[tuple[str, float, str | None]]) -> str:
+    return ", ".join(with_unit(f"{name} = {short_number(value)}", unit) for name, value, unit in numbers)
 
 
 def _apart(found: Diagnosis) -> dict[str, Any] | None:

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.hidden_disect_cameras import RANKED, SETTINGS, Sets, collected, verdicts_table
+from plop_cli.chain import read_profile
 from stages.filter.stage import FilterConfig
 from stages.identify.stage import IdentifyConfig
-from stages.train.stage import TrainConfig
 
 ROW = {"effect": "tilt", "gain": 0.123456, "gain_error": 0.01, "p": 0.005, "contrast_p": None, "passes": True,
        "reasons": [], "help": "dropped",
@@ -48,7 +48,7 @@ def loop(tmp_path: Path, facts: dict) -> Sets:
 
 
 def test_settings_are_those_that_the_stages_know():
-    for stage, config in (("filter", FilterConfig), ("identify", IdentifyConfig), ("train", TrainConfig)):
+    for stage, config in (("filter", FilterConfig), ("identify", IdentifyConfig)):
         assert set(tomllib.loads(SETTINGS)[stage]) <= set(config.__dataclass_fields__)
 
 
@@ -59,6 +59,8 @@ def test_every_base_is_made_of_the_recordings_without_a_change(tmp_path, typed):
     trained = [words for words in typed if words[0] == "train"]
     assert "--engine" in trained[0] and "--folds" not in trained[0]
     assert "--folds" in trained[1] and "--engine" not in trained[1]
+    steps = [words[words.index("--track-steps") + 1] for words in trained]
+    assert steps == ["2000", str(read_profile("cpu").settings["train"]["track_steps"])]
 
 
 def test_what_is_named_is_added_and_compared_again(tmp_path, typed):

@@ -33,7 +33,7 @@ def test_an_engine_is_rolled_out_with_what_its_own_environment_has(tmp_path, mon
 
     typed: list[tuple[str, ...]] = []
     monkeypatch.setattr(Engines, "plop", lambda self, *words: typed.append(words))
-    engines = Engines(tmp_path, "")
+    engines = Engines(tmp_path)
     engines.store = SimpleNamespace(artifacts=lambda stage: [artifact(stage, name) for name in ("other", "a", "late")],
                                     find=lambda name: SimpleNamespace(path=tmp_path / name))  # fmt: skip
     assert engines.scored("a") == tmp_path / "a-engine-scores" / "scores.json"
