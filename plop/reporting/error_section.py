@@ -75,8 +75,8 @@ def _note(facts: ReportFacts) -> str:
                 "each is predicted with what the others say.")  # fmt: skip
     else:
         what = "Which episodes the effect was fitted to is not known here."
-    return ("<p class='soft'>RMS error in mm. Gap closed: share of the first model's error above the floor that the "
-            f"last one takes away. {what}</p>")  # fmt: skip
+    return ("<p class='soft'>RMS error in mm. Way to the floor: share of the first model's error above the floor that "
+            f"the last one takes away. {what}</p>")  # fmt: skip
 
 
 def _row(facts: ReportFacts, episodes: list[str], label: str, kind: str) -> list[str]:

@@ -141,7 +141,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
         share = closed_gap(found[0], error) if found[0] and error and error is not found[0] else None
         rows.append({"model": compared.label, "over": over, "rms_mm": round(error["rms"], 3) if error else None,
                      "floor_mm": round(error["floor"], 3) if error else None,
-                     "gap_closed_percent": None if share is None else round(100 * share, 1)})  # fmt: skip
+                     "way_to_floor_percent": None if share is None else round(100 * share, 1)})  # fmt: skip
     verdict = facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"
     figures = {"file": "report.html", "size_mb": round(size_mb, 2), "models": len(facts.compared),
                "episodes": len(names), "verdict": verdict}  # fmt: skip
@@ -155,7 +155,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
 
 STAGE = Stage(
     name="report",
-    version=6,
+    version=7,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

@@ -80,7 +80,7 @@ def inputs(tmp_path_factory):
 def page(inputs, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     summary = run(inputs, ReportConfig(labels=("base", f"base+{NASTY}")), Output(folder))
-    assert summary.figures["verdict"] == "EFFECT" and summary.table[1]["gap_closed_percent"] > 75
+    assert summary.figures["verdict"] == "EFFECT" and summary.table[1]["way_to_floor_percent"] > 75
     return folder / "report.html"
 
 
@@ -114,7 +114,8 @@ def test_nothing_is_called_held_out_when_the_fit_is_not_known(inputs, tmp_path):
     unknown = {name: value for name, value in inputs.items() if not name.startswith("diagnoses")}
     summary = run(unknown, ReportConfig(frames=2), Output(tmp_path))
     assert {row["over"] for row in summary.table} == {"all episodes"}
-    assert "held out" not in visible(tmp_path / "report.html").split("Before and after")[1].split("Parameters")[0]
+    table = visible(tmp_path / "report.html").split("Before and after")[1].split("Parameters")[0]
+    assert "held out" not in table and "Way to the floor: share" in table and "way to the floor" in table
 
 
 def test_nothing_can_leave_the_page(page):
