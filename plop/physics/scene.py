@@ -13,6 +13,7 @@ import numpy as np
 from plop.errors import PlopError
 from plop.physics.as_sequence import as_sequence
 from plop.physics.config import EngineConfig
+from plop.physics.effects import hooks
 from plop.physics.effects.effect import Effect
 from plop.physics.material import Material
 from plop.physics.motions import CUTS, MOTIONS, MotionPlan, MotionRanges, draw_motion, tool_motion
@@ -163,9 +164,10 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
 
 def settled(particles: Particles, material: Material, config: EngineConfig, effects: Sequence[Effect]) -> Particles:
     """Let an object come to rest on the table, strongly damped; gives its state without speed."""
+    resting = hooks.at_rest(effects)
     damped = replace(material, damping_per_s=max(material.damping_per_s, _SETTLE_DAMPING_PER_S))
     for _ in range(_SETTLE_ROUNDS):
-        particles = simulate(particles, damped, None, np.array([0.0, _SETTLE_S]), config, effects=effects).final
+        particles = simulate(particles, damped, None, np.array([0.0, _SETTLE_S]), config, effects=resting).final
         assert particles.velocities is not None
         if np.sqrt((particles.velocities**2).sum(1).mean()) < _AT_REST_M_S:
             break

@@ -189,7 +189,7 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
 
 STAGE = Stage(
     name="diagnose",
-    version=26,
+    version=27,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

@@ -114,7 +114,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
 
 STAGE = Stage(
     name="rollout",
-    version=7,
+    version=8,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

@@ -45,6 +45,25 @@ def test_effects_have_acted_before_the_first_frame():
     assert drift_m(SOFT, tilt) < 4e-4
 
 
+def test_a_material_that_flowed_under_its_own_weight_has_hardened_by_it():
+    plastic = effect_type("plasticity")(softness_per_kpa=10.0, hardening=0.1)
+    corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
+    surface = convex_surface(corners)
+    particles = filled_particles(SOFT, surface, corners, 0.0, (plastic,))
+    assert particles.memory is not None and particles.memory["plasticity.flow"].max() > 0.01
+
+    def sunk_m(start) -> float:
+        config = replace(SOFT.config, table_z_m=0.0)
+        run = simulate(start, SOFT.material, None, np.array([0, 0.3]), config, effects=(plastic,))
+        return float(np.linalg.norm(run.positions[-1] - run.positions[0], axis=1).max())
+
+    assert sunk_m(particles) < 5e-5 < 4e-4 < sunk_m(replace(particles, memory=None))
+
+
+def test_what_relaxes_has_relaxed_before_the_first_frame():
+    assert drift_m(SOFT, (effect_type("relaxation")(ratio=0.8, tau_s=0.2),)) < 3e-4
+
+
 def test_filling_keeps_volume_and_tracers_weigh_nothing():
     corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
     loose = replace(SOFT, settled=False)

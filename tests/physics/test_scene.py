@@ -15,9 +15,10 @@ from plop.physics.config import EngineConfig
 from plop.physics.effects.library import effect_type
 from plop.physics.material import ElasticLaw
 from plop.physics.motions import CUTS, MOTIONS, PRESSES, MotionRanges, tool_motion
-from plop.physics.scene import Scene, simulate_episode
+from plop.physics.scene import Scene, settled, simulate_episode
 from plop.physics.scenes import find_scene, shipped_scenes
 from plop.physics.shapes import Shape, halved_body, whole_body
+from plop.physics.solver import simulate
 from plop.recordings.mesh_sequence import check_mesh_sequence
 
 SHAPES = {"block": Shape(), "sphere": Shape("sphere", (0.06,) * 3), "cylinder": Shape("cylinder", (0.06, 0.06, 0.04))}
@@ -120,6 +121,13 @@ def test_effects_move_the_object_and_are_not_told(episodes):
     moved = (tilted.vertices - episodes[0].vertices)[..., 0].mean()
     assert moved > 1e-4
     assert tilted.facts == episodes[0].facts and not tilted.truth
+
+
+def test_an_object_that_relaxes_does_not_sink_on_after_the_first_frame():
+    config, laws = EngineConfig(dx_m=COARSE.dx_m), [effect_type("relaxation")(ratio=0.8, tau_s=0.2)]
+    rested = settled(whole_body(COARSE.shape, COARSE.spacing_m).particles, COARSE.material, config, laws)
+    run = simulate(rested, COARSE.material, None, np.array([0, 0.4]), config, effects=laws)
+    assert np.linalg.norm(run.positions[-1] - run.positions[0], axis=1).max() < 5e-5
 
 
 def test_without_settling_the_object_starts_undeformed():

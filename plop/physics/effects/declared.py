@@ -14,7 +14,7 @@ import numpy as np
 from plop.errors import PlopError
 from plop.physics.effects.effect import Effect, Kind, Parameter
 
-HOOKS = ("material", "config", "before", "stress", "after", "slowest_step_s")
+HOOKS = ("material", "config", "before", "stress", "after", "slowest_step_s", "at_rest")
 TEXTS = ("name", "help", "law", "source")
 
 

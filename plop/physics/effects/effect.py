@@ -113,6 +113,10 @@ class Effect:
         """Change the engine's surroundings before the run."""
         return config
 
+    def at_rest(self) -> Effect:
+        """Give the law under which an object comes to rest before its first frame: as it acts after a long time."""
+        return self
+
     def before(self, body: Engine, dt: float) -> None:
         """Act before a time step: forces change `body.v` in place."""
 

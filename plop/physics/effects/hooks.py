@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -49,6 +50,19 @@ def changed(effect: Effect, hook: str, given: Given) -> Given:
     if not isinstance(result, type(given)):
         raise _misused(effect, hook, type(given).__name__, type(result).__name__)
     return result
+
+
+def at_rest(effects: Sequence[Effect]) -> list[Effect]:
+    """Give the laws under which an object comes to rest.
+
+    Raises:
+        PlopError: The hook raised or gave no effect.
+    """
+    given = [(effect, call(effect, "at_rest")) for effect in effects]
+    for effect, resting in given:
+        if not isinstance(resting, Effect) or resting.name != effect.name:
+            raise _misused(effect, "at_rest", f"an effect {effect.name}", repr(resting)[:80])
+    return [resting for _, resting in given]
 
 
 def slowest_step_s(effect: Effect, *args: Any) -> float:

@@ -78,6 +78,10 @@ class Relaxation(Effect):
     variants = tuple({"tau_s": tau} for tau in (0.02, 0.05, 0.2, 0.8))
     remembers = {"branch": ((6,), 0.0)}
 
+    def at_rest(self) -> Relaxation:
+        """What has lain for long has relaxed."""
+        return _Relaxed(**self.values)
+
     def stress(self, body: Engine, dt: float) -> None:
         """Exchange part of the base's stress for the branch's."""
         shear_pa = np.float32(self["ratio"] * body.material.shear_pa)
@@ -86,3 +90,9 @@ class Relaxation(Effect):
     def after(self, body: Engine, dt: float) -> None:
         """Strain the branch and let it relax."""
         relax(body.c, body.memory["relaxation.branch"], np.float32(dt), np.float32(np.exp(-dt / self["tau_s"])))
+
+
+class _Relaxed(Relaxation):
+    """The branch carries nothing: where all is held, (1 - ratio) mu is left."""
+
+    after = Effect.after

@@ -27,6 +27,10 @@ class Swelling(Effect):
         Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.01, typical=-0.1, help="relative change of volume a second"),
     )
 
+    def at_rest(self) -> Swelling:
+        """An object that grows never comes to rest: it does so before, and grows from the first frame on."""
+        return Swelling()
+
     def after(self, body: Engine, dt: float) -> None:
         """Grow."""
         body.f *= np.float32(np.exp(-self["rate_per_s"] * dt / 3))

@@ -19,6 +19,10 @@ class Viscosity(Effect):
         Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, step=2.0, typical=100.0, help="viscosity beyond the base's"),
     )
 
+    def at_rest(self) -> Viscosity:
+        """What lies still has no viscous stress, and comes to rest sooner without it."""
+        return Viscosity()
+
     def material(self, material: Material) -> Material:
         """Add to the base's own viscosity."""
         return replace(material, viscosity_pa_s=material.viscosity_pa_s + self["viscosity_pa_s"])

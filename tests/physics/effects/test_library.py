@@ -9,6 +9,7 @@ import pytest
 
 from plop.errors import PlopError
 from plop.physics.config import EngineConfig
+from plop.physics.effects import hooks
 from plop.physics.effects.library import effect_type, library
 from plop.physics.engine import Engine
 from plop.physics.material import Material
@@ -163,6 +164,15 @@ def test_a_hook_that_does_something_else_is_refused(run_user_file, hook, body):
     with pytest.raises(PlopError, match="hook of an effect") as caught:
         run_user_file(hook, body)
     assert str(caught.value.where).startswith("mine.")
+
+
+@pytest.mark.parametrize(("body", "told"), [("return None", "an effect mine"), ("return self.rested", "line 8")])
+def test_a_law_at_rest_is_that_law(tmp_path, monkeypatch, body, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(USER.format(hook="def at_rest(self):", body=body))
+    with pytest.raises(PlopError) as caught:
+        hooks.at_rest([library(["mine.py"])["mine"](a=0.5)])
+    assert told in f"{caught.value.where} {caught.value.expected}"
 
 
 def test_a_broken_file_names_its_line_and_a_taken_name_is_refused(tmp_path):
