@@ -3,7 +3,7 @@
 # make bench-physics  the missing-physics benchmark; goes on where it stopped
 # make test        what CI runs: style, types, tests
 # make bench       speed; writes docs/results/bench.json
-# make reproduce DATA=<folder> PROFILE=cpu|cpu-engine|paper    the nine DiSECt environments, from raw recordings to the table
+# make reproduce DATA=<folder> PROFILE=cpu|cpu-recordings|paper    the nine DiSECt environments, from raw recordings to the table
 # make setup       everything the others need; they call it
 # make system-libs the system libraries, on Debian and Ubuntu, as root
 
@@ -47,7 +47,7 @@ bench-physics: setup
 	$(BIN)/python -m benchmarks.physics
 
 reproduce: setup
-	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|cpu-engine|paper" >&2; exit 2; }
+	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|cpu-recordings|paper" >&2; exit 2; }
 	$(BIN)/plop reproduce "$(DATA)" --profile $(PROFILE) -w reproduce
 
 system-libs:

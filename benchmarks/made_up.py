@@ -1,7 +1,7 @@
 """What episodes made up by an engine change on the DiSECt recordings: `python -m benchmarks.made_up --work reproduce`.
 
-After `make reproduce` with PROFILE=cpu and with PROFILE=cpu-engine: rolls out the engines of the latter's workspace,
-too, scores them as the networks are scored, and sets all three beside each other in docs/results.md. Writes
+After `make reproduce` with PROFILE=cpu and with PROFILE=cpu-recordings: rolls out the engines of the former's
+workspace, too, scores them as the networks are scored, and sets all three beside each other in docs/results.md. Writes
 docs/results/disect-engine.json; goes on where it stopped.
 """
 
@@ -39,7 +39,8 @@ def table(without: Mapping[str, Any], made: Mapping[str, Any], engine: Mapping[s
     """Set means over part recordings side by side, whole and end, and their means over environments.
 
     Args:
-        without: Environment -> scores of the network that learned from recordings alone, as in disect.json.
+        without: Environment -> scores of the network that learned from recordings alone, as
+            in disect-cpu-recordings.json.
         made: The same of the one that learned from made-up episodes, too.
         engine: The same of the engine itself.
     """
@@ -65,12 +66,12 @@ def _line(name: str, kind: str, scores: list[Mapping[str, Any]]) -> str:
 def main() -> None:
     """Roll out, score, and write the file and the page's table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--work", type=Path, required=True, help="Workspace of make reproduce PROFILE=cpu-engine.")
+    parser.add_argument("--work", type=Path, required=True, help="Workspace of make reproduce PROFILE=cpu.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results.md and results/.")
     options = parser.parse_args()
     results = options.out / "results"
     without, made = (json.loads((results / f"{name}.json").read_text())["environments"]
-                     for name in ("disect", "disect-cpu-engine"))  # fmt: skip
+                     for name in ("disect-cpu-recordings", "disect"))  # fmt: skip
     engines = Engines(options.work)
     scores = {name: [engines.scored(name)] for name in made}
     facts = gathered(scores, command="python -m benchmarks.made_up --work W", versions=versions(), seeds=[0])

@@ -44,7 +44,7 @@ def demo_physics(workspace: Workspace = Path("demo-physics"), seed: int = 0, qui
 
 def reproduce(
     data: Annotated[Path, typer.Argument(help="Folder of DiSECt recordings.", show_default=False)],
-    profile: Annotated[str, typer.Option(help="cpu: 2 cores; cpu-engine: an engine makes up episodes to learn from; "
+    profile: Annotated[str, typer.Option(help="cpu: 2 cores; cpu-recordings: without episodes that an engine makes up; "
                                               "paper: the paper's schedule, for a GPU.")] = "cpu",
     env: Annotated[list[str] | None, typer.Option(help="Only this environment; may be repeated.")] = None,
     out: Annotated[Path, typer.Option(help="Folder with results.md and results/.")] = Path("docs"),

@@ -68,45 +68,45 @@ def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, t
 
 def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     command, docs = reproduce_small(shared_data, tmp_path)
-    assert main([*command, "-q"]) == 0
-    results = json.loads((docs / "results" / "disect.json").read_text())
-    assert {"command", "versions", "seeds", "environments"} <= results.keys()
-    assert set(results["environments"]["prism-jelly"]) == {"plop", "persistence", "rigid"}
-    assert {"mean", "low", "high", "n"} <= results["environments"]["prism-jelly"]["plop"]["cd_mm"].keys()
-    assert "| prism-jelly | plop |" in (docs / "results.md").read_text()
-    assert (docs / "results" / "pictures" / "prism-jelly.png").stat().st_size > 0
+    alone = [*command, "--profile", "cpu-recordings"]
+    assert main([*alone, "-q"]) == 0
+    page = (docs / "results.md").read_text()
+    begin, end = (f"<!-- disect-cpu-recordings-gains:{word} -->" for word in ("begin", "end"))
+    told = page[page.index(begin) : page.index(end)]
+    assert "| prism-jelly |" in told and "sphere" not in told
     capsys.readouterr()
-    assert main(command) == 0
+    assert main(alone) == 0
     assert capsys.readouterr().out.count("already there") == 7
     more = ["fit-init.count=300", "filter.iterations=1", "identify.iterations=1", "identify.fit=table_friction",
             "train.made_up=1"]  # fmt: skip
-    assert main([*command, *options(more), "--profile", "cpu-engine"]) == 0
+    assert main([*command, *options(more)]) == 0
     shown = capsys.readouterr().out
     assert shown.count("already there") == 3 and "identify@" in shown
     store = Store(tmp_path / "work")
     assert "engine" in store.find("train@latest").manifest.inputs
     assert store.find("rollout@latest").manifest.inputs["model"]["stage"] == "train"
-    both = {profile: json.loads((docs / "results" / f"disect{profile}.json").read_text())["command"]
-            for profile in ("", "-cpu-engine")}  # fmt: skip
-    assert both[""].endswith("PROFILE=cpu") and both["-cpu-engine"].endswith("PROFILE=cpu-engine")
-    page = (docs / "results.md").read_text()
-    told = page[
-        page.index("<!-- disect-cpu-engine-gains:begin -->") : page.index("<!-- disect-cpu-engine-gains:end -->")
-    ]
-    assert "| prism-jelly |" in told and "sphere" not in told
+    both = {profile: json.loads((docs / "results" / f"disect{profile}.json").read_text())
+            for profile in ("", "-cpu-recordings")}  # fmt: skip
+    for profile, results in both.items():
+        assert {"command", "versions", "seeds", "environments"} <= results.keys()
+        assert results["command"].endswith(f"PROFILE={profile.removeprefix('-') or 'cpu'}")
+        assert set(results["environments"]["prism-jelly"]) == {"plop", "persistence", "rigid"}
+        assert {"mean", "low", "high", "n"} <= results["environments"]["prism-jelly"]["plop"]["cd_mm"].keys()
+        assert (docs / "results" / f"pictures{profile}" / "prism-jelly.png").stat().st_size > 0
+    assert "| prism-jelly | plop |" in (docs / "results.md").read_text()
     assert main([*command[:2], "--env", "prism-jello", *command[4:]]) == 1
     assert "no such environment" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["demo", "cpu", "cpu-engine", "paper"])
+@pytest.mark.parametrize("name", ["demo", "cpu", "cpu-recordings", "paper"])
 def test_profiles_fit_the_stages(name: str):
     profile = read_profile(name)
-    assert profile.seeds and profile.engine == (name == "cpu-engine")
+    assert profile.seeds and profile.engine == (name == "cpu")
     for command, values in profile.settings.items():
         resolve(stage_ref(command).load().config, command, (name, values))
 
 
 def test_a_profile_takes_over_what_it_is_based_on():
-    base, more = read_profile("cpu"), read_profile("cpu-engine")
-    assert more.settings["train"] == base.settings["train"] and more.settings["fit-init"] == base.settings["fit-init"]
-    assert more.settings["identify"]["split"] == "train"
+    base, alone = read_profile("cpu"), read_profile("cpu-recordings")
+    assert alone.settings == base.settings and alone.seeds == base.seeds and base.engine and not alone.engine
+    assert base.settings["identify"]["split"] == "train", "the engine learns from no test episode"
