@@ -71,10 +71,11 @@ def main() -> None:
 def exact(kind: str, count: int, jobs: int) -> list[Episode]:
     """Simulate episodes of one kind of motion and follow points of their surface without noise."""
     scene = replace(SCENE, motions=(kind,), seed=SEED)
-    return list(Parallel(n_jobs=jobs)(delayed(_exact)(scene, k, ()) for k in range(count)))
+    return list(Parallel(n_jobs=jobs)(delayed(exact_episode)(scene, k, ()) for k in range(count)))
 
 
-def _exact(scene: Scene, k: int, effects: Sequence[Effect]) -> Episode:
+def exact_episode(scene: Scene, k: int, effects: Sequence[Effect]) -> Episode:
+    """Simulate one episode and follow points of its surface without noise."""
     return episode_from_sequence(simulate_episode(scene, k, effects), noise_m=0.0, seed=k)
 
 
@@ -105,7 +106,8 @@ def predictions(episodes: list[Episode], base: EngineBase, runs: Runs) -> dict[s
 def responses(effect: Effect, members: list[EngineBase], runs: Runs, jobs: int) -> dict[str, Any]:
     """Compare the response to one law with the true one; see `response_error`."""
     scene = replace(SCENE, seed=RESPONSE_SEED)
-    hidden, plain = (list(Parallel(n_jobs=jobs)(delayed(_exact)(scene, k, effects) for k in range(RESPONSE_EPISODES)))
+    parallel, numbers = Parallel(n_jobs=jobs), range(RESPONSE_EPISODES)
+    hidden, plain = (list(parallel(delayed(exact_episode)(scene, k, effects) for k in numbers))
                      for effects in ((effect,), ()))  # fmt: skip
     return {"alone": response_error(effect, hidden, plain, members[:1], runs),
             "mean": response_error(effect, hidden, plain, members, runs)}  # fmt: skip

@@ -5,6 +5,7 @@ import torch
 
 from plop.gaussians.state import Gaussians
 from plop.render.rasterize import render, render_many
+from tests.render.gsplat_on_cpu import without_cuda
 from tests.render.raster_scene import (
     FIELDS,
     camera_at,
@@ -127,3 +128,21 @@ def test_gsplat_equals_numba():
     weighted_sum(found).backward()
     for name in FIELDS:
         assert relative_error(getattr(on_gpu, name).grad.cpu(), getattr(on_cpu, name).grad) < 1e-2, name
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_gsplat_without_its_kernels_equals_numba(monkeypatch: pytest.MonkeyPatch, degree: int):
+    pytest.importorskip("gsplat")
+    scene, cameras = random_gaussians(60, degree=degree), [camera_at(EYE), camera_at((-0.2, -0.25, 0.15))]
+    background = torch.tensor([0.1, 0.5, 0.9])
+    ours, theirs = with_gradients(scene, torch.float32), with_gradients(scene, torch.float32)
+    expected = render_many(ours, cameras, background=background, backend="numba")
+    without_cuda(monkeypatch)
+    found = render_many(theirs, cameras, background=background, backend="gsplat")
+    for a, b in zip(found, expected, strict=True):
+        for name in ("rgb", "depth_m", "alpha"):
+            assert relative_error(getattr(a, name), getattr(b, name)) < 1e-3, name
+    weighted_sum(expected).backward()
+    weighted_sum(found).backward()
+    for name in FIELDS:
+        assert relative_error(getattr(theirs, name).grad, getattr(ours, name).grad) < 1e-2, name
