@@ -1,7 +1,7 @@
 """gsplat without its CUDA kernels: each replaced by gsplat's own plain-torch version.
 
-Compositing is written by its kernel's rules. What is left of gsplat is its public function with its checks, its order of
-arguments, its colours and its depth: what the backend of this package has to agree with.
+Compositing is written by its kernel's rules. What is left of gsplat is its public function with its checks, its order
+of arguments, its colours and its depth: what the backend of this package has to agree with.
 """
 
 from __future__ import annotations
