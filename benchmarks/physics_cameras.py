@@ -4,7 +4,9 @@ Each run is what a user types: `plop simulate` hides something and films it with
 diagnose` fits Gaussians, follows them and judges, against an engine of another discretisation and another elastic law
 that `plop identify` fitted to recordings without anything hidden. Settings are those of `make demo-physics` (six
 episodes), but for the engine, which is as fine as `identify` makes it by itself. Start one process a core, with
-`--share 1/2` and `--share 2/2`. `--summary` only rewrites the tables.
+`--share 1/2` and `--share 2/2`. `--summary` only rewrites the tables. Runs that the workspace does not hold stay as
+they were written before: each stands there with the newest verdict that it has had, and the version of `diagnose` that
+gave it.
 """
 
 from __future__ import annotations
@@ -145,11 +147,13 @@ class Loop(Typed):
     def row(self, run: Run, found: dict[str, Any]) -> dict[str, Any]:
         """Put the verdict beside the answer."""
         answer = open_answer(self.store.find(run.name).path)
+        version = self.store.find(f"verdict-{run.name}").manifest.stage_version
         verdict, ranking = found["verdict"], [law["effect"] for law in found["ranking"]]
         judged = {law["effect"]: law for law in (*found["ranking"][:_JUDGED], found["base"])}
         return {
             "name": run.name, "set": run.set, "seed": run.seed, "hidden": answer["effects"], "fault": run.fault,
-            "wanted": run.snr, "rms_mm": 1000 * answer["rms_m"], "snr": answer["snr"], "verdict": verdict["kind"],
+            "judged_by": version, "wanted": run.snr,
+            "rms_mm": 1000 * answer["rms_m"], "snr": answer["snr"], "verdict": verdict["kind"],
             "named": verdict["named"], "text": verdict["text"], "ranking": ranking,
             "ranks": [ranking.index(name) + 1 for name in answer["effects"] if name in ranking],
             "error": found["error"], "floor": found["floor"], "left": verdict["evidence"].get("left"),
@@ -183,8 +187,18 @@ def main() -> None:
                 path.write_text(json.dumps(row, indent=1))
                 sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
                 sys.stdout.flush()
-    paths = [rows / f"{run.name}.json" for run in planned()]
-    write([json.loads(path.read_text()) for path in paths if path.is_file()], options.out)
+    kept = earlier(options.out)
+    for run in planned():
+        path = rows / f"{run.name}.json"
+        if path.is_file():
+            kept[run.name] = json.loads(path.read_text())
+    write([kept[run.name] for run in planned() if run.name in kept], options.out)
+
+
+def earlier(out: Path) -> dict[str, dict[str, Any]]:
+    """Give the rows that were written before, by their names."""
+    path = out / "results" / "physics_cameras.json"
+    return {row["name"]: row for row in json.loads(path.read_text())["runs"]} if path.is_file() else {}
 
 
 def write(rows: list[dict[str, Any]], out: Path) -> None:

@@ -266,7 +266,10 @@ def percent(value: float | None) -> str:
 
 
 def runs_table(rows: list[dict[str, Any]]) -> str:
-    lines = ["| run | hidden | moves [mm] | SNR | verdict | named | rank |", "|---|---|---|---|---|---|---|"]
+    """Show all runs, with the version of `diagnose` that judged them where they tell."""
+    told = any("judged_by" in r for r in rows)
+    columns = ["run", "hidden", "moves [mm]", "SNR", "verdict", "named", "rank", *(["judged by"] if told else [])]
+    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
     for r in sorted(rows, key=lambda r: (r["set"], -r["snr"])):
         hidden = "; ".join(": ".join(filter(None, (effect, ", ".join(f"{k} {v:g}" for k, v in values.items()))))
                            for effect, values in r["hidden"].items())  # fmt: skip
@@ -274,6 +277,7 @@ def runs_table(rows: list[dict[str, Any]]) -> str:
         cells = [f"{r['set']} {r['seed']}", hidden or "-", f"{r['rms_mm']:.2f}" if "rms_mm" in r else "-",
                  f"{r['snr']:.1f}", r["verdict"], (", ".join(r["named"]) or "-") + then,
                  ", ".join(map(str, r.get("ranks", []))) or "-"]  # fmt: skip
+        cells += [str(r.get("judged_by", "-"))] if told else []
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -40,7 +40,7 @@ def loop(tmp_path: Path, monkeypatch) -> SimpleNamespace:
         folder.mkdir(exist_ok=True)
         seal_answer(folder, {"effects": {"tilt": {"gx_m_s2": 1.0}}, "rms_m": 1e-3, "snr": 2.0})
         (folder / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
-        return SimpleNamespace(path=folder)
+        return SimpleNamespace(path=folder, manifest=SimpleNamespace(stage_version=27))
 
     def open_answer(path: Path) -> dict:
         state.opened.append(len(typed))
@@ -65,7 +65,7 @@ def test_the_plan_can_be_typed_and_a_stop_leaves_all_sets_represented():
 def test_the_answer_is_opened_after_the_verdict(loop):
     row = loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0))
     assert [words[0] for words in loop.typed] == ["simulate", "diagnose"] and loop.opened == [2]
-    assert (row["ranks"], row["snr"], row["left"]) == ([1], 2.0, 2.0)
+    assert (row["ranks"], row["snr"], row["left"], row["judged_by"]) == ([1], 2.0, 2.0, 27)
     assert set(row["parameters"]) == {"tilt", "drag", "stiffness"}
 
 
@@ -102,3 +102,19 @@ def test_tables_are_written_beside_their_goals(loop, tmp_path):
     assert "| median error of the parameter | 10 % | <= 10 % |" in page.read_text()
     facts = json.loads((tmp_path / "results" / "physics_cameras.json").read_text())
     assert facts["planned"] == len(planned()) and len(facts["runs"]) == 2
+    assert "| EFFECT | tilt | 1 | 27 |" in page.read_text()
+
+
+def test_a_run_that_the_workspace_does_not_hold_keeps_its_newest_verdict(loop, tmp_path, monkeypatch):
+    (tmp_path / "results-physics.md").write_text("".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n"
+                                                         for name in ("rates", "runs")))  # fmt: skip
+    first, second = planned()[:2]
+    rows = [{**loop.loop.carry_out(first), "judged_by": 23}, {**loop.loop.carry_out(second), "judged_by": 24}]
+    write(rows, tmp_path)
+    folder = tmp_path / "work" / "rows"
+    folder.mkdir(parents=True)
+    (folder / f"{second.name}.json").write_text(json.dumps(loop.loop.carry_out(second)))
+    monkeypatch.setattr("sys.argv", ["-", "--summary", "--work", str(tmp_path / "work"), "--out", str(tmp_path)])
+    physics_cameras.main()
+    facts = json.loads((tmp_path / "results" / "physics_cameras.json").read_text())
+    assert {row["name"]: row["judged_by"] for row in facts["runs"]} == {first.name: 23, second.name: 27}
