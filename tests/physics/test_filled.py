@@ -64,6 +64,13 @@ def test_what_relaxes_has_relaxed_before_the_first_frame():
     assert drift_m(SOFT, (effect_type("relaxation")(ratio=0.8, tau_s=0.2),)) < 3e-4
 
 
+def test_what_slides_on_a_tilted_table_starts_where_it_was_seen():
+    corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
+    particles = filled_particles(SOFT, convex_surface(corners), corners, 0.0, (effect_type("tilt")(gx_m_s2=5.0),))
+    upright = filled_particles(SOFT, convex_surface(corners), corners, 0.0)
+    assert np.abs((particles.positions - upright.positions)[:, :2].mean(0)).max() < 2e-5
+
+
 def test_filling_keeps_volume_and_tracers_weigh_nothing():
     corners = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.025, 0.025) for z in (0, 0.04)])
     loose = replace(SOFT, settled=False)

@@ -35,7 +35,7 @@ def _effects_of(module: object) -> list[EffectType]:
     return [
         value for value in vars(module).values()
         if inspect.isclass(value) and issubclass(value, Effect) and value is not Effect
-        and value.__module__ == getattr(module, "__name__", None) and not value.__name__.startswith("_")
+        and value.__module__ == getattr(module, "__name__", None)
     ]  # fmt: skip
 
 

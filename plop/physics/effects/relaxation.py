@@ -4,6 +4,7 @@ from __future__ import annotations
 
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,10 +78,13 @@ class Relaxation(Effect):
     shapes = (Parameter("tau_s", "s", 0.005, 100.0, step=0.0, default=0.2, help="time constant"),)
     variants = tuple({"tau_s": tau} for tau in (0.02, 0.05, 0.2, 0.8))
     remembers = {"branch": ((6,), 0.0)}
+    _fades_at_once = False
 
     def at_rest(self) -> Relaxation:
-        """What has lain for long has relaxed."""
-        return _Relaxed(**self.values)
+        """What has lain for long has relaxed: the branch carries nothing, (1 - ratio) mu is left."""
+        resting = copy(self)
+        resting._fades_at_once = True
+        return resting
 
     def stress(self, body: Engine, dt: float) -> None:
         """Exchange part of the base's stress for the branch's."""
@@ -89,10 +93,6 @@ class Relaxation(Effect):
 
     def after(self, body: Engine, dt: float) -> None:
         """Strain the branch and let it relax."""
+        if self._fades_at_once:
+            return
         relax(body.c, body.memory["relaxation.branch"], np.float32(dt), np.float32(np.exp(-dt / self["tau_s"])))
-
-
-class _Relaxed(Relaxation):
-    """The branch carries nothing: where all is held, (1 - ratio) mu is left."""
-
-    after = Effect.after

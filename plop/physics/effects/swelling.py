@@ -29,7 +29,7 @@ class Swelling(Effect):
 
     def at_rest(self) -> Swelling:
         """An object that grows never comes to rest: it does so before, and grows from the first frame on."""
-        return Swelling()
+        return type(self)()
 
     def after(self, body: Engine, dt: float) -> None:
         """Grow."""

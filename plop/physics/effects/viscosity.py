@@ -21,7 +21,7 @@ class Viscosity(Effect):
 
     def at_rest(self) -> Viscosity:
         """What lies still has no viscous stress, and comes to rest sooner without it."""
-        return Viscosity()
+        return type(self)()
 
     def material(self, material: Material) -> Material:
         """Add to the base's own viscosity."""

@@ -175,6 +175,17 @@ def test_a_law_at_rest_is_that_law(tmp_path, monkeypatch, body, told):
     assert told in f"{caught.value.where} {caught.value.expected}"
 
 
+@pytest.mark.parametrize("base", ["viscosity", "relaxation", "swelling"])
+def test_a_law_of_one_s_own_may_be_a_kind_of_the_library_s(tmp_path, base):
+    path = tmp_path / "mine.py"
+    path.write_text(f"from plop.physics.effects.{base} import {base.title()}\n\n\n"
+                    f"class Mine({base.title()}):\n    name = 'mine'\n")  # fmt: skip
+    kind = library([path])["mine"]
+    law = kind(**{kind.amplitudes[0].name: kind.amplitudes[0].typical})
+    (resting,) = hooks.at_rest([law])
+    assert type(resting) is kind and (resting.absent or resting.values == law.values)
+
+
 def test_a_broken_file_names_its_line_and_a_taken_name_is_refused(tmp_path):
     path = tmp_path / "broken.py"
     outside = "from plop.physics.effects.effect import Parameter\nParameter('a', '-', 0.0, 1.0, step=0.1, {})\n"
