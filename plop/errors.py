@@ -46,3 +46,7 @@ class PlopError(Exception):
             "found": self.found,
             "fix": self.fix,
         }
+
+
+class UserCodeError(PlopError):
+    """The user's own code is at fault: no other run of it will do better."""

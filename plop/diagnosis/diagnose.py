@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.candidates import Candidate, Column, candidates_of
+from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column, candidates_of
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.findings import State
-from plop.diagnosis.limits import detection_limits
+from plop.diagnosis.limits import detection_limits, unseen
 from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
@@ -23,7 +23,7 @@ from plop.diagnosis.starts import begun, searched, turned
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.together import least_together
 from plop.diagnosis.variants import others_of
-from plop.diagnosis.verdict import Verdict, first_of, judge, judge_pair
+from plop.diagnosis.verdict import Verdict, among, first_of, judge, judge_pair
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
@@ -87,7 +87,8 @@ def diagnose(
         seed: Draws the shams.
 
     Raises:
-        PlopError: Too few episodes, or the engine cannot follow any.
+        PlopError: Too few episodes, the engine cannot follow any or runs with no law, or a law of the user's has a
+            mistake.
     """
     _check(len(measured.episodes), {})
     started = time.perf_counter()
@@ -123,9 +124,37 @@ def diagnose(
     state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles
     found = replace(_conclude(state, sensors, shams, seed), screen_s=screen_s)
-    if len(tables) < 2 or not _two_are_tried(found.verdict):
-        return found
-    return _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
+    if len(tables) == 2 and _two_are_tried(found.verdict):
+        found = _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
+    return _with_unheard(found, tables, candidates, whole=effects is None)
+
+
+def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candidate], *, whole: bool) -> Diagnosis:
+    """Tell of laws that have no place in the ranking: those that move nothing here, and those that could not be run.
+
+    Args:
+        found: What was found with the others.
+        tables: They know which runs failed.
+        candidates: All that were tried.
+        whole: The whole library was to be tried.
+
+    Raises:
+        PlopError: No law could be run.
+    """
+    troubles = {key: why for table in tables for key, why in table.dropped.items()}
+    ranked = {score.candidate.effect for score in found.scores}
+    unheard = {c.effect: c for c in candidates if c.effect not in ranked and c.effect not in BASE_COLUMNS}
+    failed = {name: why for name, c in unheard.items() for why in [troubles.get(c.columns[0].key)] if why}
+    tried = [name for name in dict.fromkeys(c.effect for c in candidates) if name not in failed]
+    laws = {c.effect for c in candidates if c.kind != "base"}
+    if laws and laws <= failed.keys():
+        raise PlopError("No law could be judged: the engine runs with none of them.", found="; ".join(failed.values()),
+                        fix="Mend the law, or give a smaller `typical` amplitude.")  # fmt: skip
+    silent = "it moves nothing that was followed in these recordings"
+    return replace(
+        found, verdict=found.verdict if whole and not failed else among(found.verdict, tried),
+        dropped=found.dropped | {name: failed.get(name, silent) for name in unheard},
+        limits=found.limits | {name: unseen(c.columns[0]) for name, c in unheard.items()})  # fmt: skip
 
 
 def _two_are_tried(verdict: Verdict) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.diagnosis.candidates import Column
 from plop.diagnosis.contrast import P_LARGEST
 from plop.diagnosis.finding import ERRORS_LEAST, GAIN_LEAST
 from plop.diagnosis.regression import Grams, gain, held_out_energy
@@ -29,8 +30,7 @@ def detection_limits(
         clear: Effect -> smallest first amplitude that differs clearly from the reference's; without it any does.
 
     Returns:
-        Effect -> {"amplitude", "unit", "displacement_m"}; None where even 1000 times the response's own
-        amplitude would not be seen.
+        Effect -> {"amplitude", "unit", "parameter", "displacement_m"}; see `unseen`.
     """
     threshold = float(np.quantile(shams, 1 - P_LARGEST))
     limits = {}
@@ -56,17 +56,20 @@ def _limit(
         won = gain(before, after)
         return won > max(GAIN_LEAST, threshold) and won > ERRORS_LEAST * score.gain_error
 
-    high = abs(column.value)
-    while not seen(high):
-        high *= 4
-        if high > 1000 * abs(column.value):
-            return {"amplitude": None, "unit": column.unit, "parameter": column.amplitude, "displacement_m": None}
-    low = 0.0
+    most = max(abs(column.low), abs(column.high))
+    if not seen(most):
+        return unseen(column)
+    low, high = 0.0, most
     for _ in range(_STEPS):
         middle = (low + high) / 2
         low, high = (low, middle) if seen(middle) else (middle, high)
     return {"amplitude": high, "unit": column.unit, "parameter": column.amplitude,
             "displacement_m": high * response_rms_m(column.key)}  # fmt: skip
+
+
+def unseen(column: Column) -> dict[str, Any]:
+    """Give the limit of a law of which no amplitude in its range would be seen."""
+    return {"amplitude": None, "unit": column.unit, "parameter": column.amplitude, "displacement_m": None}
 
 
 def _without(screen: Screen, rows: np.ndarray, values: np.ndarray) -> Grams:

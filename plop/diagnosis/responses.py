@@ -10,7 +10,7 @@ import numpy as np
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
-from plop.errors import PlopError
+from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase
 
@@ -44,7 +44,11 @@ class Answer:
 
 
 def run_job(job: Job, types: Mapping[str, EffectType]) -> Answer:
-    """Simulate one episode with some effects; an unstable run is an answer, not an error."""
+    """Simulate one episode with some effects; an unstable run is an answer, not an error.
+
+    Raises:
+        UserCodeError: A law of the user's has a mistake.
+    """
     effects = []
     for name in dict.fromkeys(column.effect for column, _ in job.settings):
         own = [(column, value) for column, value in job.settings if column.effect == name]
@@ -52,5 +56,7 @@ def run_job(job: Job, types: Mapping[str, EffectType]) -> Answer:
         effects.append(types[name](**values, **dict(own[0][0].shapes)))
     try:
         return Answer(predict_points(job.base, job.episode, start_particles(job.base, job.episode, effects), effects))
+    except UserCodeError:
+        raise
     except PlopError as error:
         return Answer(None, f"{error.problem} {error.where}: {error.found}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +23,7 @@ SHOWN_LEAST = 0.2
 """Least share of the error that a law takes away, fitted to the one episode that shows it, to be told of."""
 
 _NOTHING = "No effect of the library can be detected in these recordings."
+_NONE = "Something is missing that the library does not hold."
 
 
 @dataclass(frozen=True)
@@ -123,13 +125,22 @@ def judge_pair(
     return Verdict("PARTLY" if partly else "EFFECT", [first.name, second.name], text, facts)
 
 
+def among(verdict: Verdict, tried: Sequence[str]) -> Verdict:
+    """Let a verdict that names nothing speak of the laws that were tried only: the library was not tried whole."""
+    texts = {_NOTHING: "None of the laws that were tried can be detected in these recordings",
+             _NONE: "Something is missing that none of the laws that were tried explains"}  # fmt: skip
+    if verdict.text not in texts:
+        return verdict
+    return replace(verdict, text=f"{texts[verdict.text]}: {', '.join(tried)}.")
+
+
 def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdict:
     """Name nothing, but say which law would have been named, if only in part, had more than one episode shown it."""
     missing = kind == "NONE OF THESE"
     told = [f for f in findings if f.kind == "physics" and (_carried_only(f) or (missing and _shown_once(f)))]
     lone = max(told, key=lambda f: f.shown, default=None)
     if lone is None:
-        return Verdict(kind, [], "Something is missing that the library does not hold." if missing else _NOTHING, facts)
+        return Verdict(kind, [], _NONE if missing else _NOTHING, facts)
     start = "Something is missing" if missing else "No effect can be detected in more than one episode"
     if _carried_only(lone):
         episode, what = lone.helps, f"{lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but"

@@ -9,8 +9,6 @@ from plop.law_values import also_text, with_unit
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.html import interval, number, short, table, text
 
-_SHOWN = 12
-
 
 def diagnosis_sections(facts: ReportFacts) -> str:
     """Show every diagnosis in turn."""
@@ -30,7 +28,7 @@ def _one(label: str, found: dict[str, Any]) -> str:
 
 def _ranking(found: dict[str, Any]) -> str:
     base = [found["base"]] if found.get("base") else []
-    rows = [*found["ranking"][:_SHOWN], *base]
+    rows = [*found["ranking"], *base]
     if not rows:
         return ""
     reach = max([row["gain"] + row["gain_error"] for row in rows] + [0.05])
@@ -91,7 +89,7 @@ def _limits(found: dict[str, Any]) -> str:
         least = limit.get("amplitude")
         size = limit.get("displacement_m")
         seen = with_unit(f"{limit.get('parameter', '')} {short(least)}", limit.get("unit"))
-        cells = [text(effect), text(seen) if least is not None else "cannot be seen in these recordings",
+        cells = [text(effect), text(seen) if least is not None else "none in its range",
                  number(None if size is None else 1000 * size, 3)]  # fmt: skip
         rows.append((float("inf") if size is None else size, cells))
     if not rows:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.errors import PlopError, UserCodeError
+from plop.physics.effects.declared import line_of
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import user_error
 
@@ -34,9 +35,11 @@ def call(effect: Effect, hook: str, *args: Any) -> Any:
     """
     try:
         return getattr(effect, hook)(*args)
-    except PlopError:
-        raise
-    except Exception as error:
+    except PlopError as error:
+        if _of_the_library(effect):
+            raise
+        raise _misused(effect, hook, error.expected or "-", f"{error.problem} {error.found}") from error
+    except (Exception, SystemExit) as error:
         raise user_error(Path(inspect.getfile(type(effect))), error) from error
 
 
@@ -97,10 +100,23 @@ def act(effect: Effect, hook: str, body: Engine, dt: float) -> str | None:
                            f"{values.dtype} {values.shape}")  # fmt: skip
         flat = values.reshape(-1)
         if not np.isfinite(flat @ flat):
-            return f"the effect {effect.name} left a number in body.{name} that is not finite"
+            return f"the effect {_place(effect, hook)} left a number in body.{name} that is not finite"
     return None
 
 
 def _misused(effect: Effect, hook: str, expected: str, found: str) -> PlopError:
-    return PlopError("A hook of an effect cannot be used.", where=f"{effect.name}.{hook}", expected=expected,
-                     found=found, fix="See the template in docs/effects.md.")  # fmt: skip
+    return UserCodeError("A hook of an effect cannot be used.", where=_place(effect, hook), expected=expected,
+                         found=found, fix="See the template in docs/effects.md.")  # fmt: skip
+
+
+def _place(effect: Effect, hook: str) -> str:
+    """Name a hook, and the line of the user's file that sets it."""
+    kind, name = type(effect), f"{effect.name}.{hook}"
+    if _of_the_library(effect):
+        return name
+    path = Path(inspect.getfile(kind))
+    return f"{name} ({path}, line {line_of(kind, hook, path)})"
+
+
+def _of_the_library(effect: Effect) -> bool:
+    return type(effect).__module__.startswith("plop.physics.effects.")

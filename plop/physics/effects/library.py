@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import plop.physics.effects as package
-from plop.errors import PlopError
+from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.declared import check_declared, line_of
 from plop.physics.effects.effect import Effect
 
@@ -87,7 +87,7 @@ def load_effect_file(path: Path) -> list[EffectType]:
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise user_error(path, error) from error
     effects = _effects_of(module)
     if not effects:
@@ -102,5 +102,5 @@ def user_error(path: Path, error: BaseException) -> PlopError:
     """Say which line of a user's file an error came from."""
     line = next((frame.lineno for frame in reversed(traceback.extract_tb(error.__traceback__))
                  if Path(frame.filename).resolve() == path.resolve()), getattr(error, "lineno", None))  # fmt: skip
-    return PlopError("The effect file has an error.", where=f"{path}, line {line}" if line else str(path),
-                     found=f"{type(error).__name__}: {error}", fix="Correct that line and run again.")  # fmt: skip
+    return UserCodeError("The effect file has an error.", where=f"{path}, line {line}" if line else str(path),
+                         found=f"{type(error).__name__}: {error}", fix="Correct that line and run again.")  # fmt: skip
