@@ -92,11 +92,13 @@ def diagnose(
     """
     _check(len(measured.episodes), {})
     started = time.perf_counter()
-    candidates = candidates_of(types, None if effects is None else list(effects))
+    wanted = [*types] if effects is None else list(effects)
+    candidates = candidates_of(types, wanted)
     tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
     _check(len(tables[0].episodes), tables[0].dropped)
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
+    _check_laws(tables, candidates)
     state = State(tables, candidates)
     begins = begun(state, candidates)
     candidates, state = _started(state, candidates, begins)
@@ -126,7 +128,7 @@ def diagnose(
     found = replace(_conclude(state, sensors, shams, seed), screen_s=screen_s)
     if len(tables) == 2 and _two_are_tried(found.verdict):
         found = _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
-    return _with_unheard(found, tables, candidates, whole=effects is None)
+    return _with_unheard(found, tables, candidates, whole={*types} <= {c.effect for c in candidates})
 
 
 def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candidate], *, whole: bool) -> Diagnosis:
@@ -137,24 +139,34 @@ def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candid
         tables: They know which runs failed.
         candidates: All that were tried.
         whole: The whole library was to be tried.
-
-    Raises:
-        PlopError: No law could be run.
     """
-    troubles = {key: why for table in tables for key, why in table.dropped.items()}
     ranked = {score.candidate.effect for score in found.scores}
     unheard = {c.effect: c for c in candidates if c.effect not in ranked and c.effect not in BASE_COLUMNS}
-    failed = {name: why for name, c in unheard.items() for why in [troubles.get(c.columns[0].key)] if why}
+    failed = {name: why for name, why in _failed(tables, candidates).items() if name in unheard}
     tried = [name for name in dict.fromkeys(c.effect for c in candidates) if name not in failed]
-    laws = {c.effect for c in candidates if c.kind != "base"}
-    if laws and laws <= failed.keys():
-        raise PlopError("No law could be judged: the engine runs with none of them.", found="; ".join(failed.values()),
-                        fix="Mend the law, or give a smaller `typical` amplitude.")  # fmt: skip
     silent = "it moves nothing that was followed in these recordings"
     return replace(
         found, verdict=found.verdict if whole and not failed else among(found.verdict, tried),
         dropped=found.dropped | {name: failed.get(name, silent) for name in unheard},
         limits=found.limits | {name: unseen(c.columns[0]) for name, c in unheard.items()})  # fmt: skip
+
+
+def _failed(tables: list[Table], candidates: list[Candidate]) -> dict[str, str]:
+    """Give the laws with a setting that could not be run, and why."""
+    troubles = {key: why for table in tables for key, why in table.dropped.items()}
+    return {c.effect: troubles[column.key] for c in candidates for column in c.columns if column.key in troubles}
+
+
+def _check_laws(tables: list[Table], candidates: list[Candidate]) -> None:
+    """Refuse to judge where no law can be run.
+
+    Raises:
+        PlopError: The engine runs with none of them.
+    """
+    laws, failed = {c.effect for c in candidates if c.kind != "base"}, _failed(tables, candidates)
+    if laws and laws <= failed.keys():
+        raise PlopError("No law could be judged: the engine runs with none of them.", found="; ".join(failed.values()),
+                        fix="Mend the law, or give it a smaller `typical` amplitude.")  # fmt: skip
 
 
 def _two_are_tried(verdict: Verdict) -> bool:

@@ -243,7 +243,7 @@ class State:
         """
         if self.reference is None or own == 0:
             return None
-        family = 1 if self.size.stands_out and not whole_library else len(self.screen.candidates)
+        family = 1 if self.size.stands_out and not whole_library else max(1, len(self.screen.candidates))
         return contrast_of(self.screen.grams, self.reference, rows, own, family, self.kinds)
 
 

@@ -22,7 +22,7 @@ class ElasticLaw(IntEnum):
 
 
 _RANGES: dict[str, tuple[float, float, str]] = {
-    "youngs_modulus_pa": (1.0, 1e10, "Pa"),
+    "youngs_modulus_pa": (50.0, 1e10, "Pa"),
     "poisson": (-0.9, 0.495, "-"),
     "density_kg_m3": (1.0, 3e4, "kg/m^3"),
     "damping_per_s": (0.0, 1e4, "1/s"),

@@ -9,7 +9,7 @@ from typing import Any
 from plop.errors import PlopError
 from plop.physics.material import ElasticLaw, Material
 from plop.physics.names import one_of
-from plop.physics.shapes import Shape
+from plop.physics.shapes import SHAPES, Shape
 
 MATERIAL = Material(youngs_modulus_pa=1.5e4, poisson=0.40, density_kg_m3=1050.0, damping_per_s=2.0,
                     table_friction=0.5, tool_friction=0.3, cut_friction=0.3, toughness_j_m2=2.0,
@@ -34,6 +34,11 @@ def known_keys(table: Mapping[str, Any], owner: type, prefix: str) -> dict[str, 
 
 def built(owner: Any, values: dict[str, Any], where: str) -> Any:
     """Build a dataclass; a value of the wrong kind becomes an error for people."""
+    for entry in fields(owner):
+        value = values.get(entry.name, 0)
+        if entry.type in ("int", "float") and (isinstance(value, bool) or not isinstance(value, (int, float))):
+            raise PlopError("A value of the scene has the wrong kind.", where=f"{where}.{entry.name}",
+                            expected="a number without quotes", found=repr(value))  # fmt: skip
     try:
         return owner(**values)
     except TypeError as error:
@@ -55,7 +60,9 @@ def shape_of(table: Mapping[str, Any]) -> Shape:
     known = ("kind", "size_m", "radius_m", "height_m")
     for key in table:
         one_of(key, known, "key", where=f"shape.{key}")
-    kind = str(table.get("kind", "block"))
+    kind = one_of(str(table.get("kind", "block")), SHAPES, "shape", where="shape.kind")
+    if "radius_m" in table and "size_m" in table:
+        raise PlopError("The shape has two sizes.", where="shape", found="radius_m and size_m", expected="one of them")
     if "radius_m" in table and kind != "block":
         across = 2 * numbers(table["radius_m"], "shape.radius_m")[0]
         height = across if kind == "sphere" else numbers(table.get("height_m", 0.04), "shape.height_m")[0]

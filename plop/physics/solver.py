@@ -128,11 +128,13 @@ def _unstable(engine: Engine, time_s: float, reason: UnstableStepError) -> PlopE
         parameter = "dt_s"
     elif material.viscosity_pa_s > material.youngs_modulus_pa * engine.longest_step_s:
         parameter = "viscosity_pa_s"
+    fix = "Give a smaller dt_s or courant; check that stiffness, density and tool speed are in Pa, kg/m^3 and m/s."
+    if reason.effect is not None:
+        fix = "Choose a smaller amplitude; in an effect of your own, look at that hook."
     return PlopError("The engine's run is unstable.", where=f"{parameter}, t = {time_s:.4f} s",
                      expected="particles that move less than half a cell in a step and keep their volume",
                      found=f"{reason}; the time step was {engine.longest_step_s:.2g} s" + _acting(engine),
-                     fix="Give a smaller dt_s or courant; check that stiffness, density and tool speed are in "
-                         "Pa, kg/m^3 and m/s.")  # fmt: skip
+                     fix=fix)  # fmt: skip
 
 
 def _acting(engine: Engine) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 
 
@@ -60,31 +61,13 @@ def check_cameras(config: CameraSettings, stage: str) -> None:
     Raises:
         PlopError: Names the setting.
     """
-    wrong = {
-        "size": config.size < 8,
-        "cameras": config.cameras < 1,
-        "fov_deg": not 1 <= config.fov_deg <= 150,
-        "supersample": config.supersample < 1 or config.supersample % 2 == 0,
-        "renderer": config.renderer not in ("raycast", "blender"),
-        "blender_samples": config.blender_samples < 1,
-        "room_m": config.room_m < 0,
-        "depth_dropout": not 0 <= config.depth_dropout < 1,
-        "depth_noise_m": config.depth_noise_m < 0,
-        "depth_quantization_m": config.depth_quantization_m < 0,
-        "low_deg": not -90 < config.low_deg < 90,
-        "high_deg": not -90 < config.high_deg < 90,
-        "distance_m": config.distance_m < 0,
-    }
-    refuse_wrong(wrong, config, stage)
-
-
-def refuse_wrong(wrong: dict[str, bool], config: object, stage: str) -> None:
-    """Name the first setting that is out of range.
-
-    Raises:
-        PlopError: One of them is.
-    """
-    for key, is_wrong in wrong.items():
-        if is_wrong:
-            raise PlopError(f"The setting {key} is out of range.", where=f"{stage}.{key}",
-                            expected=f"see `plop {stage} --help`", found=str(getattr(config, key)))  # fmt: skip
+    check_ranges(config, stage, {
+        "size": (8, 8192), "cameras": (1, 1000), "fov_deg": (1, 150), "supersample": (1, 15),
+        "blender_samples": (1, 1e5), "room_m": (0, 10), "depth_dropout": (0, 0.999), "depth_noise_m": (0, 0.1),
+        "depth_quantization_m": (0, 0.1), "low_deg": (-89, 89), "high_deg": (-89, 89), "distance_m": (0, 100),
+        "azimuth_deg": (-360, 360), "ambient": (0, 1), "directional": (0, 1),
+    })  # fmt: skip
+    check_choices(config, stage, {"renderer": ("raycast", "blender")})
+    if config.supersample % 2 == 0:
+        raise PlopError("A setting is out of range.", where=f"{stage}.supersample", expected="an odd number",
+                        found=str(config.supersample), fix="Depth and mask use the middle ray.")  # fmt: skip

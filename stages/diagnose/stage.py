@@ -70,6 +70,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
     types = library(files)
     recordings = RecordingSet.load(inputs["recordings"].path)
+    _check_excluded(recordings, config.exclude)
     _same_object(inputs["model"].path, recordings, [])
     effects_of(inputs["model"].path)
     engine, model = _engine(inputs), inputs["model"].path
@@ -123,6 +124,14 @@ def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfi
     if not config.sensors:
         return []
     return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out, jobs=config.jobs)
+
+
+def _check_excluded(recordings: RecordingSet, excluded: tuple[str, ...]) -> None:
+    with recordings.open(recordings.names[0]) as first:
+        known = first.camera_names
+    for name in excluded:
+        if name not in known:
+            raise PlopError("There is no such camera.", where="diagnose.exclude", expected=", ".join(known), found=name)
 
 
 def _names(recordings: RecordingSet, split: str) -> list[str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from plop.render.settings import CameraSettings, check_cameras, refuse_wrong
+from plop.checked_settings import check_ranges
+from plop.render.settings import CameraSettings, check_cameras
 
 
 @dataclass(frozen=True)
@@ -47,4 +48,4 @@ def check_config(config: SimulatedConfig) -> None:
         PlopError: Names the setting.
     """
     check_cameras(config, "ingest")
-    refuse_wrong({"workspace_m": config.workspace_m <= 0}, config, "ingest")
+    check_ranges(config, "ingest", {"workspace_m": (1e-3, 100)})

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from plop.checked_settings import check_jobs
+from plop.checked_settings import check_jobs, check_ranges
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
 from plop.physics.hidden import choose
@@ -18,7 +18,7 @@ from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, split_names
 from plop.render.recorder import Disturbances, record
 from plop.render.rig import camera_names
-from plop.render.settings import CameraSettings, check_cameras, refuse_wrong
+from plop.render.settings import CameraSettings, check_cameras
 from plop.sensors.faults import Faults, parse_faults
 from plop.side_by_side import every_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
@@ -72,8 +72,8 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     """
     check_jobs(config, "simulate")
     check_cameras(config, "simulate")
-    refuse_wrong({"snr": config.snr < 0, "episodes": config.episodes < 0, "colour_noise": config.colour_noise < 0,
-                  "arm_m": not 0 <= config.arm_m < 1}, config, "simulate")  # fmt: skip
+    check_ranges(config, "simulate",
+                 {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)})
     scene = read_scene(inputs["scene"].path, config)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     effects = library(files)

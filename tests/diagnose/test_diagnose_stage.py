@@ -83,6 +83,12 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
     assert facts["engine_runs"] > 20 and 0 < facts["seconds_screen"] < facts["seconds"]
 
 
+def test_a_camera_that_is_not_there_cannot_be_left_out(inputs, tmp_path):
+    with pytest.raises(PlopError, match="no such camera") as caught:
+        run(inputs, replace(CONFIG, exclude=("cam_99",)), Output(tmp_path))
+    assert caught.value.found == "cam_99" and "cam_0" in str(caught.value.expected)
+
+
 def test_every_fitted_and_chosen_number_has_its_unit(facts):
     types = library()
     for row in [*facts["ranking"], facts["base"]]:

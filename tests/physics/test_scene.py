@@ -166,6 +166,10 @@ def test_shipped_scenes_can_be_read_and_use_another_law_than_the_engine(tmp_path
         ({"spacing_m": 4}, "spacing_m"),
         ({"spacing_m": "4"}, "wrong kind"),
         ({"episodes": 0}, "episodes"),
+        ({"episodes": "eight"}, "scene.episodes"),
+        ({"shape": {"kind": "cone"}}, "block, cylinder, sphere|block, sphere, cylinder"),
+        ({"shape": {"kind": "sphere", "radius_m": 0.03, "size_m": [0.06, 0.06, 0.06]}}, "two sizes"),
+        ({"material": {"youngs_modulus_pa": 15}}, "youngs_modulus_pa"),
         ({"name": "../x"}, "name"),
     ],
 )

@@ -140,8 +140,10 @@ def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_pa
         ({"hide": ("viscocity=4",)}, "Did you mean viscosity"),
         ({"fault": ("clok=0.02",)}, "Did you mean clock"),
         ({"fault": ("clock=0.02@cam_07",)}, "does not exist"),
-        ({"snr": -1.0}, "snr is out of range"),
-        ({"size": 2}, "size is out of range"),
+        ({"snr": -1.0}, r"simulate\.snr[\s\S]*0 to 1e\+06"),
+        ({"size": 2}, r"simulate\.size[\s\S]*8 to 8192"),
+        ({"depth_noise_m": 5.0}, r"depth_noise_m[\s\S]*0 to 0.1"),
+        ({"supersample": 2}, "odd"),
         ({"hide": ("viscosity=1",), "snr": 1e5}, "cannot give the wanted signal"),
     ],
 )

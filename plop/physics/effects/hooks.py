@@ -95,6 +95,8 @@ def act(effect: Effect, hook: str, body: Engine, dt: float) -> str | None:
     for name, shape in _CHANGES[hook].items():
         values = getattr(body, name)
         expected = (len(body.number), *shape)
+        if not isinstance(values, np.ndarray):
+            raise _misused(effect, hook, f"body.{name} float32 {expected}, changed in place", type(values).__name__)
         if values.shape != expected or values.dtype != np.float32 or not values.flags.c_contiguous:
             raise _misused(effect, hook, f"body.{name} float32 {expected}, changed in place",
                            f"{values.dtype} {values.shape}")  # fmt: skip
