@@ -66,7 +66,12 @@ def _line(name: str, kind: str, scores: list[Mapping[str, Any]]) -> str:
 def main() -> None:
     """Roll out, score, and write the file and the page's table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--work", type=Path, required=True, help="Workspace of make reproduce PROFILE=cpu; the results of cpu-recordings are in --out.")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        required=True,
+        help="Workspace of make reproduce PROFILE=cpu; the results of cpu-recordings are in --out.",
+    )
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results.md and results/.")
     options = parser.parse_args()
     results = options.out / "results"

@@ -37,6 +37,8 @@ class Made:
     made: str
     seconds: float | None
     fingerprint: str
+    settings: dict[str, Any] = field(default_factory=dict)
+    """Those that are not the stage's defaults."""
 
 
 @dataclass(frozen=True)

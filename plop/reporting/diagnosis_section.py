@@ -139,7 +139,7 @@ def _given(compared: Compared) -> list[list[str]]:
 
 def _parameter(label: str, part: str, name: str, p: dict[str, Any]) -> list[str]:
     low, high = p.get("low"), p.get("high")
-    span = "–" if low is None or high is None else f"{short(low)} to {short(high)}"
+    span = also_text(p).strip(" ()") or "–" if low is None or high is None else f"{short(low)} to {short(high)}"
     return [text(label), text(part), text(name), short(p["value"]), span, text(p.get("unit") or "-")]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 
 from plop.reporting.compared import Made, ReportFacts
 from plop.reporting.html import table, text
@@ -25,8 +26,8 @@ def provenance_section(facts: ReportFacts) -> str:
     )
     commands = "\n".join(_command(made) for made in facts.provenance)
     return ("<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name "
-            "contents, so the same command gives the same result with the settings listed below: put them into "
-            f"<code>plop.toml</code>.</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
+            "contents, so the same command gives the same result. Settings are those that differ from the defaults."
+            f"</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
             + table(["artifact", "what", "made from", "seed", "made", "plop"], rows)
             + f"<p class='soft'>{text(', '.join(versions))}</p>{settings}")  # fmt: skip
 
@@ -36,4 +37,9 @@ def _command(made: Made) -> str:
     for name, source in made.sources.items():
         raw = "@" not in source
         parts.append(source if raw else f"--{name.partition('.')[0].replace('_', '-')} {source}")
+    parts += [f"--set {shlex.quote(f'{key}={_toml(value)}')}" for key, value in made.settings.items()]
     return " ".join(["plop", made.command, *parts]) + f"    # {made.address}"
+
+
+def _toml(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

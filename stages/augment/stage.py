@@ -102,8 +102,9 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
                         expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
                         found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
                         fix="Run `plop diagnose` on the recordings to fit to.")  # fmt: skip
-    keys = ("value", "low", "high")
-    parameters = {} if row is None else {k: {q: p.get(q) for q in keys} for k, p in row["parameters"].items()}
+    keys = ("value", "low", "high", "also")
+    parameters = {} if row is None else {k: {q: p.get(q) for q in keys if q != "also" or p.get(q)}
+                                         for k, p in row["parameters"].items()}  # fmt: skip
     for key, value in given.items():
         parameters[key] = {"value": value, "low": None, "high": None}
     return name, parameters
@@ -123,7 +124,7 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
 
 STAGE = Stage(
     name="augment",
-    version=3,
+    version=4,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

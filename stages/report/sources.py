@@ -12,7 +12,7 @@ from plop.diagnosis.field_file import StoredField, read_field
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.colours import MODELS
-from plop.reporting.compared import Compared, Made
+from plop.reporting.compared import Compared
 from stages.contract import Input, Inputs
 
 
@@ -133,22 +133,3 @@ def fit_is_known(inputs: Inputs) -> bool:
     marks = {item.manifest.fingerprint for item in given if item.manifest is not None}
     made_from = [item.manifest.inputs.get("diagnosis") for item in models if item.manifest is not None]
     return all(source is None or source.get("fingerprint") in marks for source in made_from)
-
-
-def provenance(inputs: Inputs) -> list[Made]:
-    """Say of every input where it came from, recordings first."""
-    found: dict[str, Made] = {}
-    for role, item in inputs.items():
-        manifest = item.manifest
-        if manifest is None or manifest.address in found:
-            continue
-        sources = {name: f"{s['stage']}@{s['fingerprint'][:8]}" if "fingerprint" in s else str(s.get("name", "a file"))
-                   for name, s in manifest.inputs.items()}  # fmt: skip
-        told = manifest.provenance
-        found[manifest.address] = Made(
-            manifest.address, role.partition(".")[0], str(told.get("command", manifest.stage)), manifest.config,
-            sources,
-            {k: str(v) for k, v in told.get("versions", {}).items()}, str(told.get("made", "")),
-            told.get("seconds"), manifest.fingerprint,
-        )  # fmt: skip
-    return list(found.values())

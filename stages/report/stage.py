@@ -16,12 +16,12 @@ from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
 from plop.reporting.verdict_section import closed_gap, error_over, judged_on
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.report.made import provenance
 from stages.report.sources import (
     fit_is_known,
     fitted_episodes,
     labels_of,
     model_key,
-    provenance,
     read_compared,
     read_fields,
     read_json,
@@ -155,7 +155,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
 
 STAGE = Stage(
     name="report",
-    version=7,
+    version=8,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

@@ -1,0 +1,65 @@
+"""Where the inputs of a report came from, with everything that they were made from."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.manifest import Manifest, read_manifest
+from plop.errors import PlopError
+from plop.reporting.compared import Made
+from stages import stage_ref
+from stages.contract import Inputs
+
+ON_THE_WAY = "made on the way"
+"""What an artifact is that no input of the report is, but that one was made from."""
+
+
+def provenance(inputs: Inputs) -> list[Made]:
+    """Say of every input, and of all that it was made from, where it came from; each after what it needs.
+
+    What an input was made from is looked for beside it, as a workspace keeps it; what is not there any more is left
+    out.
+    """
+    roles = {item.manifest.address: name.partition(".")[0] for name, item in inputs.items() if item.manifest}
+    found: dict[str, Made] = {}
+    for item in inputs.values():
+        if item.manifest is not None:
+            _add(found, item.manifest, item.path, roles)
+    return list(found.values())
+
+
+def _add(found: dict[str, Made], manifest: Manifest, path: Path, roles: dict[str, str]) -> None:
+    if manifest.address in found:
+        return
+    for source in manifest.inputs.values():
+        if "fingerprint" in source:
+            folder = path.parent.parent / source["stage"] / source["fingerprint"]
+            try:
+                _add(found, read_manifest(folder), folder, roles)
+            except PlopError:
+                continue
+    found[manifest.address] = _made(manifest, roles.get(manifest.address, ON_THE_WAY))
+
+
+def _made(manifest: Manifest, role: str) -> Made:
+    sources = {name: f"{s['stage']}@{s['fingerprint'][:8]}" if "fingerprint" in s else str(s.get("name", "a file"))
+               for name, s in manifest.inputs.items()}  # fmt: skip
+    told = manifest.provenance
+    command = str(told.get("command", manifest.stage))
+    return Made(
+        manifest.address, role, command, manifest.config, sources,
+        {k: str(v) for k, v in told.get("versions", {}).items()}, str(told.get("made", "")), told.get("seconds"),
+        manifest.fingerprint, _settings(command, manifest.config),
+    )  # fmt: skip
+
+
+def _settings(command: str, config: dict[str, Any]) -> dict[str, Any]:
+    """Give the settings that are not a stage's defaults; all where the stage is not known."""
+    try:
+        defaults = json.loads(json.dumps(asdict(stage_ref(command).load().config())))
+    except KeyError:
+        return config
+    return {key: value for key, value in config.items() if key not in defaults or value != defaults[key]}
