@@ -8,10 +8,12 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from benchmarks.goals import goals_table
+from plop.artifacts.whole_file import write_text
 from plop.freed_memory import keep_freed_memory
 from plop.metrics.table import replace_between_markers
 
@@ -43,7 +45,6 @@ def machine() -> dict[str, object]:
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
         "torch_threads": torch.get_num_threads(),
-        "load_1min_before": round(os.getloadavg()[0], 2),
         "python": platform.python_version(),
         "torch": torch.__version__,
     }
@@ -67,7 +68,8 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
     keep_freed_memory()  # as every command does
-    facts = machine()
+    command = f"python -m benchmarks {' '.join(options.words)}" if options.words else "make bench"
+    facts, load = machine(), round(os.getloadavg()[0], 2)
     figures: dict[str, float] = {}
     failed = False
     for name, measure in collect(options.words).items():
@@ -79,16 +81,38 @@ def main() -> int:
             continue
         sys.stdout.write(f"{name:56s} {figures[name]:12.4g}\n")
         sys.stdout.flush()
-    kept: dict[str, float] = {}
-    if options.words and options.out.is_file():
-        kept = json.loads(options.out.read_text(encoding="utf-8"))["cases"]
-    command = "make bench" if not options.words else f"python -m benchmarks {' '.join(options.words)}"
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    result = {"command": command, "machine": facts, "cases": kept | figures}
-    options.out.write_text(json.dumps(result, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    kept = json.loads(options.out.read_text(encoding="utf-8")) if options.words and options.out.is_file() else {}
+    result = merged(kept, figures, command=command, machine=facts, load=load)
+    write_text(options.out, json.dumps(result, indent=1, sort_keys=True) + "\n")
     if options.out == RESULT:
-        PAGE.write_text(replace_between_markers(PAGE.read_text(), "bench", goals_table(kept | figures)))
+        PAGE.write_text(replace_between_markers(PAGE.read_text(), "bench", goals_table(result["cases"])))
     return 1 if failed else 0
+
+
+def merged(
+    kept: Mapping[str, Any], figures: Mapping[str, float], *, command: str, machine: Mapping[str, object], load: float
+) -> dict[str, Any]:
+    """Put new figures beside those that were measured before, and say of each how it was measured.
+
+    Args:
+        kept: What the result file holds; empty when every case was measured.
+        figures: Case -> what has just been measured.
+        command: What measured it.
+        machine: On what; a case whose machine is another than the file's says where it differs.
+        load: What ran on the machine before (mean number of processes over a minute).
+
+    Returns:
+        "command" (of the whole file), "machine", "cases", and "measured": case -> its command and load.
+    """
+    of_file = dict(kept.get("machine", machine))
+    own = {"command": command, "load_1min_before": load}
+    own |= {name: fact for name, fact in machine.items() if of_file.get(name) != fact}
+    return {
+        "command": kept.get("command", command),
+        "machine": of_file,
+        "cases": {**kept.get("cases", {}), **figures},
+        "measured": {**kept.get("measured", {}), **dict.fromkeys(figures, own)},
+    }
 
 
 if __name__ == "__main__":

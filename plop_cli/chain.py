@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,14 +39,19 @@ class Profile:
     """Fit the engine to the tracks first, so that it makes up episodes to learn from, too."""
 
 
-def read_profile(name: str) -> Profile:
+def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
     """Read a profile: a TOML file with a table a command, `seeds`, `engine`, and `based_on`, another profile.
+
+    Args:
+        name: What it is called.
+        among: Only these can be meant; empty for all that ship with plop.
 
     Raises:
         PlopError: There is no such profile.
     """
     folder = importlib.resources.files("plop_cli") / "profiles"
     names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    names = [known for known in names if not among or known in among]
     if name not in names:
         raise PlopError("There is no such profile.", expected=", ".join(names), found=name)
     tables = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))

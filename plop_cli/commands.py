@@ -16,6 +16,7 @@ WHOLE = "The whole pipeline"
 Workspace = Annotated[Path, typer.Option("--workspace", "-w", envvar="PLOP_WORKSPACE",
                                          help="Folder that holds artifacts/ and plop.toml.")]  # fmt: skip
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
+Seed = Annotated[str, typer.Option("--seed", metavar="<int>", help="Draws what is made up.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
 Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.KEY=VALUE",
@@ -24,22 +25,28 @@ Address = Annotated[str, typer.Argument(help="stage@prefix, stage@latest or a na
 HERE = Path(".")
 
 
-def demo(workspace: Workspace = Path("demo"), seed: int = 0, set_: Assignments = None, quiet: Quiet = False,
+def demo(workspace: Workspace = Path("demo"), seed: Seed = "0", set_: Assignments = None, quiet: Quiet = False,
          as_json: AsJson = False, debug: Debug = False) -> None:  # fmt: skip
     """Simulate a small set and run every stage on it; ends with scores, a video and times."""
     from plop.artifacts.store import Store
     from plop_cli.demo import run_demo
 
-    run_demo(Store(workspace), Console(quiet=quiet, as_json=as_json), seed=seed, assignments=set_ or [])
+    run_demo(Store(workspace), Console(quiet=quiet, as_json=as_json), seed=_seed(seed), assignments=set_ or [])
 
 
-def demo_physics(workspace: Workspace = Path("demo-physics"), seed: int = 0, quiet: Quiet = False,
+def demo_physics(workspace: Workspace = Path("demo-physics"), seed: Seed = "0", quiet: Quiet = False,
                  as_json: AsJson = False, debug: Debug = False) -> None:  # fmt: skip
     """Hide an effect, seal the answer, find it, add it, watch the error fall; ends with a report."""
     from plop_cli.app import main
     from plop_cli.demo_physics import run_demo_physics
 
-    run_demo_physics(workspace, Console(quiet=quiet, as_json=as_json), main, seed=seed)
+    run_demo_physics(workspace, Console(quiet=quiet, as_json=as_json), main, seed=_seed(seed))
+
+
+def _seed(text: str) -> int:
+    from plop_cli.settings import checked
+
+    return int(checked(text, int, key="seed", where="command line"))
 
 
 def reproduce(
@@ -77,7 +84,8 @@ def why(one: Address, two: Address, workspace: Workspace = HERE, quiet: Quiet = 
     from plop.artifacts.store import Store
     from plop_cli.status import show_difference
 
-    show_difference(Store(workspace), Console(quiet=quiet, as_json=as_json), one, two)
+    console = Console(quiet=quiet, as_json=as_json)
+    show_difference(Store(workspace, warn=console.warn), console, one, two)
 
 
 def verify(
@@ -88,7 +96,8 @@ def verify(
     from plop.artifacts.store import Store
     from plop_cli.status import verify_all
 
-    verify_all(Store(workspace), Console(quiet=quiet, as_json=as_json), addresses or [])
+    console = Console(quiet=quiet, as_json=as_json)
+    verify_all(Store(workspace, warn=console.warn), console, addresses or [])
 
 
 def export(
@@ -103,7 +112,8 @@ def export(
     from plop.artifacts.store import Store
     from plop_cli.export import export as run
 
-    run(Store(workspace), Console(quiet=quiet, as_json=as_json), address, folder, kind=kind, force=force)
+    console = Console(quiet=quiet, as_json=as_json)
+    run(Store(workspace, warn=console.warn), console, address, folder, kind=kind, force=force)
 
 
 def view(
@@ -116,7 +126,8 @@ def view(
     from plop.artifacts.store import Store
     from plop_cli.view import view as run
 
-    run(Store(workspace), Console(quiet=quiet), address, episode=episode, save=save)
+    console = Console(quiet=quiet)
+    run(Store(workspace, warn=console.warn), console, address, episode=episode, save=save)
 
 
 def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False) -> None:

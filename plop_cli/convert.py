@@ -19,7 +19,7 @@ def convert(value: Any, kind: Any, *, key: str, where: str) -> Any:
     """
     try:
         return _convert(value, kind)
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
         raise PlopError("A setting has a value of the wrong kind.", where=f"{where}: {key}",
                         expected=describe(kind), found=repr(value)) from error  # fmt: skip
 
@@ -53,7 +53,7 @@ def _convert_union(value: Any, parts: tuple[Any, ...]) -> Any:
         if part is not type(None):
             try:
                 return _convert(value, part)
-            except (ValueError, TypeError, KeyError):
+            except (ValueError, TypeError, KeyError, OverflowError):
                 continue
     raise ValueError(value)
 

@@ -31,6 +31,7 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
         PlopError: A command failed.
     """
     started = time.perf_counter()
+    workspace = Store(workspace).workspace
     workspace.mkdir(parents=True, exist_ok=True)
     settings = workspace / "plop.toml"
     if not settings.is_file():

@@ -85,15 +85,15 @@ def execute(
     if name is not None:
         check_name(name)
     settings = stage.config() if config is None else config
-    planned = plan(stage, store=store, config=settings, inputs=inputs or {}, environment=environment)
-    if planned.existing is not None and not force:
+    planned = plan(stage, store=store, config=settings, inputs=inputs or {}, environment=environment, force=force)
+    if planned.existing is not None:
         return _already_there(store, planned.existing, name)
     try:
         if not is_first_process():
             return _run_beside(store, planned, progress)
         with locked(store.lock_path(stage.name, planned.fingerprint), on_wait):
-            there = store.get(stage.name, planned.fingerprint)
-            if there is not None and not force:
+            there = None if force else store.get(stage.name, planned.fingerprint)
+            if there is not None:
                 return _already_there(store, there, name)
             return _run(store, planned, name, force, progress)
     except (OSError, RuntimeError) as error:
@@ -104,9 +104,18 @@ def execute(
 
 
 def plan(
-    stage: Stage, *, store: Store, config: Any, inputs: Mapping[str, str | Path], environment: str | None = None
+    stage: Stage,
+    *,
+    store: Store,
+    config: Any,
+    inputs: Mapping[str, str | Path],
+    environment: str | None = None,
+    force: bool = False,
 ) -> Plan:
-    """Find the inputs, check them and compute the fingerprint, without running anything."""
+    """Find the inputs, check them and compute the fingerprint, without running anything.
+
+    With `force` an artifact that is there already is not looked at: it may be one that this version cannot read.
+    """
     resolved = resolve_inputs(store, stage, inputs, environment)
     contents = {}
     for key, artifact in resolved.artifacts.items():
@@ -118,7 +127,7 @@ def plan(
     command = command_of(stage)  # not the name, which the ingest commands share
     mark = fingerprint(command, stage.version, deciding(config), contents)
     environments = dict.fromkeys(a.manifest.environment for a in resolved.artifacts.values())
-    existing = store.get(stage.name, mark)
+    existing = None if force else store.get(stage.name, mark)
     return Plan(stage, config, resolved, contents, mark, ", ".join(e for e in environments if e),
                 command, existing, store.journal.last_seconds(stage.name))  # fmt: skip
 
@@ -143,7 +152,7 @@ def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: P
     stage = planned.stage
     scratch = store.scratch(stage.name, planned.fingerprint, fresh=force)
     started = time.perf_counter()
-    summary = stage.run(_stage_inputs(planned), planned.config, Output(scratch, progress, store.shared(stage.name)))
+    summary = _summary(store, planned, Output(scratch, progress, store.shared(stage.name)))
     seconds = time.perf_counter() - started
     artifact = store.commit(scratch, _manifest(store, planned, summary, seconds))
     store.record(artifact, seconds)
@@ -157,9 +166,18 @@ def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:
     scratch = store.root / planned.stage.name / f".partial-{planned.fingerprint}"
     scratch.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
-    summary = planned.stage.run(_stage_inputs(planned), planned.config, Output(scratch, silent))
+    summary = _summary(store, planned, Output(scratch, silent))
     seconds = time.perf_counter() - started
     return Outcome(Artifact(scratch, _manifest(store, planned, summary, seconds)), skipped=False, seconds=seconds)
+
+
+def _summary(store: Store, planned: Plan, out: Output) -> Summary:
+    """Run the stage itself; a run that is refused before it wrote anything leaves nothing to go on with."""
+    try:
+        return planned.stage.run(_stage_inputs(planned), planned.config, out)
+    except BaseException:
+        store.drop_empty(out.path)
+        raise
 
 
 def is_first_process() -> bool:

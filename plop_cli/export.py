@@ -10,6 +10,7 @@ from pathlib import Path
 from plop.artifacts.manifest import MANIFEST_NAME
 from plop.artifacts.store import Artifact, Store
 from plop.artifacts.verify import verify
+from plop.artifacts.whole_file import in_the_way
 from plop.errors import PlopError
 from plop_cli.console import Console
 
@@ -32,10 +33,13 @@ def export(store: Store, console: Console, address: str, folder: Path, *, kind: 
     """Copy the files of one kind and the manifest into a folder.
 
     Raises:
-        PlopError: Nothing of that kind, a damaged payload, or a file that is already there.
+        PlopError: Nothing of that kind, a damaged payload, a file that is already there, or one in place of a folder.
     """
     if kind not in KINDS:
         raise PlopError("There is no such kind of file.", expected=", ".join(KINDS), found=kind)
+    if (file := in_the_way(folder)) is not None:
+        raise PlopError("The files cannot be copied there: a file stands where the folder would be.", where=file,
+                        expected="a folder, or nothing yet", found="a file", fix="Choose another folder.")  # fmt: skip
     artifact = store.find(address)
     verify(artifact, store.cache)
     store.cache.save()
@@ -55,11 +59,12 @@ def export(store: Store, console: Console, address: str, folder: Path, *, kind: 
 
 def _copy(artifact: Artifact, name: str, folder: Path) -> None:
     target = folder / name
-    target.parent.mkdir(parents=True, exist_ok=True)
     draft = target.with_name(target.name + ".tmp")
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(artifact.path / name, draft)
         os.replace(draft, target)
     except OSError as error:
-        draft.unlink(missing_ok=True)
+        if draft.is_file():
+            draft.unlink()
         raise PlopError("A file cannot be written.", where=target, found=error.strerror or str(error)) from error

@@ -69,10 +69,14 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
     for name in sorted(advanced_first, key=lambda name: open_specs[name].optional):
         try:
             key = f"{name}.0" if open_specs[name].many else name
-            chosen[key] = _default(store, stage, name, open_specs[name], chosen, environment)
+            found = _default(store, stage, name, open_specs[name], chosen, environment)
         except PlopError:
             if not open_specs[name].optional:
                 raise
+            store.warn_passed_over(*open_specs[name].stages, taken=None)
+        else:
+            store.warn_passed_over(*open_specs[name].stages, taken=found)
+            chosen[key] = found
     order = list(stage.inputs)
     return Resolved(dict(sorted(chosen.items(), key=lambda item: order.index(item[0].partition(".")[0]))), raw)
 
@@ -109,6 +113,8 @@ def _default(
     same_line = [a for a in fitting if all(_one_line(closures[a.key], closures[b.key]) for b in chosen.values())]
     if not same_line:
         others = ", ".join(b.address for b in chosen.values())
+        if (reason := store.passed_over(*spec.stages)) is not None:
+            raise _cannot_be_used(stage, name, reason)
         raise PlopError(f"No {name} for `{stage.name}` comes from the same recordings as {others}.", where=store.root,
                         found=", ".join(a.address for a in fitting[-4:]),
                         fix=f"Run {' or '.join(f'`plop {s}`' for s in spec.stages)} for these recordings, "
@@ -125,6 +131,8 @@ def _one_line(one: set[Key], two: set[Key]) -> bool:
 
 
 def _nothing_fits(store: Store, stage: Stage, name: str, spec: InputSpec, wanted: set[str]) -> PlopError:
+    if (reason := store.passed_over(*spec.stages)) is not None:
+        return _cannot_be_used(stage, name, reason)
     about = f" of the environment {' or '.join(sorted(wanted))}" if wanted else ""
     commands = " or ".join(f"`plop {name}`" for name in spec.stages)
     return PlopError(
@@ -133,6 +141,11 @@ def _nothing_fits(store: Store, stage: Stage, name: str, spec: InputSpec, wanted
         expected=f"an artifact of {' or '.join(spec.stages)}: {spec.help}",
         fix=f"Run {commands} first, or choose another workspace with -w.",
     )
+
+
+def _cannot_be_used(stage: Stage, name: str, reason: PlopError) -> PlopError:
+    return PlopError(f"`{stage.name}` needs the input {name!r}, and what is there cannot be used. {reason.problem}",
+                     where=reason.where, expected=reason.expected, found=reason.found, fix=reason.fix)  # fmt: skip
 
 
 def _ambiguous(stage: Stage, name: str, fitting: list[Artifact]) -> PlopError:

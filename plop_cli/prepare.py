@@ -7,8 +7,8 @@ from the two.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from plop.artifacts.lineage import closure, parents
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
-from plop_cli.execute import execute
+from plop_cli.execute import execute, plan
 from plop_cli.inputs import LEFT_OUT
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
@@ -29,6 +29,10 @@ MODELS = ("augment", "identify", "train")
 _COMMANDS = [ref.command for ref in PIPELINE]
 
 
+class WouldRun(Exception):
+    """Something is missing, and nothing may be made."""
+
+
 @dataclass
 class Preparation:
     """Makes what is missing, with the settings of the workspace."""
@@ -37,6 +41,10 @@ class Preparation:
     console: Console
     exclude: tuple[str, ...] = ()
     """Cameras that tracks leave out."""
+    may_run: bool = True
+    """Make what is missing; else it is only noted."""
+    would_run: dict[str, str] = field(default_factory=dict)
+    """What was noted: input -> command that makes it."""
 
     def inputs(self, stage: Stage, given: Mapping[str, str | Path], environment: str | None) -> dict[str, str | Path]:
         """Complete the inputs of a stage.
@@ -63,14 +71,33 @@ class Preparation:
             if name not in found and source not in (None, LEFT_OUT):
                 recordings = self.store.find(str(source))
                 fit = found.get(name.replace("tracks", "init")) if name.endswith("tracks") else None
-                found[name] = self.derived(spec.stages[0], recordings, model, fit).address
+                self.reach(found, name, spec.stages[0], self._making(spec.stages[0], recordings, model, fit))
             elif spec.along and name not in found and spec.optional:
                 found[name] = LEFT_OUT
         if "engine" in stage.inputs and "engine" not in found:
-            found["engine"] = self._engine(found, model)
+            self.reach(found, "engine", "identify", lambda: self._engine(found, model))
         if "model" not in stage.inputs:
             found.pop("model", None)
         return found
+
+    def _making(
+        self, command: str, recordings: Artifact, model: Artifact | None, fit: str | Path | None = None
+    ) -> Callable[[], str]:
+        return lambda: self.derived(command, recordings, model, fit).address
+
+    def reach(self, found: dict[str, str | Path], name: str, command: str, make: Callable[[], str]) -> None:
+        """Add an input that is made on the way, or note that it would be.
+
+        Args:
+            found: Receives the address.
+            name: The input.
+            command: What makes it.
+            make: Makes or finds it, and gives its address.
+        """
+        try:
+            found[name] = make()
+        except WouldRun:
+            self.would_run[name] = command
 
     def _fit_of_tracks(self, found: dict[str, str | Path]) -> None:
         """Take the fit that given tracks were made from: those of another are other Gaussians."""
@@ -161,6 +188,11 @@ class Preparation:
     def _made(self, command: str, inputs: Mapping[str, str | Path], extra: Mapping[str, Any]) -> Artifact:
         stage = stage_ref(command).load()
         config = resolve(stage.config, command, (SETTINGS_FILE, self._settings(command)), ("plop", dict(extra)))
+        if not self.may_run:
+            there = plan(stage, store=self.store, config=config, inputs=inputs).existing
+            if there is None:
+                raise WouldRun(command)
+            return there
         with self.console.progress(command) as progress:
             outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress)
         if not outcome.skipped:
@@ -174,9 +206,12 @@ class Preparation:
         pool = [a for a in self.store.artifacts(*stages) if environment in (None, a.manifest.environment)]
         if len({a.manifest.environment for a in pool}) != 1 or (what == "recordings" and len(pool) > 1
                                                                and len({a.key[0] for a in pool}) == 1):  # fmt: skip
+            if not pool and (reason := self.store.passed_over(*stages)) is not None:
+                raise reason
             raise PlopError(f"Which {what}?", where=self.store.root, expected=f"--{what} NAME",
                             found=", ".join(a.address for a in pool) or f"no {what} in this workspace",
                             fix="`plop status` lists what there is.")  # fmt: skip
+        self.store.warn_passed_over(*stages, taken=pool[-1])
         return pool[-1]
 
     def _known(self) -> dict[tuple[str, str], Artifact]:

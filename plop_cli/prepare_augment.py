@@ -20,9 +20,8 @@ FIT = "fit"
 
 
 def augment_inputs(
-    preparation: Preparation, given: Mapping[str, str | Path], config: AugmentConfig, environment: str | None, *,
-    may_run: bool = True,
-) -> dict[str, str | Path]:  # fmt: skip
+    preparation: Preparation, given: Mapping[str, str | Path], config: AugmentConfig, environment: str | None
+) -> dict[str, str | Path]:
     """Find the diagnosis of the model, of the recordings named with `--fit` where there are such, or make it.
 
     Args:
@@ -30,7 +29,6 @@ def augment_inputs(
         given: What the user named: inputs of the stage, and "fit".
         config: Which effect is wanted, and whether its values are given.
         environment: Take a model of this environment where none is named.
-        may_run: Make a diagnosis of the recordings where there is none that fitted the effect.
 
     Raises:
         PlopError: Both `--fit` and `--diagnosis` are named, or what is named is not there.
@@ -50,8 +48,8 @@ def augment_inputs(
                if wanted.items() <= parents(a).items() and _has_fitted(a, config.effect)]  # fmt: skip
     if fitting:
         found["diagnosis"] = fitting[-1].address
-    elif recordings is not None and not may_run:
-        preparation.console.warn(f"`plop diagnose` would run first: no diagnosis has fitted this to {given[FIT]}")
+    elif recordings is not None and not preparation.may_run:
+        preparation.would_run["diagnosis"] = "diagnose"
     elif recordings is not None:
         files = {"effect_file": given["effect_file"]} if "effect_file" in given else {}
         found["diagnosis"] = preparation.diagnosed(model, recordings, config.effect, files).address

@@ -31,9 +31,14 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
     store = preparation.store
     recordings = store.find(str(found["recordings"]))
     models = [store.find(address.strip()) for address in str(found["models"]).split(",") if address.strip()]
-    found["init"] = preparation.derived("fit-init", recordings, None).address
-    found["comparisons"] = ",".join(preparation.derived("compare", recordings, m).address for m in models)
-    found.setdefault("evals", ",".join(preparation.derived("eval", recordings, m).address for m in models))
+    preparation.reach(found, "init", "fit-init", lambda: preparation.derived("fit-init", recordings, None).address)
+
+    def of_each(command: str) -> str:
+        return ",".join(preparation.derived(command, recordings, model).address for model in models)
+
+    preparation.reach(found, "comparisons", "compare", lambda: of_each("compare"))
+    if "evals" not in found:
+        preparation.reach(found, "evals", "eval", lambda: of_each("eval"))
     diagnoses = diagnoses_of(models, [a for a in store.artifacts("diagnose") if _is_of(a, recordings, models)])
     if diagnoses:
         found.setdefault("diagnoses", ",".join(a.address for a in diagnoses))

@@ -10,6 +10,9 @@ from plop_cli.chain import AFTER_INGEST, Layers, Profile, layers_of, read_profil
 from plop_cli.console import Console
 from plop_cli.execute import Outcome, versions
 
+PROFILES = ("cpu", "cpu-recordings", "paper")
+"""Which of the shipped profiles are for this; the others are of the demos."""
+
 
 def reproduce(
     store: Store,
@@ -27,7 +30,7 @@ def reproduce(
         store: The workspace.
         console: Where progress and the table go.
         data: Folder of DiSECt recordings.
-        profile: Name of a profile that ships with plop.
+        profile: One of `PROFILES`.
         environments: Which ones; empty takes all.
         assignments: `--set` options, `stage.key=value`.
         out: Folder of the documentation; see `results_page`.
@@ -39,7 +42,7 @@ def reproduce(
     from plop.metrics.table import to_markdown
     from plop_cli.results_page import gathered, write_results
 
-    chosen = read_profile(profile)
+    chosen = read_profile(profile, PROFILES)
     layers = layers_of(store, chosen, assignments)
     names = _choose(data, environments)
     scores: dict[str, list[Path]] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
+import math
 import textwrap
 import typing
 from collections.abc import Mapping
@@ -84,7 +85,7 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
         layers: (where it comes from, flat overrides by setting key).
 
     Raises:
-        PlopError: An unknown key, or a value of the wrong type.
+        PlopError: An unknown key, or a value of the wrong type, that is not finite, or a negative seed.
     """
     known = {setting.key: setting for setting in settings_of(config)}
     values: dict[str, Any] = {}
@@ -92,11 +93,40 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
         for key, value in layer.items():
             if key not in known:
                 raise unknown_key(key, known, where=source, owner=stage)
-            values[key] = convert(value, known[key].kind, key=f"{stage}.{key}", where=source)
+            values[key] = checked(value, known[key].kind, key=f"{stage}.{key}", where=source)
     try:
         return _build(config, values)
     except (ValueError, TypeError) as error:
         raise PlopError(f"The settings of {stage} do not fit together.", found=str(error)) from error
+
+
+def checked(value: Any, kind: Any, *, key: str, where: str) -> Any:
+    """Turn a value into the type of a setting, and refuse what no setting takes.
+
+    Args:
+        value: As it was typed, or as TOML has it.
+        kind: The type.
+        key: The setting, `stage.key`.
+        where: Where the value comes from.
+
+    Raises:
+        PlopError: It does not fit the type, is a number that is not finite, or a negative seed.
+    """
+    found = convert(value, kind, key=key, where=where)
+    if not all(math.isfinite(number) for number in _numbers(found)):
+        raise PlopError("A setting is not finite.", where=f"{where}: {key}", expected="a finite number",
+                        found=str(value))  # fmt: skip
+    if key.rpartition(".")[2] == "seed" and found < 0:
+        raise PlopError("A seed is negative.", where=f"{where}: {key}", expected="0 or more", found=str(value))
+    return found
+
+
+def _numbers(value: Any) -> list[float]:
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, (tuple, list)):
+        return [number for part in value for number in _numbers(part)]
+    return [value] if isinstance(value, float) else []
 
 
 def _build(config: type, values: Mapping[str, Any]) -> Any:

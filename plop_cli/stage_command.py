@@ -14,9 +14,10 @@ from rich.markup import escape
 
 from plop.artifacts.fingerprint import plain
 from plop.artifacts.store import Store
-from plop_cli.console import Console, format_seconds
+from plop_cli.console import Console
 from plop_cli.convert import describe
-from plop_cli.execute import Outcome, Plan, execute, is_first_process, plan
+from plop_cli.execute import execute, is_first_process, plan
+from plop_cli.outcome import report, report_plan, report_unplanned
 from plop_cli.prepare import MODELS, RECORDINGS, Preparation, takes_model_instead, wants_preparation
 from plop_cli.prepare_augment import FIT, augment_inputs
 from plop_cli.prepare_report import labels_of_models, report_inputs
@@ -47,6 +48,10 @@ COMMON: dict[str, tuple[Any, Any]] = {
     "debug": (_common(bool, "--debug", help="Show tracebacks."), False),
 }
 """Options of every stage's command: parameter -> (annotation, default)."""
+
+
+PLAIN = {int: "<int>", float: "<float>"}
+"""What --help shows for numbers, which are read as text, in the way Typer shows what it reads itself."""
 
 
 def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
@@ -89,7 +94,7 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     """Run a stage with parsed options."""
     first = is_first_process()
     console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
-    store = Store(values["workspace"])
+    store = Store(values["workspace"], warn=console.warn if first else None)
     options = {s.key: values.get(_variable(s.key)) for s in settings}
     # a repeated option and one with commas mean the same
     given = {key: ",".join(value) if isinstance(value, list) else value for key, value in options.items()
@@ -105,18 +110,20 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
     if stage.check is not None:
         stage.check(config, inputs)
-    if wants_preparation(stage, inputs) and not values["dry_run"]:
-        exclude = tuple(getattr(config, "exclude", ()))
-        preparation = Preparation(store, console, exclude)
+    preparation = Preparation(store, console, tuple(getattr(config, "exclude", ())), may_run=not values["dry_run"])
+    if wants_preparation(stage, inputs):
         if stage.name == "report" and "models" in inputs and not config.labels:
             config = replace(config, labels=labels_of_models(str(inputs["models"])))
         inputs = (report_inputs(preparation, inputs) if stage.name == "report"
                   else preparation.inputs(stage, inputs, values["env"]))  # fmt: skip
     if stage.name == "augment":
-        preparation = Preparation(store, console)
-        inputs = augment_inputs(preparation, inputs, config, values["env"], may_run=not values["dry_run"])
+        inputs = augment_inputs(preparation, inputs, config, values["env"])
     if values["dry_run"]:
-        planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"])
+        if preparation.would_run:
+            report_unplanned(console, store, ref.command, stage, inputs, preparation.would_run, config)
+            return
+        planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"],
+                       force=values["force"])  # fmt: skip
         report_plan(console, planned)
         return
     with console.progress(ref.command) as progress:
@@ -132,50 +139,6 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
             on_wait=lambda pid: console.warn(f"another run (process {pid}) is making this artifact; waiting for it"),
         )
     report(console, store, outcome)
-
-
-def report(console: Console, store: Store, outcome: Outcome) -> None:
-    """Show what a run made."""
-    manifest = outcome.artifact.manifest
-    path = outcome.artifact.path.relative_to(store.workspace)
-    for text in manifest.summary.get("warnings", []):
-        console.warn(text)
-    state = "already there, nothing to do" if outcome.skipped else f"done in {format_seconds(outcome.seconds)}"
-    console.say(f"{outcome.artifact.address}  {state}  ({path})")
-    if not outcome.skipped:
-        console.table([{"figure": k, "value": v} for k, v in manifest.summary.get("figures", {}).items()])
-        console.table(manifest.summary.get("table", []))
-    console.result(outcome_facts(outcome))
-
-
-def outcome_facts(outcome: Outcome) -> dict[str, Any]:
-    """Give what `--json` prints of a run."""
-    manifest = outcome.artifact.manifest
-    return {
-        "stage": manifest.stage,
-        "address": outcome.artifact.address,
-        "fingerprint": manifest.fingerprint,
-        "path": str(outcome.artifact.path),
-        "environment": manifest.environment,
-        "skipped": outcome.skipped,
-        "seconds": round(outcome.seconds, 3),
-        "config": manifest.config,
-        "inputs": manifest.inputs,
-        **manifest.summary,
-    }
-
-
-def report_plan(console: Console, planned: Plan) -> None:
-    """Show what a run would do."""
-    address = f"{planned.stage.name}@{planned.fingerprint[:8]}"
-    inputs = {name: a.address for name, a in planned.inputs.artifacts.items()}
-    inputs |= {name: str(path) for name, path in planned.inputs.raw.items()}
-    known = planned.last_seconds
-    last = "it has not run here yet" if known is None else f"the last run took {format_seconds(known)}"
-    console.say(f"{address}  {'is already there' if planned.existing else f'would run; {last}'}")
-    console.table([{"input": name, "from": source} for name, source in inputs.items()])
-    console.result({"address": address, "would_run": planned.existing is None, "last_seconds": known,
-                    "inputs": inputs, "config": plain(planned.config)})  # fmt: skip
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
@@ -209,16 +172,18 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
 
 def _setting_option(setting: Setting) -> Any:
     several = typing.get_args(setting.kind) == (str, ...)
-    kind: Any = list[str] if several else setting.kind if setting.kind in (int, float, bool) else str
+    # numbers, too, are read where --set and plop.toml are: a wrong value is told alike wherever it comes from
+    kind: Any = list[str] if several else bool if setting.kind is bool else str
     default = setting.default
     shown = ",".join(map(str, default)) if isinstance(default, (tuple, list)) else str(plain(default))
-    choices = "" if kind is not str or setting.kind is str else f" ({describe(setting.kind)})"
+    plain_kind = PLAIN.get(setting.kind)
+    choices = "" if kind is not str or setting.kind is str or plain_kind else f" ({describe(setting.kind)})"
     choices = " May be repeated." if several else choices
     option = typer.Option(
         _option(setting.key),
         help=escape(setting.help + choices),
         show_default=escape(shown) or "empty",
-        metavar="TEXT" if several else None,
+        metavar="TEXT" if several else plain_kind,
         rich_help_panel="Settings",
     )
     return Annotated[kind | None, option]

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from benchmarks.__main__ import PAGE, RESULT, collect
+from benchmarks.__main__ import PAGE, RESULT, collect, merged
 from benchmarks.goals import GOALS, goals_table
 
 
@@ -25,3 +25,18 @@ def test_every_goal_belongs_to_a_case():
 
 def test_the_page_shows_what_the_file_holds():
     assert goals_table(json.loads(Path(RESULT).read_text())["cases"]) in PAGE.read_text()
+
+
+def test_a_partial_run_leaves_the_other_figures_their_command_and_load():
+    whole = merged({}, {"one": 1.0, "two": 2.0}, command="make bench", machine={"cores": 2}, load=0.1)
+    part = merged(whole, {"two": 3.0}, command="python -m benchmarks two", machine={"cores": 4}, load=5.0)
+    assert (part["command"], part["machine"], part["cases"]) == ("make bench", {"cores": 2}, {"one": 1.0, "two": 3.0})
+    assert part["measured"] == {
+        "one": {"command": "make bench", "load_1min_before": 0.1},
+        "two": {"command": "python -m benchmarks two", "load_1min_before": 5.0, "cores": 4},
+    }
+
+
+def test_every_figure_of_the_file_says_how_it_was_measured():
+    found = json.loads(Path(RESULT).read_text())
+    assert set(found["measured"]) == set(found["cases"])

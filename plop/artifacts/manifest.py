@@ -54,8 +54,8 @@ def content_files(manifest: Manifest) -> dict[str, str]:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write manifest.json into an artifact's folder."""
-    text = json.dumps(asdict(manifest), indent=1, sort_keys=True)
+    """Write manifest.json into an artifact's folder; figures and columns stay in the order that the stage gave them."""
+    text = json.dumps(asdict(manifest), indent=1)
     (folder / MANIFEST_NAME).write_text(text + "\n", encoding="utf-8")
 
 
@@ -75,7 +75,7 @@ def read_manifest(folder: Path) -> Manifest:
             where=path,
             expected="the manifest.json that plop wrote",
             found=f"{type(error).__name__}: {error}",
-            fix=f"Remove the folder {folder.name} and run its stage again.",
+            fix=f"Make it again: {_make_again(folder)}",
         ) from error
     if schema > MANIFEST_SCHEMA:
         raise PlopError(
@@ -83,16 +83,20 @@ def read_manifest(folder: Path) -> Manifest:
             where=path,
             expected=f"manifest schema {MANIFEST_SCHEMA} or older",
             found=f"manifest schema {schema}",
-            fix="Update plop, or make the artifact again with this version.",
+            fix=f"Use the newer plop. Or make the artifact again with this one: {_make_again(folder)}",
         )
     known = {f.name for f in fields(Manifest)}
     try:
         manifest = Manifest(**{key: value for key, value in facts.items() if key in known})
     except TypeError as error:
         raise PlopError("The artifact's manifest is incomplete.", where=path, found=str(error),
-                        fix=f"Remove the folder {folder.name} and run its stage again.") from error  # fmt: skip
+                        fix=f"Make it again: {_make_again(folder)}") from error  # fmt: skip
     for name in manifest.files:
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
             raise PlopError("The artifact's manifest names a file outside its folder.", where=path,
                             expected="relative paths", found=name, fix="Do not use this artifact.")  # fmt: skip
     return manifest
+
+
+def _make_again(folder: Path) -> str:
+    return f"give --force to the command that made it, or remove {folder} and run the command without."

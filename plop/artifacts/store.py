@@ -13,6 +13,7 @@ import json
 import os
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -21,7 +22,7 @@ from plop.artifacts.digest import DigestCache, content_digest, file_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
-from plop.artifacts.whole_file import write_json
+from plop.artifacts.whole_file import in_the_way, write_json
 from plop.errors import PlopError
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
@@ -54,9 +55,23 @@ class Artifact:
 class Store:
     """The artifacts below one workspace folder."""
 
-    def __init__(self, workspace: str | Path = ".") -> None:
+    def __init__(self, workspace: str | Path = ".", *, warn: Callable[[str], None] | None = None) -> None:
+        """Open a workspace; it need not exist.
+
+        Args:
+            workspace: Its folder.
+            warn: Told of artifacts that `latest` had to pass over.
+
+        Raises:
+            PlopError: A file stands where the folder would be.
+        """
         self.workspace = Path(workspace).resolve()
         self.root = self.workspace / "artifacts"
+        self._warn = warn
+        if (file := in_the_way(self.root)) is not None:
+            raise PlopError("This workspace cannot be: a file stands where its folder would be.", where=file,
+                            expected="a folder, or nothing yet", found="a file",
+                            fix="Choose another workspace with -w (--workspace) or PLOP_WORKSPACE.")  # fmt: skip
         self.cache = DigestCache(self.root / ".cache" / "digests.json")
         self.journal = Journal(self.root / "journal.jsonl")
 
@@ -88,15 +103,35 @@ class Store:
         order = self.journal.order()
         return sorted(found, key=lambda a: (order.get(a.key, -1), str(a.manifest.provenance.get("made", ""))))
 
-    def unreadable(self) -> dict[Path, PlopError]:
-        """List artifacts whose manifest is missing, damaged or too new."""
+    def unreadable(self, *stages: str) -> dict[Path, PlopError]:
+        """List artifacts of the stages whose manifest is missing, damaged or too new, least recently used first."""
         problems = {}
-        for folder in self._folders(()):
+        for folder in self._folders(stages):
             try:
                 read_manifest(folder)
             except PlopError as error:
                 problems[folder] = error
-        return problems
+        order = self.journal.order()
+        return dict(sorted(problems.items(), key=lambda item: order.get(_key_of(item[0]), -1)))
+
+    def passed_over(self, *stages: str, taken: Artifact | None = None) -> PlopError | None:
+        """Tell why the latest artifact of some stages cannot be used; None when it can.
+
+        Args:
+            stages: Whose artifacts were looked through.
+            taken: What was taken instead; what is older than that was not passed over.
+        """
+        order = self.journal.order()
+        after = -2 if taken is None else order.get(taken.key, -1)
+        later = [error for path, error in self.unreadable(*stages).items() if order.get(_key_of(path), -1) > after]
+        return later[-1] if later else None
+
+    def warn_passed_over(self, *stages: str, taken: Artifact | None) -> None:
+        """Warn of an artifact that is later than the one that was taken, but cannot be used."""
+        reason = self.passed_over(*stages, taken=taken)
+        if reason is not None and self._warn is not None:
+            kept = f"no artifact of {' or '.join(stages)}" if taken is None else taken.address
+            self._warn(f"{kept} is taken; a later one was passed over ({reason.where}): {reason.problem}")
 
     def _folders(self, stages: tuple[str, ...]) -> list[Path]:
         if not self.root.is_dir():
@@ -120,8 +155,10 @@ class Store:
         if prefix == "latest":
             known = self.artifacts(stage)
             if not known:
-                raise PlopError(f"There is no artifact of `{stage}` in this workspace.", where=self.root,
-                                fix=f"Run `plop {stage}` first, or choose the workspace with -w.")  # fmt: skip
+                raise self.passed_over(stage) or PlopError(
+                    f"There is no artifact of `{stage}` in this workspace.", where=self.root,
+                    fix=f"Run `plop {stage}` first, or choose the workspace with -w.")  # fmt: skip
+            self.warn_passed_over(stage, taken=known[-1])
             return known[-1]
         fits = [folder for folder in self._folders((stage,)) if prefix and folder.name.startswith(prefix)]
         if len(fits) == 1:
@@ -174,6 +211,11 @@ class Store:
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
+    def drop_empty(self, scratch: Path) -> None:
+        """Remove the scratch folder of a run that failed, unless it holds a file to go on with. Hold its lock."""
+        if not any(path.is_file() for path in scratch.rglob("*")):
+            shutil.rmtree(scratch, ignore_errors=True)
+
     def commit(self, scratch: Path, manifest: Manifest) -> Artifact:
         """Turn a scratch folder into an artifact: hash the payload, write the manifest, rename. Hold its lock.
 
@@ -216,6 +258,10 @@ def check_name(name: str) -> None:
     if not NAME_PATTERN.fullmatch(name) or name == "latest":
         raise PlopError("This cannot be the name of an artifact.", where=name,
                         expected="letters, digits, '.', '_', '+', '-'; first a letter or digit")  # fmt: skip
+
+
+def _key_of(folder: Path) -> tuple[str, str]:
+    return folder.parent.name, folder.name
 
 
 def _visible_folder(path: Path) -> bool:

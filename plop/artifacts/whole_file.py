@@ -10,6 +10,12 @@ from pathlib import Path
 from typing import Any
 
 
+def in_the_way(folder: Path) -> Path | None:
+    """Give the file that stands where a folder or one above it would be; None when nothing does."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    return None if there.is_dir() else there
+
+
 def scratch_of(path: Path) -> Path:
     """Name under which this process writes a file until it is whole; two processes may write the same file."""
     return path.with_name(f"{path.name}.{os.getpid()}.tmp")

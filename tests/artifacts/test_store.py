@@ -140,3 +140,48 @@ def test_damaged_journal_only_forgets_the_order(store: Store):
     with store.journal.path.open("a") as file:
         file.write('{"stage": "tra')
     assert [a.key for a in store.artifacts()] == [("train", "01")]
+
+
+def spoil(artifact: Artifact, **facts: object) -> None:
+    """Make a manifest one that only a newer plop reads."""
+    path = artifact.path / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": 99} | facts))
+
+
+def test_the_latest_that_cannot_be_used_says_why(store: Store):
+    newer = add(store, "train", "01")
+    spoil(newer)
+    with pytest.raises(PlopError, match="newer plop") as caught:
+        store.find("train@latest")
+    assert str(newer.path) in str(caught.value.fix) and "--force" in str(caught.value.fix)
+
+
+def test_one_that_was_passed_over_is_told(tmp_path: Path):
+    told: list[str] = []
+    store = Store(tmp_path, warn=told.append)
+    old = add(store, "train", "01")
+    fine = add(store, "train", "02")
+    spoil(old)
+    assert store.find("train@latest").key == fine.key and told == []
+    later = add(store, "train", "03")
+    spoil(later)
+    assert store.find("train@latest").key == fine.key
+    assert len(told) == 1 and str(later.path) in told[0] and "newer plop" in told[0]
+
+
+@pytest.mark.parametrize("below", ["", "sub", "sub/deeper"])
+def test_a_file_cannot_be_a_workspace(tmp_path: Path, below: str):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PlopError, match="a file stands") as caught:
+        Store(tmp_path / "file" / below)
+    assert "--workspace" in str(caught.value.fix) and caught.value.where == str(tmp_path / "file")
+
+
+def test_a_scratch_folder_goes_unless_it_holds_something(store: Store):
+    scratch = store.scratch("train", "01")
+    (scratch / ".checkpoints").mkdir()
+    store.drop_empty(scratch)
+    assert not scratch.exists()
+    (store.scratch("train", "01") / "half.tmp").touch()
+    store.drop_empty(scratch)
+    assert scratch.exists()

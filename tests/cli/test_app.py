@@ -90,6 +90,13 @@ def test_settings_from_file_set_and_option(workspace: Path, capsys: pytest.Captu
     (["export", "train@latest", "out"], 1, ["no artifact of `train`"]),
     (["why", "a", "b"], 1, ["no artifact 'a'"]),
     (["reproduce", "nowhere"], 1, ["no such folder"]),
+    (["reproduce", "nowhere", "--profile", "demo"], 1, ["expected: cpu, cpu-recordings, paper\n"]),
+    (["ingest", "mesh", "nowhere", "--pieces", "abc"], 1, ["ingest mesh.pieces", "integer", "'abc'"]),
+    (["ingest", "mesh", "nowhere", "--pause-s", "nan"], 1, ["ingest mesh.pause_s", "finite"]),
+    (["ingest", "mesh", "nowhere", "--seed", "-1"], 1, ["ingest mesh.seed", "0 or more"]),
+    (["demo", "--seed", "-1"], 1, ["command line: seed", "0 or more"]),
+    (["demo-physics", "--seed", "abc"], 1, ["command line: seed", "integer"]),
+    (["ingest", "mesh", "nowhere", "--pieces"], 2, ["--pieces"]),
 ])  # fmt: skip
 def test_mistakes_end_with_a_message_and_no_traceback(
     workspace: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: list[str]
@@ -99,6 +106,51 @@ def test_mistakes_end_with_a_message_and_no_traceback(
     assert "Traceback" not in seen.err + seen.out
     for word in words:
         assert word in seen.err
+
+
+@pytest.mark.parametrize("command", [["status"], ["verify"], ["ingest", "mesh", "."], ["demo"], ["demo-physics"],
+                                     ["reproduce", "."], ["doctor"]])  # fmt: skip
+def test_a_file_given_as_workspace_is_named_with_the_option(
+    workspace: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+):
+    file = workspace / "file"
+    file.write_text("kept")
+    assert main([*command, "-w", str(file)]) == 1
+    told = capsys.readouterr().err
+    assert str(file) in told and "-w (--workspace)" in told and "unexpected" not in told
+    assert file.read_text() == "kept"
+
+
+def test_export_needs_a_folder(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["ingest", "mesh", str(workspace / "blocks"), "--name", "base", "-q"]) == 0
+    assert main(["calibrate", "--name", "joined", "-q"]) == 0
+    (workspace / "file").write_text("kept")
+    (workspace / "out").mkdir()
+    (workspace / "out" / "sub").write_text("kept")  # where the payload has a folder
+    for target in ("file", "file/below", "out"):
+        assert main(["export", "joined", str(workspace / target), "--force"]) == 1
+        told = capsys.readouterr().err
+        assert "unexpected" not in told and str(workspace / target.partition("/")[0]) in told
+    assert (workspace / "file").read_text() == (workspace / "out" / "sub").read_text() == "kept"
+
+
+def test_what_is_there_already_is_shown_again(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["ingest", "mesh", str(workspace / "blocks")]
+    assert main(command) == 0
+    first = capsys.readouterr().out.splitlines()
+    assert main(command) == 0
+    again = capsys.readouterr().out.splitlines()
+    assert "already there" in again[0] and again[1:] == first[1:] and any("pieces" in line for line in again)
+    assert main([*command, "-q"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_force_would_run_again(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["ingest", "mesh", str(workspace / "blocks")]
+    assert main([*command, "-q"]) == 0
+    for extra, expected in (([], False), (["--force"], True)):
+        assert main([*command, "--dry-run", "--json", *extra]) == 0
+        assert json.loads(capsys.readouterr().out)["would_run"] is expected
 
 
 def test_errors_are_json_when_asked(workspace: Path, capsys: pytest.CaptureFixture[str]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,8 @@ import pytest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.execute import Outcome, execute, plan
-from stages.contract import Stage
+from plop_cli.status import unfinished
+from stages.contract import Stage, Summary
 from tests.pipeline import fake_stages as fake
 
 
@@ -185,3 +187,61 @@ def test_only_the_files_a_stage_reads_count(store: Store):
     first = run(store, stage, inputs={"raw": raw})
     (raw / "other.txt").write_text("of another environment")
     assert run(store, stage, inputs={"raw": raw}).artifact.key == first.artifact.key
+
+
+def of_newer_plop(artifact: Artifact) -> Artifact:
+    path = artifact.path / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": 99}))
+    return artifact
+
+
+def test_the_only_input_being_of_a_newer_plop_is_the_reason_that_is_told(store: Store):
+    artifact = of_newer_plop(ingest(store))
+    for inputs in ({}, {"recordings": "ingest@latest"}):
+        with pytest.raises(PlopError, match="newer plop") as caught:
+            run(store, fake.CALIBRATE, inputs=inputs)
+        assert str(artifact.path) in str(caught.value.where)
+
+
+def test_an_input_of_the_same_recordings_of_a_newer_plop_is_the_reason_that_is_told(store: Store):
+    ingest(store)
+    run(store, fake.FIT)
+    second = ingest(store, pieces=5)
+    of_newer_plop(run(store, fake.FIT).artifact)
+    with pytest.raises(PlopError, match="newer plop"):
+        run(store, fake.TRAIN, inputs={"recordings": second.address})
+
+
+def test_an_older_readable_input_is_taken_with_a_warning(tmp_path: Path):
+    told: list[str] = []
+    store = Store(tmp_path, warn=told.append)
+    first = ingest(store)
+    of_newer_plop(ingest(store, pieces=5))
+    assert sources(run(store, fake.CALIBRATE)) == {"recordings": first.key[1]}
+    assert len(told) == 1 and "newer plop" in told[0]
+    of_newer_plop(run(store, fake.FUSE).artifact)
+    assert set(sources(run(store, fake.FIT))) == {"recordings"}
+    assert any("no artifact of fuse" in text for text in told), "an optional input that is left out is told, too"
+
+
+def test_force_replaces_an_artifact_of_a_newer_plop(store: Store):
+    artifact = of_newer_plop(ingest(store))
+    raw = store.workspace / "blocks"
+    with pytest.raises(PlopError, match="newer plop") as caught:
+        run(store, fake.INGEST, inputs={"raw": raw})
+    assert "--force" in str(caught.value.fix)
+    assert run(store, fake.INGEST, inputs={"raw": raw}, force=True).artifact.key == artifact.key
+    assert run(store, fake.INGEST, inputs={"raw": raw}).skipped
+
+
+def test_a_run_that_is_refused_leaves_nothing_to_go_on_with(store: Store):
+    def refuse(inputs: object, config: object, out: object) -> Summary:
+        raise PlopError("A setting is out of range.")
+
+    ingest(store)
+    with pytest.raises(PlopError, match="out of range"):
+        run(store, replace(fake.CALIBRATE, run=refuse))
+    assert unfinished(store) == []
+    with pytest.raises(PlopError, match="disk is full"):
+        run(store, fake.FULL_DISK)
+    assert [stage for stage, _ in unfinished(store)] == ["fuse"], "what wrote something goes on"

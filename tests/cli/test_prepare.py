@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -131,3 +132,33 @@ def test_wrong_settings_are_told_before_anything_is_made_on_the_way(store, monke
     for words, told in ((["--effects", "tilf"], "Did you mean tilt?"), (["--shams", "3"], "Too few shams")):
         assert main(["diagnose", "--model", "m", "--recordings", "r", "-w", str(store.workspace), *words]) == 1
         assert told in capsys.readouterr().err
+
+
+def test_a_dry_run_names_what_would_be_made_on_the_way_and_makes_nothing(store, monkeypatch, capsys):
+    plain, mystery = recordings(store, "blocks"), recordings(store, "blocks", pieces=5)
+    base = made(store, "identify", recordings=plain)
+    fit = made(store, "fit-init", recordings=plain)
+    tracks = made(store, "filter", recordings=plain, init=fit)  # of other recordings than those that are compared
+    before = {a.key for a in store.artifacts()}
+    command = ["compare", "--model", base.address, "--recordings", mystery.address, "--dry-run", "-w",
+               str(store.workspace)]  # fmt: skip
+    assert main([*command, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["would_run_first"] == {"init": "fit-init", "tracks": "filter"} and facts["address"] is None
+    assert facts["inputs"] == {"recordings": mystery.address, "model": base.address}
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert fit.address not in told and "`plop filter` would run first" in told
+    assert {a.key for a in store.artifacts()} == before
+    monkeypatch.setattr(Preparation, "derived", lambda self, command, *more: fit if command == "fit-init" else tracks)
+    assert main([*command, "--json"]) == 0  # all is there: the run itself is planned
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["address"].startswith("compare@") and facts["inputs"]["init"] == fit.address
+
+
+def test_the_only_model_being_of_a_newer_plop_is_the_reason_that_is_told(store):
+    base = made(store, "identify", recordings=recordings(store, "blocks"))
+    path = base.path / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": 99}))
+    with pytest.raises(PlopError, match="newer plop"):
+        preparation(store).inputs(DIAGNOSE, {}, None)

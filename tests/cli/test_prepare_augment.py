@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ def diagnosis(store: Store, model: Artifact, of: Artifact, fitted: list[str], se
 
 
 def chosen(store: Store, given: dict[str, str], config: AugmentConfig, **more: bool) -> str | None:
-    found = augment_inputs(preparation(store), given, config, None, **more).get("diagnosis")
+    found = augment_inputs(replace(preparation(store), **more), given, config, None).get("diagnosis")
     return None if found is None else str(found)
 
 
@@ -55,7 +56,7 @@ def test_given_values_and_taking_an_effect_out_need_no_diagnosis(store):
 
 
 def test_what_has_not_been_fitted_is_diagnosed_first(store, monkeypatch):
-    plain, mystery = recordings(store, "blocks"), recordings(store, "blocks", pieces=5)
+    plain, mystery, other = (recordings(store, "blocks", pieces=n) for n in (4, 5, 6))
     base = made(store, "identify", recordings=plain)
     diagnosis(store, base, mystery, ["tilt"])
     asked = []
@@ -70,6 +71,9 @@ def test_what_has_not_been_fitted_is_diagnosed_first(store, monkeypatch):
     assert chosen(store, given, config, may_run=False) is None and not asked
     made_now = chosen(store, given, config)
     assert asked == [(base.key, mystery.key, "viscosity", {"effect_file": "mine.py"})]
+    noting = replace(preparation(store), may_run=False)
+    augment_inputs(noting, {"model": base.address, "fit": other.address}, config, None)
+    assert noting.would_run == {"diagnosis": "diagnose"}
     assert made_now != store.artifacts("diagnose")[0].address
     assert chosen(store, given, config) == made_now and len(asked) == 1
 

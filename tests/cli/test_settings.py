@@ -42,12 +42,14 @@ class Config:
     form: Literal["paper", "solid"] = "paper"
     limit: int | None = None
     resample: bool = True
+    low: tuple[float, ...] = ()
+    seed: int = 0
     grid: Grid = field(default_factory=Grid)
 
 
 def test_every_field_is_listed_with_its_docstring():
     found = {setting.key: setting for setting in settings_of(Config)}
-    assert list(found) == ["voxel_m", "steps", "test", "form", "limit", "resample", "grid.cells"]
+    assert list(found) == ["voxel_m", "steps", "test", "form", "limit", "resample", "low", "seed", "grid.cells"]
     assert found["voxel_m"].help == "Edge of one voxel [m]."
     assert found["steps"].help == ""
     assert (found["grid.cells"].default, found["grid.cells"].help) == (32, "Cells along a side.")
@@ -82,6 +84,16 @@ def test_values_are_converted(text: Any, kind: Any, value: Any):
 def test_wrong_values_are_clear_errors(text: Any, kind: Any):
     with pytest.raises(PlopError, match="wrong kind"):
         convert(text, kind, key="k", where="w")
+
+
+@pytest.mark.parametrize(("key", "value", "problem"), [
+    ("voxel_m", "nan", "not finite"), ("voxel_m", float("inf"), "not finite"), ("low", "0,-inf", "not finite"),
+    ("steps", "inf", "wrong kind"), ("limit", "1e999", "wrong kind"), ("seed", "-1", "seed is negative"),
+])  # fmt: skip
+def test_what_no_setting_takes_is_refused_by_name(key: str, value: Any, problem: str):
+    with pytest.raises(PlopError, match=problem) as caught:
+        resolve(Config, "fuse", ("--set", {key: value}))
+    assert (caught.value.where, caught.value.expected is None) == (f"--set: fuse.{key}", False)
 
 
 def test_same_setting_spelled_differently_is_the_same():

@@ -1,0 +1,89 @@
+"""What a stage's command tells: of a run, and of one that was only planned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.fingerprint import plain
+from plop.artifacts.store import Store
+from plop_cli.console import Console, format_seconds
+from plop_cli.execute import Outcome, Plan
+from plop_cli.inputs import LEFT_OUT
+from stages.contract import Stage
+
+
+def report(console: Console, store: Store, outcome: Outcome) -> None:
+    """Show what a run made."""
+    manifest = outcome.artifact.manifest
+    path = outcome.artifact.path.relative_to(store.workspace)
+    for text in manifest.summary.get("warnings", []):
+        console.warn(text)
+    state = "already there, nothing to do" if outcome.skipped else f"done in {format_seconds(outcome.seconds)}"
+    console.say(f"{outcome.artifact.address}  {state}  ({path})")
+    console.table([{"figure": k, "value": v} for k, v in manifest.summary.get("figures", {}).items()])
+    console.table(manifest.summary.get("table", []))
+    console.result(outcome_facts(outcome))
+
+
+def outcome_facts(outcome: Outcome) -> dict[str, Any]:
+    """Give what `--json` prints of a run."""
+    manifest = outcome.artifact.manifest
+    return {
+        "stage": manifest.stage,
+        "address": outcome.artifact.address,
+        "fingerprint": manifest.fingerprint,
+        "path": str(outcome.artifact.path),
+        "environment": manifest.environment,
+        "skipped": outcome.skipped,
+        "seconds": round(outcome.seconds, 3),
+        "config": manifest.config,
+        "inputs": manifest.inputs,
+        **manifest.summary,
+    }
+
+
+def report_plan(console: Console, planned: Plan) -> None:
+    """Show what a run would do."""
+    address = f"{planned.stage.name}@{planned.fingerprint[:8]}"
+    inputs = {name: a.address for name, a in planned.inputs.artifacts.items()}
+    inputs |= {name: str(path) for name, path in planned.inputs.raw.items()}
+    known = planned.last_seconds
+    console.say(f"{address}  {'is already there' if planned.existing else f'would run; {_last(known)}'}")
+    console.table([{"input": name, "from": source} for name, source in inputs.items()])
+    console.result({"address": address, "would_run": planned.existing is None, "last_seconds": known,
+                    "inputs": inputs, "config": plain(planned.config)})  # fmt: skip
+
+
+def report_unplanned(
+    console: Console, store: Store, command: str, stage: Stage, inputs: Mapping[str, str | Path],
+    first: Mapping[str, str], config: Any,
+) -> None:  # fmt: skip
+    """Show what a run would do for which something else would run first, so that its address is not known yet.
+
+    Args:
+        console: Where to show it.
+        store: The workspace.
+        command: The command of the stage.
+        stage: What would run.
+        inputs: What is there, by input name.
+        first: Input -> command that would make it.
+        config: The settings.
+    """
+    known = store.journal.last_seconds(stage.name)
+    there: dict[str, str] = {}
+    for name, source in inputs.items():
+        spec = stage.inputs.get(name)
+        if source != LEFT_OUT and spec is not None:
+            one = spec.stages and not spec.many
+            there[name] = store.find(str(source)).address if one else str(source)
+    console.say(f"{command}  would run, and what it needs first; {_last(known)}")
+    sources = there | {name: f"`plop {maker}` would run first" for name, maker in first.items()}
+    console.table([{"input": name, "from": sources[name]} for name in stage.inputs if name in sources])
+    console.result({"address": None, "would_run": True, "last_seconds": known, "inputs": there,
+                    "would_run_first": dict(first), "config": plain(config)})  # fmt: skip
+
+
+def _last(seconds: float | None) -> str:
+    return "it has not run here yet" if seconds is None else f"its last run took {format_seconds(seconds)}"
