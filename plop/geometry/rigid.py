@@ -11,6 +11,8 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from plop.errors import PlopError
+
 
 def invert_rigid(transform: np.ndarray) -> np.ndarray:
     """Invert rigid transforms without a general matrix inverse.
@@ -27,6 +29,41 @@ def invert_rigid(transform: np.ndarray) -> np.ndarray:
     out[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation, transform[..., :3, 3])
     out[..., 3, 3] = 1.0
     return out
+
+
+def check_rigid(poses: np.ndarray, where: str, *, what: str) -> None:
+    """Refuse poses that are not a rotation and a translation.
+
+    Args:
+        poses: One pose, or one a frame, shape [4, 4] or [T, 4, 4].
+        where: File and key that hold them, for the message.
+        what: Whose poses they are, for the message, e.g. "camera".
+
+    Raises:
+        PlopError: Numbers are not finite, the 3x3 part is scaled, mirrored or zero, or the last row is not 0 0 0 1.
+    """
+    stack = poses.reshape(-1, 4, 4)
+    broken = ~np.isfinite(stack).all((1, 2))
+    if broken.any():
+        raise PlopError(f"A {what}'s pose has values that are no numbers.", where=where, expected="finite poses",
+                        found=f"NaN or infinity{_of_frames(broken)}",
+                        fix="Track or export the poses again, or leave the episode out.")  # fmt: skip
+    part = stack[:, :3, :3]
+    error = np.abs(part @ np.swapaxes(part, 1, 2) - np.eye(3)).max((1, 2))
+    error = np.maximum(error, np.abs(stack[:, 3] - [0, 0, 0, 1]).max(1))
+    mirrored = np.linalg.det(part) < 0
+    wrong = (error > 1e-2) | mirrored
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        found = "a mirrored 3x3 part" if mirrored[first] else f"off by {error[first]:.3g}"
+        raise PlopError(f"A {what}'s pose is not a rotation and a translation.", where=where,
+                        expected="an orthonormal right-handed 3x3 part over the last row 0 0 0 1",
+                        found=f"{found}{_of_frames(wrong)}",
+                        fix="Write 4x4 poses without scale, translation in the last column.")  # fmt: skip
+
+
+def _of_frames(wrong: np.ndarray) -> str:
+    return f" in {int(wrong.sum())} of {len(wrong)} poses, first at {int(np.argmax(wrong))}" if len(wrong) > 1 else ""
 
 
 def transform_points(transform: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -34,6 +34,7 @@ _ARRAYS = (
 )  # fmt: skip
 _SAME_TIME_S = 1e-4
 _SAME_PLACE_M = 1e-4
+_LEAST_QUATERNION = 1e-6
 
 
 @dataclass(frozen=True)
@@ -170,6 +171,13 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
             raise PlopError("The recording holds NaN or infinite values.", where=f"{path}: {key}",
                             expected="finite numbers", found=f"{int((~np.isfinite(value)).sum())} others",
                             fix="Simulate it again or leave it out.")  # fmt: skip
+    key = "knife_quaternion_xyzw"
+    zero = np.linalg.norm(arrays[key], axis=-1) < _LEAST_QUATERNION
+    if zero.any():
+        raise PlopError("An orientation of the knife is no quaternion.", where=f"{path}: {key}",
+                        expected="four numbers, not all zero",
+                        found=f"zero in {int(zero.sum())} of {zero.size} frames, the first is {int(np.argmax(zero))}",
+                        fix="Simulate it again or leave it out.")  # fmt: skip
     return arrays
 
 

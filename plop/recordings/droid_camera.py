@@ -15,7 +15,7 @@ from plop.recordings.droid_align import capture_times, frames_of_rows, poses_at
 from plop.recordings.droid_depth import DepthSource, ExportedDepth, StereoDepth, ZedDepth, find_svo, zed_sdk_present
 from plop.recordings.droid_intrinsics import find_intrinsics, side_of_episode
 from plop.recordings.droid_layout import DroidFolder
-from plop.recordings.droid_trajectory import DroidTrajectory, check_pose
+from plop.recordings.droid_trajectory import DroidTrajectory, check_pose, pose_from_json
 from plop.recordings.droid_video import DroidVideo, find_video
 
 BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
@@ -160,9 +160,9 @@ def _poses(
     own = trajectory.extrinsics.get(f"{serial}_left", np.full((trajectory.rows, 6), np.nan))
     pair = _pair({key: _first(value) for key, value in trajectory.extrinsics.items()}, serial)
     side = side_of_episode(episode, options.extrinsics).get(serial)
-    if not wrist and isinstance(side, list) and len(side) == 6:
-        check_pose(np.asarray(side, float), where=f"{options.extrinsics_name}: {serial}", what="camera")
-        pose = pose_from_euler_xyz(np.asarray(side, float))
+    if not wrist and side is not None:
+        given = pose_from_json(side, where=f"{options.extrinsics_name}: {serial}", what="camera")
+        pose = pose_from_euler_xyz(given)
         return np.repeat(pose[None], trajectory.rows, 0), pair, [f"{episode.name}: pose of camera {serial} from "
                                                                  f"{options.extrinsics_name}"]  # fmt: skip
     warnings: list[str] = []
@@ -186,9 +186,11 @@ def _from_metadata(
     episode: DroidFolder, trajectory: DroidTrajectory, serial: str, where: str
 ) -> tuple[np.ndarray, list[str]]:
     for role in ("ext1", "ext2"):
-        pose = episode.metadata.get(f"{role}_cam_extrinsics")
-        if str(episode.metadata.get(f"{role}_cam_serial")) == serial and isinstance(pose, list) and len(pose) == 6:
-            own = np.repeat(np.asarray(pose, float)[None], trajectory.rows, 0)
+        key = f"{role}_cam_extrinsics"
+        pose = episode.metadata.get(key)
+        if str(episode.metadata.get(f"{role}_cam_serial")) == serial and pose is not None:
+            given = pose_from_json(pose, where=f"{episode.folder}: metadata, {key}", what="camera")
+            own = np.repeat(given[None], trajectory.rows, 0)
             return own, [f"{where}: missing; {role}_cam_extrinsics of the metadata is used"]
     return np.full((trajectory.rows, 6), np.nan), []
 

@@ -14,6 +14,8 @@ from plop.recordings.droid_layout import DroidFolder, inside
 from plop.recordings.droid_trajectory import check_pose
 
 NOTES_NAME = "plop_episode.json"
+WORKSPACE_M = 5.0
+"""A workspace that reaches farther from the robot's base is taken for millimetres [m]."""
 KNOWN = ("scan", "scan_episode", "interaction", "tool", "workspace", "table_z")
 
 
@@ -120,8 +122,10 @@ def _workspace(path: Path, value: Any) -> np.ndarray | None:
     if not isinstance(value, dict) or set(value) != {"min", "max"}:
         raise _bad(path, "workspace", '{"min": [x, y, z], "max": [x, y, z]}', str(value))
     box = np.stack([_numbers(path, f"workspace.{end}", value[end], 3) for end in ("min", "max")])
-    if np.abs(box).max() > 5:
-        raise _bad(path, "workspace", "metres from the robot's base (within 5)", f"{box.tolist()}: millimetres?")
+    if np.abs(box).max() > WORKSPACE_M:
+        raise _bad(
+            path, "workspace", f"metres from the robot's base (within {WORKSPACE_M:g})", f"{box.tolist()}: millimetres?"
+        )
     if (box[0] >= box[1]).any():
         raise _bad(path, "workspace", "min below max on every axis", str(box.tolist()))
     return box

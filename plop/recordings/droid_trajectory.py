@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -234,6 +235,29 @@ def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
         raise PlopError(f"The {what}'s angles do not look like radians.", where=where,
                         expected="Euler angles xyz in radians", found=f"{angle:.1f}",
                         fix="Convert degrees to radians.")  # fmt: skip
+
+
+def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
+    """Read [x, y, z, a, b, c] from a JSON file, shape [6], metres and radians.
+
+    Args:
+        value: What the file holds.
+        where: File and key, for the message.
+        what: Whose pose it is, for the message.
+
+    Raises:
+        PlopError: These are not six finite numbers, or no metres and radians.
+    """
+    try:
+        pose = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    if pose.shape != (6,) or not np.isfinite(pose).all():
+        raise PlopError(f"The {what}'s pose cannot be read.", where=where,
+                        expected="[x, y, z, a, b, c]: six finite numbers, metres and radians", found=str(value)[:120],
+                        fix="Correct the file.")  # fmt: skip
+    check_pose(pose, where=where, what=what)
+    return pose
 
 
 def _first_finite(poses: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,9 @@ import cv2
 import numpy as np
 
 from plop.errors import PlopError
+
+# FFmpeg's own lines on a damaged file would stand before plop's error; cv2 reads this when it opens its first video.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 STEREO_ASPECT = 2.4
 """Width / height above which a picture holds both eyes (HD720: 1.78 for one eye, 3.56 for two)."""

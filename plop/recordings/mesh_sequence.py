@@ -22,6 +22,7 @@ import numpy as np
 
 from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
+from plop.geometry.rigid import check_rigid
 
 MESH_SEQUENCE_SCHEMA = 1
 _TRUTH = "truth_"
@@ -148,7 +149,8 @@ def read_mesh_sequence(path: str | Path) -> MeshSequence:
         path: Path of the npz file.
 
     Raises:
-        PlopError: A file is missing or truncated, a key is absent, or the content contradicts itself.
+        PlopError: A file is missing or truncated, a key is absent or of the wrong kind, or the content contradicts
+            itself.
     """
     path = Path(path)
     side = _read_side(path.with_suffix(".json"))
@@ -196,6 +198,7 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
             raise PlopError("This episode holds NaN or infinite values.", where=f"{where}: {key}",
                             expected="finite numbers", found=f"{int((~np.isfinite(value)).sum())} others",
                             fix="The simulation probably blew up: simulate it again or leave it out.")  # fmt: skip
+    check_rigid(sequence.world_from_tool, f"{where}: world_from_tool", what="tool")
     if (np.diff(sequence.times) <= 0).any():
         raise PlopError("Time does not increase.", where=f"{where}: times", expected="strictly increasing seconds",
                         found=f"a step of {np.diff(sequence.times).min():g} s")  # fmt: skip
@@ -215,6 +218,11 @@ def _read_side(path: Path) -> dict[str, Any]:
         raise PlopError("The episode's JSON file is missing or unreadable.", where=path,
                         expected='{"environment": ..., "table_z_m": ...}', found=str(error),
                         fix="Record or export this episode again.") from error  # fmt: skip
+    height = side.get("table_z_m")
+    if height is not None and (type(height) not in (int, float) or not np.isfinite(height)):
+        raise PlopError("The height of the table is not a number.", where=f"{path}: table_z_m",
+                        expected="metres without quotes, or null where there is no table", found=repr(height),
+                        fix="Correct the JSON file.")  # fmt: skip
     if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
         raise PlopError("The episode comes from a newer version.", where=path,
                         expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",

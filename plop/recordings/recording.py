@@ -104,6 +104,19 @@ class Recording(Hdf5Reader):
                 raise PlopError("The recording's lengths do not match.", where=f"{self.path}:/{key}",
                                 expected=f"{frames} frames, as in /frames/time_s", found=f"{length} frames",
                                 fix=f"{self.maker} again.")  # fmt: skip
+        for group in ("cameras", "scan"):
+            for name, node in self._file.get(group, {}).items():
+                self._check_sizes(f"{group}/{name}", node)
+
+    def _check_sizes(self, key: str, node: h5py.Group) -> None:
+        """Raise PlopError when depth and mask of a camera are not of its image's size."""
+        frames, height, width = node["rgb"].shape[:3]
+        for part in ("depth_m", "mask"):
+            shape = node[part].shape
+            if shape != (frames, height, width):
+                raise PlopError("Depth or mask has another size than the image.", where=f"{self.path}:/{key}/{part}",
+                                expected=f"{_sizes(frames, height, width)}, as /{key}/rgb", found=_sizes(*shape),
+                                fix=f"{self.maker} again.")  # fmt: skip
 
     @property
     def name(self) -> str:
@@ -161,8 +174,21 @@ class Recording(Hdf5Reader):
 
     @property
     def tool_mesh(self) -> Mesh:
-        """The tool in its own frame."""
-        return Mesh(self._file["tool/mesh/vertices"][:], self._file["tool/mesh/faces"][:])
+        """The tool in its own frame.
+
+        Raises:
+            PlopError: It has no vertices or no faces, or a face points at a vertex that does not exist.
+        """
+        mesh = Mesh(self._file["tool/mesh/vertices"][:], self._file["tool/mesh/faces"][:])
+        count = len(mesh.vertices)
+        if not count or not len(mesh.faces) or mesh.faces.min() < 0 or mesh.faces.max() >= count:
+            most = int(mesh.faces.max()) if len(mesh.faces) else None
+            raise PlopError("The tool's mesh cannot be used.", where=f"{self.path}:/tool/mesh",
+                            expected="vertices, and faces that point at them",
+                            found=f"{count} vertices, {len(mesh.faces)} faces"
+                                  + ("" if most is None else f" with indices up to {most}"),
+                            fix=f"Give the tool's mesh in the raw data, then: {self.maker} again.")  # fmt: skip
+        return mesh
 
     @property
     def world_from_tool(self) -> np.ndarray:
@@ -179,3 +205,7 @@ class Recording(Hdf5Reader):
                             found=name)  # fmt: skip
         self._nodes[group, name] = dict(self._file[group][name].items())
         return self._nodes[group, name]
+
+
+def _sizes(*shape: int) -> str:
+    return "frames x height x width = " + " x ".join(str(length) for length in shape)

@@ -13,6 +13,7 @@ from plop.recordings.recording import Recording
 from stages.calibrate.correct import find_correction
 from stages.calibrate.pass_on import Edits
 from stages.calibrate.scan import ScanVerdict, check_scan
+from stages.calibrate.soundness import check_recording
 from stages.calibrate.tool_timing import Offset, episode_offsets, shifted_tool_poses
 from stages.calibrate.verdict import CameraVerdict, judge, tolerance_ms
 from stages.calibrate.verify import check_episode, spread_frames
@@ -40,12 +41,14 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
         reprojection_px: Error of board images per camera [px].
 
     Raises:
-        PlopError: Images or calibration cannot be what they claim (units, NaN poses), or there is no camera.
+        PlopError: Images, times, tool or calibration cannot be what they claim (units, NaN poses), nothing was seen,
+            or there is no camera.
     """
     names = recording.camera_names
     if not names:
         raise PlopError("The recording has no camera.", where=recording.path, expected="at least one", found="none")
     frames = spread_frames(len(recording), config.check_frames)
+    check_recording(recording, frames)
     before = check_episode(recording, frames, config.region_margin_m)
     edits, after, corrected, scales = Edits(), before, {}, dict.fromkeys(names, 1.0)
     off = [n for n, c in before.items() if c.disagreement_mm is not None

@@ -11,6 +11,7 @@ from plop.errors import PlopError
 from plop.geometry.agreement import DepthView, Disagreement, disagreement, object_box, pixels_in_box
 from plop.geometry.cameras import Camera
 from plop.geometry.pointcloud import check_metres
+from plop.geometry.rigid import check_rigid
 from plop.recordings.recording import Recording, View
 
 MIN_COMPARED = 20
@@ -72,16 +73,13 @@ def check_camera(camera: Camera, where: str) -> None:
             stands further than 100 m from the origin (millimetres).
     """
     pose, matrix = camera.world_from_cam, camera.intrinsics
-    if not (np.isfinite(pose).all() and np.isfinite(matrix).all()):
-        raise PlopError("A camera's calibration has values that are no numbers.", where=where,
-                        expected="finite intrinsics and world_from_cam", found="NaN or infinity")  # fmt: skip
+    if not np.isfinite(matrix).all():
+        raise PlopError("A camera's intrinsics have values that are no numbers.", where=f"{where}/intrinsics",
+                        expected="finite numbers", found="NaN or infinity")  # fmt: skip
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise PlopError("A camera's focal length is not positive.", where=f"{where}/intrinsics", expected="fx, fy > 0",
                         found=f"fx {matrix[0, 0]:.3f}, fy {matrix[1, 1]:.3f}")  # fmt: skip
-    error = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
-    if error > 1e-2 or np.linalg.det(pose[:3, :3]) < 0:
-        raise PlopError("A camera's pose is not a rotation and a translation.", where=f"{where}/world_from_cam",
-                        expected="an orthonormal right-handed 3x3 part", found=f"off by {error:.3g}")  # fmt: skip
+    check_rigid(pose, f"{where}/world_from_cam", what="camera")
     if np.abs(pose[:3, 3]).max() > 100:
         raise PlopError("A camera stands too far away to be true.", where=f"{where}/world_from_cam",
                         expected="metres", found=f"{np.abs(pose[:3, 3]).max():.0f}",

@@ -14,7 +14,7 @@ from plop.errors import PlopError
 from plop.gaussians.state import Gaussians, concatenate
 from plop.recordings.recording import Recording, View
 from plop.render.losses import target_from_view, target_over_measured
-from stages.fit_init.held_out import choose_held_out, score_view
+from stages.fit_init.held_out import check_held_out, choose_held_out, score_view
 from stages.fit_init.inside import paper_filler, solid_filler, typical_spacing
 from stages.fit_init.optimise import Fill, Report, fit
 from stages.fit_init.shell import Surface, seed_gaussians, seen_by, surface_from_cloud, surface_from_views
@@ -58,13 +58,17 @@ def fit_episode(recording: Recording, cloud: Path | None, config: FitInitConfig,
         report: Told about the progress.
 
     Raises:
-        PlopError: No camera sees the object, nothing measured its surface, or its size cannot be in metres.
+        PlopError: Too few cameras for `held_out`, no camera sees the object, nothing measured its surface, or its size
+            cannot be in metres.
     """
     warnings: list[str] = []
+    check_held_out(config.held_out, len(recording.camera_names), f"{recording.path}:/cameras")
     views = usable_views(recording, warnings)
     training, held = choose_held_out(views, config.held_out)
     if config.held_out and not held:
         warnings.append(f"{len(views)} cameras see the object: none is held out, the score is of a fitted view")
+    elif len(held) < config.held_out:
+        warnings.append(f"{len(views)} cameras see the object: {len(held)} of {config.held_out} are held out")
     training += _scan_views(recording)
     surface = _surface(recording, cloud, training)
     shell, inner = fit_object(surface, training, recording.table_z_m, config, report)

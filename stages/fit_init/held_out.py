@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.metrics.psnr import psnr_db
 from plop.recordings.recording import View
@@ -17,6 +18,7 @@ from plop.render.panels import side_by_side
 from plop.render.rasterize import render
 from stages.fit_init.shell import seen_by
 
+_LEAST_TRAINING = 2
 _SEEN_SHARE = 0.02
 """Difference in depth under which two views have measured the same point, as a share of the object's size."""
 
@@ -36,6 +38,27 @@ class ViewScore:
     """Share of the object's pixels that are rendered (alpha > 0.5)."""
 
 
+def check_held_out(count: int, cameras: int, where: str) -> None:
+    """Refuse to set more views aside than there are besides the two that train.
+
+    One is the default and may be asked of any episode: where there is none to spare, the score is of a fitted view.
+
+    Args:
+        count: Views to set aside.
+        cameras: Cameras of the episode.
+        where: What has these cameras, for the message.
+
+    Raises:
+        PlopError: Names the cameras that there are and how many of them can be held out.
+    """
+    most = max(cameras - _LEAST_TRAINING, 1)
+    if count > most:
+        raise PlopError("More cameras are to be held out than there are to spare.", where=where,
+                        expected=f"held_out from 0 to {most}: of {cameras} cameras {_LEAST_TRAINING} always train",
+                        found=f"held_out = {count}",
+                        fix=f"Choose --held-out {most} or less, or record more cameras.")  # fmt: skip
+
+
 def choose_held_out(views: list[View], count: int) -> tuple[list[View], list[View]]:
     """Set views aside for the score: those that see least that no other view sees.
 
@@ -52,7 +75,7 @@ def choose_held_out(views: list[View], count: int) -> tuple[list[View], list[Vie
     """
     training = list(views)
     held: list[View] = []
-    while len(held) < count and len(training) > 2:
+    while len(held) < count and len(training) > _LEAST_TRAINING:
         seen = [_share_seen(view, [other for other in training if other is not view]) for view in training]
         best = max(range(len(training)), key=lambda index: (seen[index], index))
         held.append(training.pop(best))

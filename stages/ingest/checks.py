@@ -2,15 +2,65 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import open3d as o3d
 
 from plop.errors import PlopError
 from plop.geometry.rigid import invert_rigid, transform_points
+from plop.geometry.tool_reach import check_tool_reach
 from plop.recordings.mesh_sequence import MeshSequence
 
 _LARGEST_M, _SMALLEST_M = 2.0, 1e-3
 _TOUCH_M = 0.003
+_LONGEST_STEP_S = 2.0
+
+
+def check_plausible(sequence: MeshSequence, path: Path, *, workspace_m: float) -> None:
+    """Refuse an episode whose numbers are no metres and seconds, or whose parts do not belong together.
+
+    Args:
+        sequence: The episode.
+        path: File that holds its arrays, for the messages; its JSON lies beside it.
+        workspace_m: Farthest distance from the world's origin at which the object may start [m].
+
+    Raises:
+        PlopError: Size, place, clock, table or tool cannot be right; names file and key.
+    """
+    check_scale(sequence, workspace_m=workspace_m)
+    check_clock(sequence, path)
+    check_table(sequence, path.with_suffix(".json"))
+    points = sequence.vertices.reshape(-1, 3)
+    check_tool_reach(sequence.tool_vertices, sequence.world_from_tool, points, f"{path}: world_from_tool")
+
+
+def check_clock(sequence: MeshSequence, path: Path) -> None:
+    """Refuse frames so far apart that the times cannot be seconds.
+
+    Raises:
+        PlopError: The median step is too long (milliseconds?).
+    """
+    steps = np.diff(sequence.times)
+    if len(steps) and np.median(steps) > _LONGEST_STEP_S:
+        raise PlopError("The frames are too far apart in time.", where=f"{path}: times",
+                        expected=f"seconds, a median step of at most {_LONGEST_STEP_S:g} s",
+                        found=f"a median step of {np.median(steps):.4g}: milliseconds?",
+                        fix="Convert the times to seconds (milliseconds: divide by 1000).")  # fmt: skip
+
+
+def check_table(sequence: MeshSequence, path: Path) -> None:
+    """Refuse an object that starts wholly below its table, by more than its own size.
+
+    Raises:
+        PlopError: Names the table's height and the object's.
+    """
+    low, high = sequence.vertices[0].min(0), sequence.vertices[0].max(0)
+    if sequence.table_z_m is not None and sequence.table_z_m - high[2] > (high - low).max():
+        raise PlopError("The object lies far below its table.", where=f"{path}: table_z_m",
+                        expected=f"an object on or above table_z_m = {sequence.table_z_m:g} m",
+                        found=f"an object from z = {low[2]:.4g} to {high[2]:.4g} m in the first frame",
+                        fix="Correct table_z_m (null: no table), or the frame of the vertices.")  # fmt: skip
 
 
 def check_scale(sequence: MeshSequence, *, workspace_m: float) -> None:

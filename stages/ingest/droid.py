@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
+from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.recordings.droid_camera import DroidCameraSettings, DroidOptions
 from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
 from plop.recordings.droid_layout import DroidFolder, find_episodes
+from plop.recordings.droid_notes import WORKSPACE_M
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.droid_checks import moved_cameras
@@ -74,10 +78,11 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         out: Receives episodes/<name>.h5, reports/<name>.json and episodes.json.
 
     Raises:
-        PlopError: There is no episode, or none that can be used.
+        PlopError: A setting cannot be, there is no episode, or none that can be used.
     """
+    _check(config)
     root = inputs["raw"].path
-    chosen = _chosen(find_episodes(root), config, root)
+    chosen = _chosen(find_episodes(root.resolve()), config, root)
     options = _droid_options(inputs, config, root)
     reports: dict[str, dict[str, Any]] = {}
     for number, folder in enumerate(chosen):
@@ -89,6 +94,31 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         reports[folder.name] = json.loads(report_path.read_text())
         out.progress(number + 1, len(chosen), folder.name)
     return _finish(reports, config, chosen, out, root)
+
+
+def _check(config: DroidConfig) -> None:
+    check_choices(config, "ingest", {"outcome": ("any", "success", "failure")})
+    check_ranges(config, "ingest", {
+        "size": (8, 8192), "stride": (1, 1e4), "min_frames": (2, 1e6), "scan_frames": (1, 1e4), "test_every": (2, 1e6),
+        "idle_s": (0, 1e6), "idle_m": (0, 1), "touch_m": (0, 1), "exterior_focal_px": (0, 1e5),
+        "wrist_focal_px": (0, 1e5), "baseline_m": (0, 1), "match_width": (16, 8192), "nearest_m": (0.01, 100),
+        "farthest_m": (config.nearest_m, 1000), "camera_delay_ms": (-1e4, 1e4),
+    })  # fmt: skip
+    rules = SimpleNamespace(**{f"mask.{key}": value for key, value in asdict(config.mask).items()})
+    check_ranges(rules, "ingest", {
+        "mask.table_clear_m": (0, 0.5), "mask.tool_margin_m": (0, 0.5), "mask.tool_margin_px": (0, 100),
+        "mask.hand_radius_m": (0, 1), "mask.hand_from_m": (-2, 2), "mask.hand_to_m": (config.mask.hand_from_m, 2),
+        "mask.refine_px": (0, 100), "mask.refine_rounds": (0, 100), "mask.min_area_px": (0, 1e6),
+    })  # fmt: skip
+    corners = {"workspace_min": config.workspace_min, "workspace_max": config.workspace_max}
+    for name, corner in corners.items():
+        if not np.abs(corner).max() <= WORKSPACE_M:
+            raise PlopError("A setting is out of range.", where=f"ingest.{name}", found=str(corner),
+                            expected=f"each within {WORKSPACE_M:g} m of the robot's base")  # fmt: skip
+    if not (np.array(config.workspace_min) < config.workspace_max).all():
+        raise PlopError("The workspace has no inside.", where="ingest.workspace_min, ingest.workspace_max",
+                        expected="min below max on every axis",
+                        found=f"{config.workspace_min} .. {config.workspace_max}")  # fmt: skip
 
 
 def _chosen(found: list[DroidFolder], config: DroidConfig, root: Path) -> list[DroidFolder]:
@@ -173,8 +203,7 @@ def _finish(
 def _test_names(usable: list[str], config: DroidConfig) -> list[str]:
     if config.test:
         return [name for name in usable if any(fnmatch(name, pattern) for pattern in config.test)]
-    every = max(2, config.test_every)
-    return usable[every - 1 :: every] or (usable[-1:] if len(usable) > 1 else [])
+    return usable[config.test_every - 1 :: config.test_every] or (usable[-1:] if len(usable) > 1 else [])
 
 
 def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
@@ -189,9 +218,8 @@ def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
 
 def _relative(text: str, root: Path) -> str:
     """Name files as seen from the raw folder: a payload holds no path of this machine."""
-    for prefix in {str(root), str(root.resolve())}:
-        text = text.replace(prefix + os.sep, "").replace(prefix, ".")
-    return text
+    text = text.replace(f"{root}{os.sep}", "")
+    return re.sub(rf"{re.escape(str(root))}(?![\w-])", ".", text)
 
 
 INGEST_DROID = Stage(

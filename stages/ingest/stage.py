@@ -14,7 +14,7 @@ from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, split_names
 from plop.render.recorder import record
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
-from stages.ingest.checks import check_scale, contact_warning
+from stages.ingest.checks import check_plausible, contact_warning
 from stages.ingest.selection import Entry, select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
@@ -58,7 +58,7 @@ def _ingest_one(
 ) -> list[str]:
     """Write one recording unless it is there; return what deserves a warning."""
     sequence = begun_at_rest(read(entry.path)) if config.from_rest else read(entry.path)
-    check_scale(sequence, workspace_m=config.workspace_m)
+    check_plausible(sequence, entry.path.with_suffix(".npz"), workspace_m=config.workspace_m)
     if not out.is_done(entry.name):
         path = out.path / "episodes" / f"{entry.name}.h5"
         for share in record(path, sequence, config):

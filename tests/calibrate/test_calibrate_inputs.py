@@ -51,6 +51,7 @@ def write_moving_tool(path, cameras, lag_s):
                               camera.height, camera.width)  # fmt: skip
             for frame, pose in enumerate(poses_at(time, motion, time - lag_s)):
                 mask = np.where(outline(BLADE, pose, camera), MaskLabel.TOOL, 0).astype(np.uint8)
+                mask[-2:] = MaskLabel.OBJECT
                 depth = np.full(mask.shape, 0.4, np.float32)
                 writer.write_frame(camera.name, frame, np.zeros((*mask.shape, 3), np.uint8), depth, mask)
 

@@ -102,11 +102,76 @@ def test_a_blind_camera_is_bad_and_says_so(tmp_path):
     assert any("cam3" in warning for warning in summary.warnings)
 
 
-def test_empty_masks_still_compare_the_whole_image(tmp_path):
+def test_masks_that_are_empty_later_still_compare_the_whole_image(tmp_path):
     write_set(tmp_path / "set", {"a": {}}, cameras=ring(4))
-    damage(tmp_path / "set", lambda file: [file[f"cameras/cam{i}/mask"].__setitem__(..., 0) for i in range(4)])
+    damage(tmp_path / "set", lambda file: [file[f"cameras/cam{i}/mask"].__setitem__(1, 0) for i in range(4)])
     _, facts = calibrate(tmp_path / "set", tmp_path / "out")
     assert {entry["verdict"] for entry in facts["cameras"].values()} == {"good"}
+
+
+def replaced(key, value):
+    """Write another array under a key, of any shape."""
+
+    def change(file):
+        del file[key]
+        file[key] = value
+
+    return change
+
+
+def in_every_camera(part, value):
+    return lambda file: [file[f"cameras/{name}/{part}"].__setitem__(..., value) for name in file["cameras"]]
+
+
+def tool_times(factor):
+    """Scale the 3x3 part of the tool's poses."""
+
+    def change(file):
+        poses = file["tool/world_from_tool"]
+        poses[:, :3, :3] = poses[:, :3, :3] * np.array(factor)
+
+    return change
+
+
+def tool_in_millimetres(file):
+    file["tool/world_from_tool"][:, :3, 3] = file["tool/world_from_tool"][:, :3, 3] * 1000
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        (tool_times(np.nan), "/tool/world_from_tool", "no numbers"),
+        (tool_times(2), "/tool/world_from_tool", "not a rotation"),
+        (tool_times(0), "/tool/world_from_tool", "not a rotation"),
+        (tool_times([-1, 1, 1]), "/tool/world_from_tool", "mirrored"),
+        (tool_in_millimetres, "/tool/world_from_tool", "millimetres"),
+        (replaced("tool/mesh/vertices", np.zeros((0, 3))), "/tool/mesh", "0 vertices, 4 faces"),
+        (replaced("tool/mesh/faces", np.zeros((0, 3), int)), "/tool/mesh", "4 vertices, 0 faces"),
+        (replaced("frames/time_s", [0.1, 0.0]), "/frames/time_s", "0 s at frame 1 after 0.1 s"),
+        (replaced("frames/time_s", [0.0, np.inf]), "/frames/time_s", "strictly increasing"),
+        (in_every_camera("depth_m", np.nan), "/depth_m", "No camera measured any depth"),
+        (in_every_camera("depth_m", 0), "/depth_m", "No camera measured any depth"),
+        (in_every_camera("mask", 0), "/mask", "No camera sees the object"),
+        (replaced("cameras/cam1/mask", np.zeros((2, 48, 96), np.uint8)), "/cameras/cam1/mask", "2 x 48 x 96"),
+        (replaced("cameras/cam1/depth_m", np.zeros((2, 96, 95))), "/cameras/cam1/depth_m", "2 x 96 x 96"),
+    ],
+)
+def test_what_no_stage_could_use_is_skipped_by_key(tmp_path, change, key, message):
+    write_set(tmp_path / "set", {"a": {}, "b": {}}, cameras=ring(3))
+    damage(tmp_path / "set", change)
+    summary, facts = calibrate(tmp_path / "set", tmp_path / "out")
+    assert list(facts["episodes"]) == ["b"] and RecordingSet.load(tmp_path / "out").names == ["b"]
+    assert message in facts["skipped"]["a"] and key in facts["skipped"]["a"].split("expected")[0]
+    assert "a.h5:/" in facts["skipped"]["a"]
+    damage(tmp_path / "set", change, "b")
+    with pytest.raises(PlopError, match="No episode could be calibrated"):
+        calibrate(tmp_path / "set", tmp_path / "none")
+
+
+def test_a_tool_that_only_never_touches_is_no_reason_to_skip(tmp_path):
+    write_set(tmp_path / "set", {"a": {}}, cameras=ring(3))
+    damage(tmp_path / "set", lambda file: file["tool/world_from_tool"].__setitem__((slice(None), 2, 3), 1.5))
+    assert calibrate(tmp_path / "set", tmp_path / "out")[0].figures["skipped"] == 0
 
 
 def test_a_single_camera_is_unchecked_not_good(tmp_path):

@@ -178,6 +178,16 @@ def test_a_blind_camera_is_a_warning_and_two_cameras_hold_none_out(tmp_path):
     assert any("none is held out" in warning for warning in summary.warnings)
 
 
+def test_more_cameras_than_there_are_to_spare_cannot_be_held_out(tmp_path):
+    write_set(tmp_path / "set", {"a": {}}, cameras=ring(4, 32))
+    with pytest.raises(PlopError, match="to spare") as caught:
+        fit(tmp_path / "set", tmp_path / "out", replace(SMALL, steps=0, held_out=9))
+    assert "0 to 2: of 4 cameras" in str(caught.value.expected) and caught.value.found == "held_out = 9"
+    damage(tmp_path / "set", "mask", np.zeros_like, only="cam3")
+    summary = fit(tmp_path / "set", tmp_path / "less", replace(SMALL, steps=0, held_out=2))
+    assert any("3 cameras see the object: 1 of 2 are held out" in warning for warning in summary.warnings)
+
+
 def test_a_missing_or_broken_cloud_is_explained(fitted, tmp_path):
     folder, _ = fitted
     (tmp_path / "clouds").mkdir()

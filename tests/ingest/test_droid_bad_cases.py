@@ -15,6 +15,7 @@ import pytest
 from plop.errors import PlopError
 from plop.recordings.droid_writer import write_video
 from plop.recordings.recording import MaskLabel
+from stages.ingest.masks import MaskRules
 from tests.droid_scene import (
     EXT1,
     EXT2,
@@ -251,3 +252,65 @@ def test_case_13_unknown_scene_and_building_do_not_matter(raw, tmp_path):
 
 
 # What else goes wrong.
+
+
+@pytest.mark.parametrize("pose", [[1, 2, 3, 4, 5, "x"], "none", [1, 2, 3], [0.1, 0.2, 0.3, 0, 0, float("nan")]])
+@pytest.mark.parametrize("flat", [True, False])
+def test_a_pose_of_a_side_file_that_is_none_names_file_and_camera(raw, tmp_path, pose, flat):
+    entry = {EXT1: pose}
+    (raw / "cam2base_extrinsics.json").write_text(
+        json.dumps(entry if flat else {"SIM+abcd1234+2023-08-06-22h-13m-04s": entry})
+    )
+    summary, recordings = ingest(raw, tmp_path / "out")
+    assert said(summary, EXT1, "pose cannot be read", f"cam2base_extrinsics.json: {EXT1}", str(pose)[:9])
+    with recordings.open(recordings.names[0]) as recording:
+        assert recording.camera_names == [EXT2]
+
+
+def test_poses_of_the_metadata_that_are_none_are_named(raw, tmp_path):
+    with edit(raw) as file:
+        del file[f"observation/camera_extrinsics/{EXT1}_left"]
+    path = next(episode_of(raw).glob("metadata_*.json"))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "ext1_cam_extrinsics": ["a"] * 6}))
+    summary, _ = ingest(raw, tmp_path / "out")
+    assert said(summary, EXT1, "pose cannot be read", "ext1_cam_extrinsics")
+
+
+WRONG = [
+    ({"stride": 0}, "1 to 10000"), ({"size": 2}, "8 to 8192"), ({"test_every": 0}, "2 to 1e+06"),
+    ({"min_frames": 0}, "2 to 1e+06"), ({"scan_frames": 0}, "1 to 10000"), ({"baseline_m": -0.1}, "0 to 1"),
+    ({"idle_s": np.nan}, "0 to 1e+06"), ({"match_width": 0}, "16 to 8192"), ({"farthest_m": 0.1}, "0.2 to 1000"),
+    ({"camera_delay_ms": np.inf}, "-10000 to 10000"), ({"touch_m": -1.0}, "0 to 1"),
+    ({"mask.refine_px": -1}, "0 to 100"), ({"mask.hand_to_m": -1.0}, "-0.12 to 2"), ({"mask.min_area_px": -5}, "0 to"),
+    ({"workspace_min": (np.nan, 0.0, 0.0)}, "within 5 m"), ({"workspace_max": (850.0, 450.0, 500.0)}, "within 5 m"),
+    ({"workspace_min": (0.9, 0.0, 0.0)}, "min below max"), ({"outcome": "good"}, "any or success or failure"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "expected"), WRONG)
+def test_a_setting_out_of_range_is_refused_with_its_range(tmp_path, change, expected):
+    ((name, value),) = change.items()
+    settings = {"mask": MaskRules(**{name.removeprefix("mask."): value})} if name.startswith("mask.") else change
+    with pytest.raises(PlopError) as caught:
+        ingest(tmp_path / "raw", tmp_path / "out", **settings)
+    assert f"ingest.{name}" in str(caught.value.where) and expected in str(caught.value.expected)
+
+
+def test_errors_name_files_as_seen_from_a_relative_raw_folder(raw, tmp_path, monkeypatch):
+    notes = episode_of(raw) / "plop_episode.json"
+    seen_from_raw = notes.relative_to(raw).as_posix()
+    notes.write_text("{")
+    monkeypatch.chdir(raw.parent)
+    for folder in (Path(raw.name), raw, Path("..") / raw.parent.name / raw.name):
+        with pytest.raises(PlopError) as caught:
+            ingest(folder, tmp_path / "out")
+        assert f"where: {seen_from_raw} |" in str(caught.value.found)
+        assert str(raw.parent) not in str(caught.value.found)
+
+
+def test_a_damaged_video_is_told_by_plop_alone(raw, tmp_path, capfd):
+    for path in (episode_of(raw) / "recordings/MP4").glob("*.mp4"):
+        path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(PlopError, match="bytes that do not decode"):
+        ingest(raw, tmp_path / "out")
+    assert capfd.readouterr().err == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -165,6 +166,42 @@ def test_implausible_episodes_are_refused_and_leave_nothing(
     assert payload(tmp_path / "out") == {}
 
 
+def in_millimetres(poses: np.ndarray) -> np.ndarray:
+    return poses * np.where(np.eye(4)[3] * [[1], [1], [1], [0]], 1000, 1)
+
+
+@pytest.mark.parametrize(
+    ("sequence", "key", "found"),
+    [
+        (dataclasses.replace(BOX, times=BOX.times * 1000), "box_000.npz: times", "milliseconds"),
+        (dataclasses.replace(BOX, world_from_tool=in_millimetres(BOX.world_from_tool)), "box_000.npz: world_from_tool",
+         "m away"),
+        (dataclasses.replace(BOX, table_z_m=1.0), "box_000.json: table_z_m", "z = 0 to 0.03 m"),
+    ],
+)  # fmt: skip
+def test_numbers_in_other_units_are_refused_by_file_and_key(
+    tmp_path: Path, sequence: MeshSequence, key: str, found: str
+) -> None:
+    with pytest.raises(PlopError) as caught:
+        ingest(raw_folder(tmp_path / "raw", sequence), tmp_path / "out")
+    assert str(caught.value.where).endswith(key)
+    assert re.search(found, str(caught.value.found))
+    assert payload(tmp_path / "out") == {}
+
+
+def test_tool_poses_that_are_none_are_refused_by_file_and_key(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw")
+    for factor in (np.nan, 2, 0, [-1, 1, 1]):
+        with np.load(raw / "box_001.npz") as file:
+            arrays = dict(file)
+        arrays["world_from_tool"] = BOX.world_from_tool.copy()
+        arrays["world_from_tool"][:, :3, :3] *= factor
+        np.savez(raw / "box_001.npz", **arrays)
+        with pytest.raises(PlopError) as caught:
+            ingest(raw, tmp_path / "out")
+        assert caught.value.where == f"{raw / 'box_001.npz'}: world_from_tool"
+
+
 def test_a_bad_episode_can_be_left_out_with_its_reason(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw")
     (raw / "box_001.npz").write_bytes(b"")
@@ -191,10 +228,13 @@ def test_a_camera_that_loses_the_object_is_pointed_out(tmp_path: Path) -> None:
     assert any("loses sight" in warning for warning in summary.warnings)
 
 
-@pytest.mark.parametrize("change", [{"size": 2}, {"cameras": 0}, {"supersample": 2}, {"depth_dropout": 1.0}])
+@pytest.mark.parametrize("change", [{"size": 2}, {"cameras": 0}, {"supersample": 2}, {"depth_dropout": 1.0},
+                                    {"depth_noise_m": np.nan}, {"room_m": np.inf},
+                                    {"workspace_m": np.nan}])  # fmt: skip
 def test_settings_out_of_range_are_named(tmp_path: Path, change: dict[str, float]) -> None:
-    with pytest.raises(PlopError, match=f"{next(iter(change))}"):
+    with pytest.raises(PlopError, match=f"{next(iter(change))}") as caught:
         ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", dataclasses.replace(SMALL, **change))
+    assert re.fullmatch(r"[0-9.]+ to [0-9.]+|an odd number", str(caught.value.expected))
 
 
 def test_blender_that_is_not_there_is_a_clear_error(tmp_path: Path) -> None:

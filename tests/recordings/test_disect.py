@@ -171,3 +171,13 @@ def test_a_recording_that_hides_its_settings_is_named_by_shape_and_material(tmp_
     del side["environment"]
     path.with_suffix(".json").write_text(json.dumps({**side, "shape": "prism", "material": "jelly"}))
     assert read_disect(path).environment == "prism-jelly"
+
+
+def test_a_zero_quaternion_is_named(tmp_path: Path) -> None:
+    arrays = sample.side_arrays()
+    arrays["knife_quaternion_xyzw"][1] = 0
+    path = sample.write_sample(tmp_path, arrays=arrays)
+    with pytest.raises(PlopError) as caught:
+        read_disect(path)
+    assert caught.value.where == f"{path.with_suffix('.npz')}: knife_quaternion_xyzw"
+    assert "1 of 3 frames, the first is 1" in str(caught.value.found)

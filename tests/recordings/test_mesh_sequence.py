@@ -46,6 +46,10 @@ def test_what_is_optional_has_a_meaning_when_absent(tmp_path: Path) -> None:
         ({"world_from_tool": np.tile(np.eye(4), (2, 1, 1))}, "do not fit"),
         ({"rest_vertices": np.zeros((3, 3))}, "do not fit"),
         ({"cut_faces": np.zeros(2, bool)}, "do not fit"),
+        ({"world_from_tool": np.tile(np.diag([2.0, 2, 2, 1]), (3, 1, 1))}, "not a rotation"),
+        ({"world_from_tool": np.tile(np.diag([0.0, 0, 0, 1]), (3, 1, 1))}, "not a rotation"),
+        ({"world_from_tool": np.tile(np.diag([1.0, -1, 1, 1]), (3, 1, 1))}, "mirrored"),
+        ({"world_from_tool": np.tile(np.eye(4) + np.eye(4)[[3]].T * [0.1, 0, 0, 0], (3, 1, 1))}, "last row"),
         ({"vertices": np.full((3, 16, 3), np.nan)}, "NaN"),
         ({"faces": np.array([[0, 1, 99]]), "cut_faces": None}, "does not exist"),
         ({"tool_faces": np.array([[0, 1, -1]])}, "does not exist"),
@@ -100,3 +104,15 @@ def test_an_episode_is_led_back_to_rest() -> None:
     assert truth["tets"] is tets, "what has no rest is not over time"
     early = dataclasses.replace(late, times=late.times - late.times[0])
     assert begun_at_rest(early) is early
+
+
+@pytest.mark.parametrize(
+    ("height", "said"), [("zero", "'zero'"), (True, "True"), ([0.0], "[0.0]"), (float("nan"), "nan")]
+)
+def test_a_table_that_has_no_height_is_named(tmp_path: Path, height: object, said: str) -> None:
+    path = write_mesh_sequence(tmp_path, box_sequence())
+    side = path.with_suffix(".json")
+    side.write_text(json.dumps({**json.loads(side.read_text()), "table_z_m": height}))
+    with pytest.raises(PlopError) as caught:
+        read_mesh_sequence(path)
+    assert caught.value.where == f"{side}: table_z_m" and caught.value.found == said

@@ -47,6 +47,32 @@ def test_missing_keys_and_lengths_that_do_not_match(tmp_path: Path) -> None:
         Recording(tmp_path / "one.h5")
 
 
+@pytest.mark.parametrize("part", ["depth_m", "mask"])
+def test_a_picture_of_another_size_is_named_with_both_sizes(tmp_path: Path, part: str) -> None:
+    write(tmp_path / "one.h5")
+    with h5py.File(tmp_path / "one.h5", "a") as file:
+        frames, height, width = file["cameras/a/rgb"].shape[:3]
+        del file[f"cameras/a/{part}"]
+        file[f"cameras/a/{part}"] = np.zeros((frames, height, width // 2), np.uint8)
+    with pytest.raises(PlopError, match="another size") as caught:
+        Recording(tmp_path / "one.h5")
+    assert str(caught.value.where).endswith(f"one.h5:/cameras/a/{part}")
+    assert f"{height} x {width}," in str(caught.value.expected) and f"{height} x {width // 2}" in str(
+        caught.value.found
+    )
+
+
+@pytest.mark.parametrize("faces", [np.zeros((0, 3), int), np.array([[0, 1, 999]])])
+def test_a_tool_without_a_mesh_is_named(tmp_path: Path, faces: np.ndarray) -> None:
+    write(tmp_path / "one.h5")
+    with h5py.File(tmp_path / "one.h5", "a") as file:
+        del file["tool/mesh/faces"]
+        file["tool/mesh/faces"] = faces
+    with Recording(tmp_path / "one.h5") as recording, pytest.raises(PlopError, match="tool's mesh") as caught:
+        _ = recording.tool_mesh
+    assert str(caught.value.where).endswith("one.h5:/tool/mesh")
+
+
 def test_an_unknown_camera_is_told_with_the_known_ones(tmp_path: Path) -> None:
     write(tmp_path / "one.h5")
     with Recording(tmp_path / "one.h5") as recording, pytest.raises(PlopError, match="no such camera") as caught:

@@ -1,0 +1,59 @@
+"""Can a recording be calibrated at all: its clock, its tool, and whether the cameras saw anything?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plop.errors import PlopError
+from plop.geometry.rigid import check_rigid
+from plop.geometry.tool_reach import check_tool_reach
+from plop.recordings.recording import Recording, View
+from stages.calibrate.verify import read_views
+
+
+def check_recording(recording: Recording, frames: list[int]) -> None:
+    """Refuse a recording that later stages could make nothing of.
+
+    Args:
+        recording: Open recording with at least one camera.
+        frames: Frames on which cameras are compared, the first one first.
+
+    Raises:
+        PlopError: Times do not increase, the tool has no mesh or poses that cannot be, no camera sees the object at
+            the first frame or none measured depth, or a camera cannot be (see read_views).
+    """
+    _check_times(recording)
+    poses_at = f"{recording.path}:/tool/world_from_tool"
+    poses, mesh = recording.world_from_tool, recording.tool_mesh
+    check_rigid(poses, poses_at, what="tool")
+    views = read_views(recording, frames[0])
+    _check_seen(recording, views, frames)
+    clouds = [view.camera.back_project(view.depth_m, view.object_mask) for view in views]
+    eyes = np.stack([view.camera.world_from_cam[:3, 3] for view in views])
+    check_tool_reach(mesh.vertices, poses, np.concatenate([*clouds, eyes]), poses_at)
+
+
+def _check_times(recording: Recording) -> None:
+    steps = np.diff(recording.time_s, prepend=-np.inf)
+    bad = ~(np.isfinite(recording.time_s) & (steps > 0))
+    if bad.any():
+        frame = int(np.argmax(bad))
+        raise PlopError("Time does not increase.", where=f"{recording.path}:/frames/time_s",
+                        expected="finite, strictly increasing seconds",
+                        found=f"{recording.time_s[frame]:g} s at frame {frame}"
+                              + (f" after {recording.time_s[frame - 1]:g} s" if frame else ""),
+                        fix="Correct the clock in the raw data and ingest again.")  # fmt: skip
+
+
+def _check_seen(recording: Recording, views: list[View], frames: list[int]) -> None:
+    names = ", ".join(recording.camera_names)
+    if not any(view.object_mask.any() for view in views):
+        raise PlopError("No camera sees the object at the first frame.", where=f"{recording.path}:/cameras/*/mask[0]",
+                        expected="a mask with pixels of the object (1)", found=f"none in {names}",
+                        fix="Check the masks (`plop view`) and ingest again.")  # fmt: skip
+    later = (view for frame in frames[1:] for view in read_views(recording, frame))
+    if not any((view.depth_m > 0).any() for views_of in (views, later) for view in views_of):
+        raise PlopError("No camera measured any depth.", where=f"{recording.path}:/cameras/*/depth_m",
+                        expected="metres along the optical axis in one camera or more",
+                        found=f"only 0 or NaN in {names}, frames {', '.join(map(str, frames))}",
+                        fix="Check the depth in the raw data and ingest again.")  # fmt: skip
