@@ -72,8 +72,9 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     """
     check_jobs(config, "simulate")
     check_cameras(config, "simulate")
-    check_ranges(config, "simulate",
-                 {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)})
+    check_ranges(
+        config, "simulate", {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)}
+    )
     scene = read_scene(inputs["scene"].path, config)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     effects = library(files)
