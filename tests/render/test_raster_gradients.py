@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from plop.gaussians.state import Gaussians
+from plop.render.interface import Rendering
 from plop.render.rasterize import render, render_many
 from tests.render.gsplat_on_cpu import without_cuda
 from tests.render.raster_scene import (
@@ -16,6 +17,19 @@ from tests.render.raster_scene import (
 )
 
 EYE = (0.12, -0.3, 0.2)
+
+
+def assert_alike(
+    found: list[Rendering], expected: list[Rendering], ours: Gaussians, theirs: Gaussians, images: float, slopes: float
+) -> None:
+    """Compare views, and gradients of a weighted sum of them, relative to the largest expected value."""
+    for a, b in zip(found, expected, strict=True):
+        for name in ("rgb", "depth_m", "alpha"):
+            assert relative_error(getattr(a, name).cpu(), getattr(b, name)) < images, name
+    weighted_sum(expected).backward()
+    weighted_sum(found).backward()
+    for name in FIELDS:
+        assert relative_error(getattr(ours, name).grad.cpu(), getattr(theirs, name).grad) < slopes, name
 
 
 def test_reference_passes_gradcheck():
@@ -41,13 +55,7 @@ def test_numba_equals_reference(count, degree):
     exact, fast = with_gradients(scene, torch.float64), with_gradients(scene, torch.float32)
     expected = render_many(exact, cameras, background=background, backend="torch")
     found = render_many(fast, cameras, background=background, backend="numba")
-    for a, b in zip(found, expected, strict=True):
-        for name in ("rgb", "depth_m", "alpha"):
-            assert relative_error(getattr(a, name), getattr(b, name)) < 1e-5, name
-    weighted_sum(expected).backward()
-    weighted_sum(found).backward()
-    for name in FIELDS:
-        assert relative_error(getattr(fast, name).grad, getattr(exact, name).grad) < 1e-4, name
+    assert_alike(found, expected, fast, exact, 1e-5, 1e-4)
 
 
 @pytest.mark.parametrize("output", ["rgb", "depth_m", "alpha"])
@@ -121,13 +129,7 @@ def test_gsplat_equals_numba():
     scene, cameras = random_gaussians(600, degree=3), [camera_at(EYE), camera_at((-0.2, -0.25, 0.15))]
     on_cpu, on_gpu = with_gradients(scene, torch.float32), with_gradients(scene.to("cuda"), torch.float32)
     expected, found = render_many(on_cpu, cameras, backend="numba"), render_many(on_gpu, cameras)
-    for a, b in zip(found, expected, strict=True):
-        for name in ("rgb", "depth_m", "alpha"):
-            assert relative_error(getattr(a, name).cpu(), getattr(b, name)) < 1e-3, name
-    weighted_sum(expected).backward()
-    weighted_sum(found).backward()
-    for name in FIELDS:
-        assert relative_error(getattr(on_gpu, name).grad.cpu(), getattr(on_cpu, name).grad) < 1e-2, name
+    assert_alike(found, expected, on_gpu, on_cpu, 1e-3, 1e-2)
 
 
 @pytest.mark.parametrize("degree", [0, 3])
@@ -139,10 +141,4 @@ def test_gsplat_without_its_kernels_equals_numba(monkeypatch: pytest.MonkeyPatch
     expected = render_many(ours, cameras, background=background, backend="numba")
     without_cuda(monkeypatch)
     found = render_many(theirs, cameras, background=background, backend="gsplat")
-    for a, b in zip(found, expected, strict=True):
-        for name in ("rgb", "depth_m", "alpha"):
-            assert relative_error(getattr(a, name), getattr(b, name)) < 1e-3, name
-    weighted_sum(expected).backward()
-    weighted_sum(found).backward()
-    for name in FIELDS:
-        assert relative_error(getattr(theirs, name).grad, getattr(ours, name).grad) < 1e-2, name
+    assert_alike(found, expected, theirs, ours, 1e-3, 1e-2)
