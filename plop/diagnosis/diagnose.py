@@ -19,7 +19,7 @@ from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import Score, confounded, one_per_effect
 from plop.diagnosis.shams import SHAMS, sham_gains
-from plop.diagnosis.starts import begun, searched, turned
+from plop.diagnosis.starts import begun, one_sided, searched, turned
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.together import least_together
 from plop.diagnosis.variants import others_of
@@ -103,7 +103,11 @@ def diagnose(
     begins = begun(state, candidates)
     candidates, state = _started(state, candidates, begins)
     others = {key: candidate for key, candidate in turned(state).items() if key not in begins}
+    before = {c.key: c for c in candidates}
     candidates, state = _started(state, candidates, others)
+    heard = {c.key for c in state.screen.candidates}
+    one_way = {key: one_sided(before[key]) for key in others if key not in heard}
+    candidates, state = _started(state, candidates, one_way)
     screen_s = time.perf_counter() - started
     several = searched(state, candidates)
     candidates = _moved(candidates, several)

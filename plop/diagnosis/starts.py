@@ -57,6 +57,13 @@ def turned(state: State) -> dict[str, Candidate]:
     return found
 
 
+def one_sided(candidate: Candidate) -> Candidate:
+    """Keep a law's amplitude on the side on which it was tried: what is not there, toughness say, cannot be taken."""
+    (column,) = candidate.columns
+    kept = replace(column, low=max(column.low, 0.0)) if column.value > 0 else replace(column, high=0.0)
+    return replace(candidate, columns=(kept,))
+
+
 def searched(state: State, candidates: Sequence[Candidate]) -> dict[str, np.ndarray]:
     """Look for the amplitudes of laws that have several, by key; left out is what makes nothing better.
 

@@ -39,6 +39,20 @@ def test_a_law_that_moves_nothing_is_told_with_a_limit_that_nothing_reaches():
     assert {f.name for f in found.findings} == {"swelling", "stiffness", "density", "damping"} - {*found.dropped}
 
 
+class OneWay(World):
+    """Toughness moves points only where it is added: none is there to be taken away."""
+
+    def amounts(self, values):
+        shrunk = values.get("swelling", 0.0)
+        return [max(values.get("toughness", 0.0), 0.0) / 50 - 20 * shrunk, 10 * shrunk]
+
+
+def test_a_law_of_which_nothing_can_be_taken_away_keeps_its_place():
+    found = OneWay().told({"swelling": 0.2}, ["swelling", "toughness"])
+    assert found.verdict.named == ["swelling"]
+    assert "toughness" in {f.name for f in found.findings} and "toughness" not in found.dropped
+
+
 def test_a_verdict_speaks_of_the_laws_that_were_tried():
     found = Three().told({}, ["swelling", "adhesion"])
     assert found.verdict.kind == "NOTHING DETECTABLE"
