@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.manifest import content_files
+from plop.artifacts.digest import content_digest
+from plop.artifacts.manifest import Manifest, content_files
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 
@@ -19,6 +20,19 @@ def parents(artifact: Artifact) -> dict[str, Key]:
     """Give the artifacts that were read, by input name; raw inputs are left out."""
     return {name: (str(facts["stage"]), str(facts["fingerprint"]))
             for name, facts in artifact.manifest.inputs.items() if "fingerprint" in facts}  # fmt: skip
+
+
+def made_from(made: Manifest, name: str, own: Manifest) -> bool:
+    """Tell whether an artifact was made from another, or from one of the same content; True where nobody knows.
+
+    Args:
+        made: The artifact.
+        name: Of its input.
+        own: What that input should have been.
+    """
+    source = made.inputs.get(name, {})
+    known = "fingerprint" in source and source["fingerprint"] != own.fingerprint
+    return not known or source.get("content") == content_digest(content_files(own))
 
 
 def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.lineage import made_from
 from plop.diagnosis.field_file import StoredField, read_field
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
@@ -85,11 +86,11 @@ def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -
 
 
 def _check_recordings(item: Input, recordings: Input, label: str) -> None:
-    source = item.manifest.inputs.get("recordings", {}) if item.manifest is not None else {}
-    own = recordings.manifest.fingerprint if recordings.manifest is not None else None
-    if own is not None and source.get("fingerprint", own) != own:
+    made, own = item.manifest, recordings.manifest
+    if made is not None and own is not None and not made_from(made, "recordings", own):
+        source = made.inputs["recordings"]
         raise PlopError("Results of different recordings do not go into one report.", where=label,
-                        expected=f"made from {recordings.manifest.address if recordings.manifest else own}",
+                        expected=f"made from {own.address}",
                         found=f"made from {source.get('stage')}@{source['fingerprint'][:8]}",
                         fix="Run `plop compare` with the same recordings for every model.")  # fmt: skip
 
