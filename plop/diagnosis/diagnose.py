@@ -156,9 +156,11 @@ def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candid
 
 
 def _failed(tables: list[Table], candidates: list[Candidate]) -> dict[str, str]:
-    """Give the laws with a setting that could not be run, and why."""
+    """Give the laws of which no setting could be run, and why."""
     troubles = {key: why for table in tables for key, why in table.dropped.items()}
-    return {c.effect: troubles[column.key] for c in candidates for column in c.columns if column.key in troubles}
+    run = {c.effect for c in candidates if not any(column.key in troubles for column in c.columns)}
+    return {c.effect: troubles[column.key] for c in candidates for column in c.columns
+            if c.effect not in run and column.key in troubles}  # fmt: skip
 
 
 def _check_laws(tables: list[Table], candidates: list[Candidate]) -> None:

@@ -39,6 +39,20 @@ def test_a_law_that_moves_nothing_is_told_with_a_limit_that_nothing_reaches():
     assert {f.name for f in found.findings} == {"swelling", "stiffness", "density", "damping"} - {*found.dropped}
 
 
+def test_a_law_with_one_setting_that_runs_can_be_judged():
+    world = Three()
+    run = world.run
+
+    def one_fails(jobs):
+        fails = [any("0.03" in column.key for column, _ in job.settings) for job in jobs]
+        return [Answer(None, "unstable") if bad else answer for bad, answer in zip(fails, run(jobs), strict=True)]
+
+    world.run = one_fails
+    found = world.told({}, ["adhesion"])
+    assert found.dropped["adhesion"].startswith("it moves nothing") and "adhesion" in found.verdict.text
+    assert any("release_s=0.03" in key and why == "unstable" for key, why in found.dropped.items())
+
+
 class OneWay(World):
     """Toughness moves points only where it is added: none is there to be taken away."""
 
