@@ -11,6 +11,7 @@ from plop.errors import PlopError
 from plop.geometry.rigid import invert_rigid, transform_points
 from plop.geometry.tool_reach import check_tool_reach
 from plop.recordings.mesh_sequence import MeshSequence
+from stages.ingest.untouched import untouched
 
 _LARGEST_M, _SMALLEST_M = 2.0, 1e-3
 _TOUCH_M = 0.003
@@ -108,10 +109,13 @@ def tool_gap_m(sequence: MeshSequence) -> float:
     return best
 
 
-def contact_warning(sequence: MeshSequence) -> str | None:
-    """Say so when the tool never touches the object."""
+def check_contact(sequence: MeshSequence, path: Path) -> None:
+    """Refuse an episode in which the tool never touches the object: no model learns contact from it.
+
+    Raises:
+        PlopError: The tool stays away; names file, key and the smallest distance.
+    """
     gap = tool_gap_m(sequence)
-    if gap <= _TOUCH_M:
-        return None
-    return (f"{sequence.name}: the tool never touches the object (closest: {gap * 1000:.1f} mm); "
-            "a model learns no contact from it.")  # fmt: skip
+    if gap > _TOUCH_M:
+        raise untouched(f"{path}: world_from_tool", _TOUCH_M, f"{sequence.name}, {1000 * gap:.1f} mm at its nearest",
+                        "Correct the tool's poses or mesh")  # fmt: skip

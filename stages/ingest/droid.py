@@ -62,7 +62,9 @@ class DroidConfig(DroidCameraSettings):
     workspace_max: tuple[float, float, float] = (0.85, 0.45, 0.5)
     """Highest corner of the workspace where plop_episode.json gives none, robot base [m]."""
     touch_m: float = 0.015
-    """A tool that never comes nearer to the object than this is reported [m]."""
+    """Distance to the object that counts as touching: the tool's mesh and its mount are known to about this [m]."""
+    keep_untouched: bool = False
+    """Keep episodes in which the tool never comes within touch_m of the object, instead of skipping them."""
     binary_masks: bool = False
     """With --masks: any value but 0 is the object (else the values are labels 0, 1, 2, 255)."""
     mask: MaskRules = field(default_factory=MaskRules)
@@ -156,7 +158,7 @@ def _ingest(
         environment=config.environment or folder.lab or "droid", size=config.size,
         workspace=np.array([config.workspace_min, config.workspace_max]), rules=config.mask,
         masks=inputs["masks"].path if "masks" in inputs else None, binary_masks=config.binary_masks,
-        touch_m=config.touch_m,
+        touch_m=config.touch_m, keep_untouched=config.keep_untouched,
     )  # fmt: skip
     facts: dict[str, Any] = {"lab": folder.lab, "outcome": folder.outcome, "stamp": folder.stamp,
                              "folder": folder.folder.relative_to(folder.root).as_posix(), "warnings": []}  # fmt: skip

@@ -19,6 +19,7 @@ from plop.recordings.writer import RecordingWriter
 from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.droid_checks import check_object, check_views, closest_touch_m, object_cloud, sees_nothing
 from stages.ingest.masks import FolderMasker, GeometricMasker, Masker, MaskRules, Picture
+from stages.ingest.untouched import untouched
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ class WriteOptions:
     masks: Path | None
     binary_masks: bool
     touch_m: float
+    """Distance of tool and object that counts as touching [m]."""
+    keep_untouched: bool
+    """Write episodes, too, in which the tool stays farther away."""
 
 
 @dataclass
@@ -63,7 +67,7 @@ def write_episode(
         progress: Called with frames done and frames in all.
 
     Raises:
-        PlopError: No camera sees the object, or a file of the episode fails on the way.
+        PlopError: No camera sees the object, the tool never touches it, or a file of the episode fails on the way.
     """
     name, warnings = episode.folder.name, list[str]()
     workspace = options.workspace if episode.notes.workspace is None else episode.notes.workspace
@@ -76,7 +80,7 @@ def write_episode(
     clouds = object_cloud(first, {serial: masker.mask(picture) for serial, picture in first.items()})
     warnings += check_object(first, clouds, workspace, name)
     warnings += check_views(first, clouds, workspace, table_z, name)
-    gap = _touch(episode, np.concatenate(list(clouds.values())), options.touch_m, warnings)
+    gap = _closest_touch(episode, np.concatenate(list(clouds.values())), options)
     cameras = [camera for camera in episode.cameras if camera.serial in first]
     writer = RecordingWriter(path, name=name, source="droid", environment=options.environment, table_z_m=table_z,
                              time_s=episode.time_s, tool_mesh=episode.tool,
@@ -140,12 +144,12 @@ def _table_height(
     return height
 
 
-def _touch(episode: DroidEpisode, cloud: np.ndarray, touch_m: float, warnings: list[str]) -> float:
+def _closest_touch(episode: DroidEpisode, cloud: np.ndarray, options: WriteOptions) -> float:
     gap, frame = closest_touch_m(_surface_points(episode.tool), episode.world_from_tool, cloud)
-    if gap > touch_m:
-        warnings.append(f"{episode.folder.name}: the tool never touches the object (nearest: {1000 * gap:.0f} mm in "
-                        f"frame {frame}, row {episode.rows[frame]}): check flange_from_tool, the units of the tool's "
-                        "mesh and interaction")  # fmt: skip
+    if gap > options.touch_m and not options.keep_untouched:
+        raise untouched(episode.folder.folder, options.touch_m,
+                        f"{1000 * gap:.0f} mm at its nearest, in frame {frame}, row {episode.rows[frame]}",
+                        "Check flange_from_tool, the units of the tool's mesh, and interaction")  # fmt: skip
     return gap
 
 

@@ -20,6 +20,8 @@ class SimulatedConfig(CameraSettings):
     """Globs of the episodes kept for the test; none keeps the last quarter of the names, at least one."""
     skip_bad: bool = False
     """Leave out episodes that cannot be read, with the reason, instead of stopping."""
+    keep_untouched: bool = False
+    """Keep episodes in which the tool never comes within 3 mm of the object, as in a free fall."""
     workspace_m: float = 1.0
     """Farthest distance from the world's origin at which the object may start [m]."""
     from_rest: bool = False

@@ -14,7 +14,7 @@ from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, split_names
 from plop.render.recorder import record
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
-from stages.ingest.checks import check_plausible, contact_warning
+from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import Entry, select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
@@ -36,7 +36,7 @@ def _run(
     warnings: list[str] = []
     for index, entry in enumerate(entries):
         try:
-            warnings += _ingest_one(entry, read, config, out, index, len(entries))
+            _ingest_one(entry, read, config, out, index, len(entries))
         except PlopError as error:
             if not config.skip_bad:
                 raise
@@ -55,17 +55,18 @@ def _run(
 
 def _ingest_one(
     entry: Entry, read: Callable[[Path], MeshSequence], config: SimulatedConfig, out: Output, index: int, total: int
-) -> list[str]:
-    """Write one recording unless it is there; return what deserves a warning."""
+) -> None:
+    """Write one recording unless it is there."""
     sequence = begun_at_rest(read(entry.path)) if config.from_rest else read(entry.path)
-    check_plausible(sequence, entry.path.with_suffix(".npz"), workspace_m=config.workspace_m)
+    arrays = entry.path.with_suffix(".npz")
+    check_plausible(sequence, arrays, workspace_m=config.workspace_m)
+    if not config.keep_untouched:
+        check_contact(sequence, arrays)
     if not out.is_done(entry.name):
         path = out.path / "episodes" / f"{entry.name}.h5"
         for share in record(path, sequence, config):
             out.progress(index + share, total, entry.name)
         out.mark_done(entry.name)
-    warning = contact_warning(sequence)
-    return [warning] if warning else []
 
 
 def _raw_files(

@@ -118,10 +118,19 @@ def test_empty_masks_are_named(tmp_path):
         ingest(tmp_path / "raw", tmp_path / "out")
 
 
-def test_a_tool_that_never_touches_is_reported(tmp_path):
+def test_an_episode_whose_tool_never_touches_is_skipped(raw, tmp_path):
+    make_episode(raw, rows=6, serials=(EXT1,), flange6=flange_path(6, low=0.25, high=0.35),
+                 moment=datetime(2023, 8, 6, 22, 15, 4))  # fmt: skip
+    summary, recordings = ingest(raw, tmp_path / "out")
+    assert said(summary, "tool never touches", "frame 5", "flange_from_tool") and len(recordings.skipped) == 1
+    summary, recordings = ingest(raw, tmp_path / "kept", keep_untouched=True)
+    assert not recordings.skipped and not said(summary, "never touches")
+
+
+def test_a_tool_that_never_touches_in_any_episode_is_an_error(tmp_path):
     make_episode(tmp_path / "raw", rows=6, serials=(EXT1,), flange6=flange_path(6, low=0.25, high=0.35))
-    summary, _ = ingest(tmp_path / "raw", tmp_path / "out")
-    assert said(summary, "tool never touches", "frame 5")
+    with pytest.raises(PlopError, match="tool never touches.*frame 5"):
+        ingest(tmp_path / "raw", tmp_path / "out")
 
 
 def test_a_black_camera_is_left_out(raw, tmp_path):

@@ -213,18 +213,26 @@ def test_a_bad_episode_can_be_left_out_with_its_reason(tmp_path: Path) -> None:
     assert any("box_001 was left out" in warning for warning in summary.warnings)
 
 
-def test_a_tool_that_never_touches_is_pointed_out(tmp_path: Path) -> None:
+def test_a_tool_that_never_touches_is_refused(tmp_path: Path) -> None:
     box = box_sequence()
-    away = box.world_from_tool + np.eye(4)[:, [3]] * 0
+    away = box.world_from_tool.copy()
     away[:, 0, 3] += 0.2
-    summary = ingest(raw_folder(tmp_path / "raw", dataclasses.replace(box, world_from_tool=away)), tmp_path / "out")
-    assert any("never touches" in warning for warning in summary.warnings)
+    raw = raw_folder(tmp_path / "raw", dataclasses.replace(box, world_from_tool=away))
+    with pytest.raises(PlopError, match="never touches") as caught:
+        ingest(raw, tmp_path / "out")
+    assert caught.value.where == f"{raw / 'box_000.npz'}: world_from_tool" and "mm at its nearest" in caught.value.found
+    assert "--keep-untouched" in caught.value.fix and not list((tmp_path / "out").rglob("*.h5"))
+    with pytest.raises(PlopError, match="No episode can be used"):
+        ingest(raw, tmp_path / "skipped", dataclasses.replace(SMALL, skip_bad=True))
+    ingest(raw, tmp_path / "kept", dataclasses.replace(SMALL, keep_untouched=True))
+    assert RecordingSet.load(tmp_path / "kept").names
 
 
 def test_a_camera_that_loses_the_object_is_pointed_out(tmp_path: Path) -> None:
     box = box_sequence()
     vertices = box.vertices + np.array([0, 0.4, 0.8])[:, None, None] * [1.0, 1.0, 0]
-    summary = ingest(raw_folder(tmp_path / "raw", dataclasses.replace(box, vertices=vertices)), tmp_path / "out")
+    raw = raw_folder(tmp_path / "raw", dataclasses.replace(box, vertices=vertices))
+    summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, keep_untouched=True))
     assert any("loses sight" in warning for warning in summary.warnings)
 
 

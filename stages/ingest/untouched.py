@@ -1,0 +1,25 @@
+"""An episode in which the tool never touches the object."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from plop.errors import PlopError
+
+
+def untouched(where: str | Path, within_m: float, found: str, fix: str) -> PlopError:
+    """Make the error of every ingest for a tool that stays away.
+
+    Args:
+        where: File and key of the tool's poses.
+        within_m: Distance that counts as touching [m].
+        found: How near the tool comes, and when.
+        fix: What may be wrong, without a full stop.
+    """
+    return PlopError(
+        "The tool never touches the object.",
+        where=where,
+        expected=f"a tool within {1000 * within_m:g} mm of the object in some frame",
+        found=found,
+        fix=f"{fix}; to keep such episodes (a free fall, an object that sags): --keep-untouched true.",
+    )
