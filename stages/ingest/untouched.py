@@ -21,5 +21,5 @@ def untouched(where: str | Path, within_m: float, found: str, fix: str) -> PlopE
         where=where,
         expected=f"a tool within {1000 * within_m:g} mm of the object in some frame",
         found=found,
-        fix=f"{fix}; to keep such episodes (a free fall, an object that sags): --keep-untouched true.",
+        fix=f"{fix}; to keep such episodes (a free fall, an object that sags): --keep-untouched.",
     )
