@@ -1,0 +1,99 @@
+"""Does the named effect help in motions that nothing was fitted to? `python -m benchmarks.fresh_recordings --work W ...`.
+
+Each W is a workspace that `plop demo-physics` has finished with a named effect. The answer is open there, so that the
+same effect is hidden once more, in other motions of another seed; base and augmented model predict them as they are.
+Writes docs/results/fresh_recordings.json (merged with what is there) and the table of docs/results-physics.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from benchmarks.workspace import Typed
+from plop.artifacts.store import Artifact
+from plop.metrics.table import replace_between_markers
+from plop.physics.sealed import open_answer
+from plop_cli.execute import versions
+
+_DOCS = Path(__file__).resolve().parent.parent / "docs"
+RESULT, PAGE = _DOCS / "results" / "fresh_recordings.json", _DOCS / "results-physics.md"
+SEED = 900
+"""Added to the seed of the demo; its own recordings have 100 and 200 more."""
+
+
+class Fresh(Typed):
+    """Films new motions in the workspace of a demo and lets its two models predict them."""
+
+    def measured(self) -> dict[str, Any]:
+        """Give the errors of base and augmented model on fresh recordings and on those that were diagnosed."""
+        mystery = self.store.find("mystery")
+        seed, effects = mystery.manifest.config["seed"] - 200, open_answer(mystery.path)["effects"]
+        named = json.loads((self.store.find("verdict").path / "diagnosis.json").read_text())["verdict"]["named"]
+        hide = [word for law, values in effects.items() for key, value in values.items()
+                for word in ("--hide", f"{law}.{key}={value!r}")]  # fmt: skip
+        self.plop("simulate", "block.toml", *hide, "--seed", str(SEED + seed), "--name", "fresh")
+        models = {"before": "base", "after": f"base+{named[0]}"}
+        rows = {"fresh": {}, "diagnosed": {}}
+        for key, recordings in (("fresh", "fresh"), ("diagnosed", "mystery")):
+            for when, model in models.items():
+                rows[key][when] = self.errors(model, recordings)
+        return {"seed": seed, "hidden": effects, "named": named, **rows}
+
+    def errors(self, model: str, recordings: str) -> dict[str, Any]:
+        """Compare a model with recordings: RMS over all, floor, and RMS of each episode [mm]."""
+        name = f"{recordings}-by-{model}"
+        self.plop("compare", "--model", model, "--recordings", recordings, "--name", name)
+        tables = _facts(self.store.find(name))["tables"]
+        whole = tables["all"][0]
+        return {"rms_mm": whole["rms_mm"], "floor_mm": whole["floor_mm"], "persistence_mm": whole["persistence_mm"],
+                "rigid_mm": whole["rigid_mm"],
+                "episodes": {row["episode"]: row["rms_mm"] for row in tables["episode"]}}  # fmt: skip
+
+
+def _facts(comparison: Artifact) -> dict[str, Any]:
+    return dict(json.loads((comparison.path / "compare.json").read_text()))
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Set fresh recordings beside those that the amplitude was fitted to."""
+    lines = ["| seed | hidden and named | fresh: base -> with the effect [mm] | episodes better | persistence, rigid | "
+             "fitted to: base -> with the effect [mm] |", "|---|---|---|---|---|---|"]  # fmt: skip
+    for row in rows:
+        fresh, fitted = row["fresh"], row["diagnosed"]
+        pairs = [(fresh["before"]["episodes"][name], after) for name, after in fresh["after"]["episodes"].items()]
+        better = sum(after < before for before, after in pairs)
+        lines.append(f"| {row['seed']} | {', '.join(row['hidden'])}; {', '.join(row['named'])} | {_fall(fresh)} | "
+                     f"{better} of {len(pairs)} | {fresh['before']['persistence_mm']:.1f}, "
+                     f"{fresh['before']['rigid_mm']:.1f} | {_fall(fitted)} |")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _fall(errors: dict[str, Any]) -> str:
+    before, after = errors["before"], errors["after"]
+    return f"{before['rms_mm']:.2f} -> {after['rms_mm']:.2f} (noise {before['floor_mm']:.2f})"
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--work", type=Path, nargs="+", required=True, help="Finished workspaces of demo-physics.")
+    options = parser.parse_args()
+    known = json.loads(RESULT.read_text())["runs"] if RESULT.is_file() else []
+    rows = {row["seed"]: row for row in known}
+    for work in options.work:
+        row = Fresh(work).measured()
+        rows[row["seed"]] = row
+        sys.stdout.write(f"seed {row['seed']}: {_fall(row['fresh'])}\n")
+        runs = [rows[seed] for seed in sorted(rows)]
+        facts = {"command": "python -m benchmarks.fresh_recordings --work W ...", "versions": versions(),
+                 "seeds": [SEED + seed for seed in sorted(rows)], "runs": runs}  # fmt: skip
+        RESULT.write_text(json.dumps(facts, indent=1) + "\n")
+        PAGE.write_text(replace_between_markers(PAGE.read_text(), "fresh-recordings", table(runs)))
+
+
+if __name__ == "__main__":
+    main()
