@@ -1,4 +1,4 @@
-"""Does the named effect help in motions that nothing was fitted to? `python -m benchmarks.fresh_recordings --work W ...`.
+"""Does the named effect help in motions that nothing was fitted to? `python -m benchmarks.fresh_recordings --work W`.
 
 Each W is a workspace that `plop demo-physics` has finished with a named effect. The answer is open there, so that the
 same effect is hidden once more, in other motions of another seed; base and augmented model predict them as they are.
