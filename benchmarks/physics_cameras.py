@@ -30,6 +30,7 @@ from plop.physics.effects.library import library
 from plop.physics.sealed import open_answer
 from plop_cli.demo_physics import PROFILE
 from plop_cli.execute import versions
+from stages.diagnose.stage import STAGE
 
 SNRS = (4.0, 2.0)
 """Signals: displacement by the hidden effect over the noise of depth, 0.5 mm."""
@@ -108,7 +109,7 @@ class Loop(Typed):
         if not any(self.filmed(run, share * run.snr) for share in _SHARES):
             hidden = {run.hide[0].split(".")[0]: {}}
             return {"name": run.name, "set": "unreachable", "seed": run.seed, "hidden": hidden, "snr": 0.0,
-                    "wanted": run.snr, "verdict": "-", "named": []}  # fmt: skip
+                    "wanted": run.snr, "verdict": "-", "named": [], "judged_by": STAGE.version}  # fmt: skip
         found = self.diagnosed(run, "base", run.name)
         row = self.row(run, found)
         if run.set == "pair":
