@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.workspace import Typed
-from plop.artifacts.store import Artifact
+from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers
 from plop.physics.sealed import open_answer
 from plop_cli.execute import versions
@@ -29,33 +29,33 @@ class Fresh(Typed):
     """Films new motions in the workspace of a demo and lets its two models predict them."""
 
     def measured(self) -> dict[str, Any]:
-        """Give the errors of base and augmented model on fresh recordings and on those that were diagnosed."""
+        """Give the errors of base and augmented model on fresh recordings and on those that were diagnosed.
+
+        Raises:
+            PlopError: No effect was named there.
+        """
         mystery = self.store.find("mystery")
         seed, effects = mystery.manifest.config["seed"] - 200, open_answer(mystery.path)["effects"]
         named = json.loads((self.store.find("verdict").path / "diagnosis.json").read_text())["verdict"]["named"]
+        if not named:
+            raise PlopError("No effect was named in this workspace.", where=self.workspace, found="an open verdict",
+                            expected="a demo whose verdict names one", fix="Take another seed.")  # fmt: skip
         hide = [word for law, values in effects.items() for key, value in values.items()
                 for word in ("--hide", f"{law}.{key}={value!r}")]  # fmt: skip
         self.plop("simulate", "block.toml", *hide, "--seed", str(SEED + seed), "--name", "fresh")
         models = {"before": "base", "after": f"base+{named[0]}"}
-        rows = {"fresh": {}, "diagnosed": {}}
-        for key, recordings in (("fresh", "fresh"), ("diagnosed", "mystery")):
-            for when, model in models.items():
-                rows[key][when] = self.errors(model, recordings)
+        sets = {"fresh": "fresh", "diagnosed": "mystery"}
+        rows = {key: {when: self.errors(model, recordings) for when, model in models.items()}
+                for key, recordings in sets.items()}  # fmt: skip
         return {"seed": seed, "hidden": effects, "named": named, **rows}
 
     def errors(self, model: str, recordings: str) -> dict[str, Any]:
         """Compare a model with recordings: RMS over all, floor, and RMS of each episode [mm]."""
         name = f"{recordings}-by-{model}"
         self.plop("compare", "--model", model, "--recordings", recordings, "--name", name)
-        tables = _facts(self.store.find(name))["tables"]
-        whole = tables["all"][0]
-        return {"rms_mm": whole["rms_mm"], "floor_mm": whole["floor_mm"], "persistence_mm": whole["persistence_mm"],
-                "rigid_mm": whole["rigid_mm"],
-                "episodes": {row["episode"]: row["rms_mm"] for row in tables["episode"]}}  # fmt: skip
-
-
-def _facts(comparison: Artifact) -> dict[str, Any]:
-    return dict(json.loads((comparison.path / "compare.json").read_text()))
+        tables = json.loads((self.store.find(name).path / "compare.json").read_text())["tables"]
+        whole = {key: tables["all"][0][key] for key in ("rms_mm", "floor_mm", "persistence_mm", "rigid_mm")}
+        return whole | {"episodes": {row["episode"]: row["rms_mm"] for row in tables["episode"]}}
 
 
 def table(rows: list[dict[str, Any]]) -> str:

@@ -54,8 +54,8 @@ def faults(line: str) -> list[str]:
     if words[0] == "plop":
         name = next((name for n in (2, 1) if (name := " ".join(words[1 : 1 + n])) in options()), "")
         if not name:
-            known = words[1].startswith("-") or not words[1].isidentifier() or words[1] in ("ingest",)
-            return [] if known else [f"no command {words[1]}"]
+            wrong = words[1].isidentifier() and words[1] != "ingest"  # others: <stage>, --help
+            return [f"no command {words[1]}"] if wrong else []
         known = options()[name]
     else:
         known = {option: flag for each in options().values() for option, flag in each.items()}
