@@ -4,9 +4,9 @@ Each run is what a user types: `plop simulate` hides something and films it with
 diagnose` fits Gaussians, follows them and judges, against an engine of another discretisation and another elastic law
 that `plop identify` fitted to recordings without anything hidden. Settings are those of `make demo-physics` (six
 episodes), but for the engine, which is as fine as `identify` makes it by itself. Start one process a core, with
-`--share 1/2` and `--share 2/2`. `--summary` only rewrites the tables. Runs that the workspace does not hold stay as
-they were written before: each stands there with the newest verdict that it has had, and the version of `diagnose` that
-gave it.
+`--share 1/2` and `--share 2/2`. `--summary` only rewrites the tables. A run that neither the workspace nor the tables
+hold by this version of `diagnose` is made (anew); the others stay as they were written before: each stands there with
+the newest verdict that it has had, and the version that gave it.
 """
 
 from __future__ import annotations
@@ -176,6 +176,7 @@ def main() -> None:
     number, of = map(int, options.share.split("/"))
     rows = options.work / "rows"
     rows.mkdir(parents=True, exist_ok=True)
+    kept = earlier(options.out)
     if not options.summary:
         deadline = time.monotonic() + 60 * options.minutes
         loop = Loop(options.work)
@@ -183,12 +184,12 @@ def main() -> None:
             loop.base()
         for run in planned()[number - 1 :: of]:
             path = rows / f"{run.name}.json"
-            if not path.is_file() and time.monotonic() < deadline:
+            done = path.is_file() or kept.get(run.name, {}).get("judged_by") == STAGE.version
+            if not done and time.monotonic() < deadline:
                 row = loop.carry_out(run)
                 path.write_text(json.dumps(row, indent=1))
                 sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
                 sys.stdout.flush()
-    kept = earlier(options.out)
     for run in planned():
         path = rows / f"{run.name}.json"
         if path.is_file():

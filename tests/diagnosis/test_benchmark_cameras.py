@@ -14,6 +14,7 @@ from plop.errors import PlopError
 from plop.physics.effects.library import library
 from plop.physics.sealed import seal_answer
 from plop.physics.wish import parse_hidden
+from stages.diagnose.stage import STAGE
 
 LAW = {"kind": "physics", "gain": 0.9,
        "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}}  # fmt: skip
@@ -118,3 +119,18 @@ def test_a_run_that_the_workspace_does_not_hold_keeps_its_newest_verdict(loop, t
     physics_cameras.main()
     facts = json.loads((tmp_path / "results" / "physics_cameras.json").read_text())
     assert {row["name"]: row["judged_by"] for row in facts["runs"]} == {first.name: 23, second.name: 27}
+
+
+def test_only_runs_that_this_version_has_not_judged_are_made(loop, tmp_path, monkeypatch):
+    (tmp_path / "results-physics.md").write_text("".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n"
+                                                         for name in ("rates", "runs")))  # fmt: skip
+    plan = planned()[:3]
+    versions = (STAGE.version, STAGE.version - 1)
+    write([{**loop.loop.carry_out(run), "judged_by": v} for run, v in zip(plan, versions, strict=False)], tmp_path)
+    loop.typed.clear()
+    monkeypatch.setattr(physics_cameras, "Loop", lambda _: loop.loop)
+    monkeypatch.setattr(physics_cameras, "planned", lambda: plan)
+    monkeypatch.setattr("sys.argv", ["-", "--work", str(tmp_path / "work"), "--out", str(tmp_path)])
+    physics_cameras.main()
+    made = [words[words.index("--name") + 1] for words in loop.typed if words[0] == "simulate"]
+    assert made == ["plain", plan[1].name, plan[2].name]
