@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.dynamics.rest import RestPlaces
 from plop.gaussians.state import Gaussians
 from plop.geometry.tool import ToolGeometry
 
@@ -29,16 +30,19 @@ class ParticleState:
     surface: tuple[np.ndarray, np.ndarray] | None = None
     """At the first frame, if it was measured: the object's closed surface, vertices [V, 3] [m] and triangles [F, 3],
     for models that fill it themselves (`plop.dynamics.first_surface`)."""
+    rest: RestPlaces | None = None
+    """Where the Gaussians lay at the first frame, if anything needs to know it (`plop.dynamics.cohesion`)."""
 
     def select(self, index: Tensor) -> ParticleState:
         """Take a subset of the Gaussians with everything that belongs to them."""
         return ParticleState(self.gaussians.select(index), self.last_translation[index], self.last_rotation[index],
-                             self.side[index], self.has_history, self.surface)  # fmt: skip
+                             self.side[index], self.has_history, self.surface,
+                             None if self.rest is None else self.rest.select(index))  # fmt: skip
 
     def detach(self) -> ParticleState:
         """Copy without gradient history."""
         return ParticleState(self.gaussians.detach(), self.last_translation.detach(), self.last_rotation.detach(),
-                             self.side, self.has_history, self.surface)  # fmt: skip
+                             self.side, self.has_history, self.surface, self.rest)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -72,4 +76,5 @@ class DynamicsModel(Protocol):
 def at_rest(gaussians: Gaussians, surface: tuple[np.ndarray, np.ndarray] | None = None) -> ParticleState:
     """Start a rollout from Gaussians without history, and the object's surface where it was measured."""
     zeros = torch.zeros_like(gaussians.means)
-    return ParticleState(gaussians, zeros, zeros, zeros[:, 0], has_history=False, surface=surface)
+    rest = RestPlaces(gaussians.means.detach())
+    return ParticleState(gaussians, zeros, zeros, zeros[:, 0], has_history=False, surface=surface, rest=rest)

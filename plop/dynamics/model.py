@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
+from plop.dynamics.cohesion import held_together
 from plop.dynamics.features import mirrored_in_table, object_features, rigid_displacement, tool_features
 from plop.dynamics.frames import StepFrame, tool_frame, world_frame
 from plop.dynamics.i2n import I2N, I2NConfig, ParticleBatch
@@ -36,6 +37,9 @@ class PlopConfig:
     """Typical motion in a step, from the training set [m]."""
     tool_points: int = 600
     """Particles that stand for the tool."""
+    stray_m: float | None = None
+    """Farthest that a prediction puts a Gaussian from where its neighbours would have it, from the training set [m];
+    None: anywhere, as in the paper."""
 
 
 class PlopModel(nn.Module):
@@ -54,8 +58,12 @@ class PlopModel(nn.Module):
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
-        """Advance one frame: predict, update opacity, merge, split."""
-        return resample(self.predict([state], [action])[0], self.config.resampling, generator=generator)
+        """Advance one frame: predict, update opacity, hold together, merge, split."""
+        return resample(self.move(state, action), self.config.resampling, generator=generator)
+
+    def move(self, state: ParticleState, action: ToolStep) -> ParticleState:
+        """Advance one frame without merging and splitting."""
+        return held_together(state, self.predict([state], [action])[0], self.config.stray_m)
 
     def predict(
         self, states: list[ParticleState], actions: list[ToolStep], frames: list[StepFrame] | None = None
@@ -115,7 +123,8 @@ class PlopModel(nn.Module):
             scales=gaussians.scales * (LOG_SCALE_UNIT * raw[:, 6:9]).clamp(-0.2, 0.2).exp(),
             opacities=torch.sigmoid(logit),
         )
-        return ParticleState(moved, shift, turn, advance_sides(state.side, means, action), has_history=True)
+        side = advance_sides(state.side, means, action)
+        return ParticleState(moved, shift, turn, side, has_history=True, rest=state.rest)
 
 
 def _filled(points: Tensor, value: int) -> Tensor:

@@ -32,7 +32,7 @@ class ResamplingConfig:
 def resample(
     state: ParticleState, config: ResamplingConfig, *, generator: torch.Generator | None = None
 ) -> ParticleState:
-    """Apply R^m, then R^s; motion and side follow the lineage.
+    """Apply R^m, then R^s; motion, side and place of rest follow the lineage.
 
     Args:
         state: Predicted state with updated opacities.
@@ -51,7 +51,9 @@ def resample(
         state.gaussians, config.split_above, form=config.form, generator=generator, max_count=config.max_count
     )
     if len(parents) != len(state.gaussians):
+        shift = divided.means.detach() - state.gaussians.means.detach()[parents]
         state = replace(state.select(parents), gaussians=divided)
+        state = replace(state, rest=None if state.rest is None else state.rest.moved(shift))
     return state
 
 

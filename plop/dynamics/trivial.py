@@ -20,7 +20,7 @@ class Persistence:
         """Keep the state; only the blade's mark on the particles advances."""
         zeros = torch.zeros_like(state.last_translation)
         side = advance_sides(state.side, state.gaussians.means, action)
-        return ParticleState(state.gaussians, zeros, zeros, side, has_history=True)
+        return replace(state, last_translation=zeros, last_rotation=zeros, side=side, has_history=True)
 
 
 @dataclass(frozen=True)

@@ -173,6 +173,6 @@ def rollout_error_m(model: PlopModel, track: Track) -> float:
     state = at_rest(track.initial)
     total = 0.0
     for frame in range(1, len(track)):
-        state = model.predict([state], [track.actions.step(frame - 1)])[0]
+        state = model.move(state, track.actions.step(frame - 1))
         total += float((state.gaussians.means - track.means[frame]).norm(dim=-1).mean())
     return total / max(1, len(track) - 1)

@@ -26,11 +26,13 @@ from plop.checked_settings import check_jobs, check_ranges
 from plop.determinism import deterministic
 from plop.device import chosen_device
 from plop.diagnosis.same_object import check_same_object
+from plop.dynamics.cohesion import natural_strays_m
 from plop.dynamics.features import FeatureSet
 from plop.dynamics.filtering import UpdateConfig
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig
 from plop.dynamics.resampling import ResamplingConfig
+from plop.dynamics.rest import RestPlaces
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
@@ -49,6 +51,8 @@ from stages.train.tracks import Track, track_episode
 
 _TRACK = "track-"
 """Beginning of a track's name among the finished pieces."""
+_FRAMES_MEASURED = 5
+"""Frames of a track, the first one too, that tell how closely its Gaussians keep together."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,9 @@ class TrainConfig:
     """Frame of the network: turns with the tool, or the world (the paper's)."""
     coupled: bool = True
     """A particle also takes a learned share of the tool's motion at its place; off in the paper."""
+    cohesion: bool = True
+    """In a rollout a Gaussian keeps to its neighbours on its side of the cut, as near as in the tracks; off in the
+    paper."""
     width: int = 24
     """Channels of particles and of the finest grid."""
     cells_across: float = 8.0
@@ -205,7 +212,8 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
         _train_fold(k, lessons, config, out, about)
     model, chosen = train_on(lessons.track, len(lessons), config, out, about=about, judged=len(lessons.recorded))
     return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "made_up_episodes":
-                            len(followed), "motion_mm": model.motion_m * 1e3, "length_mm": model.length_m * 1e3},
+                            len(followed), "motion_mm": model.motion_m * 1e3, "length_mm": model.length_m * 1e3,
+                            **({} if model.stray_m is None else {"stray_mm": model.stray_m * 1e3})},
                    warnings=warnings)  # fmt: skip
 
 
@@ -306,7 +314,17 @@ def _model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
         coupled=config.coupled,
         length_m=length,
         motion_m=max(square**0.5, 1e-5),
+        stray_m=_stray_m(tracks) if config.cohesion else None,
     )
+
+
+def _stray_m(tracks: list[Track]) -> float:
+    """Median over the episodes, each counted once, of how far Gaussians lie from where neighbours put them [m]."""
+    found = []
+    for track in {track.name: track for track in tracks}.values():
+        frames = np.unique(np.linspace(0, len(track) - 1, _FRAMES_MEASURED).round().astype(int))[1:]
+        found.append(natural_strays_m(RestPlaces(track.means[0]), track.means[frames], track.sides[frames]))
+    return float(np.median(found))
 
 
 def _render_weights(config: TrainConfig) -> RenderWeights:
@@ -324,7 +342,7 @@ def _loss_weights(config: TrainConfig, render: RenderWeights) -> LossWeights:
 
 STAGE = Stage(
     name="train",
-    version=9,
+    version=10,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
