@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from plop.dynamics.cohesion import held_together
+from plop.dynamics.cut_faces import narrowed_at_cut
 from plop.dynamics.features import mirrored_in_table, object_features, rigid_displacement, tool_features
 from plop.dynamics.frames import StepFrame, tool_frame, world_frame
 from plop.dynamics.i2n import I2N, I2NConfig, ParticleBatch
@@ -40,6 +41,8 @@ class PlopConfig:
     stray_m: float | None = None
     """Farthest that a prediction puts a Gaussian from where its neighbours would have it, from the training set [m];
     None: anywhere, as in the paper."""
+    cut_faces: bool = False
+    """A Gaussian that a blade passes becomes so narrow that it does not reach across the cut; off in the paper."""
 
 
 class PlopModel(nn.Module):
@@ -63,7 +66,8 @@ class PlopModel(nn.Module):
 
     def move(self, state: ParticleState, action: ToolStep) -> ParticleState:
         """Advance one frame without merging and splitting."""
-        return held_together(state, self.predict([state], [action])[0], self.config.stray_m)
+        moved = held_together(state, self.predict([state], [action])[0], self.config.stray_m)
+        return narrowed_at_cut(state.side, moved, action) if self.config.cut_faces else moved
 
     def predict(
         self, states: list[ParticleState], actions: list[ToolStep], frames: list[StepFrame] | None = None

@@ -93,6 +93,9 @@ class TrainConfig:
     cohesion: bool = True
     """In a rollout a Gaussian keeps to its neighbours on its side of the cut, as near as in the tracks; off in the
     paper."""
+    cut_faces: bool = True
+    """In a rollout a blade narrows the Gaussians that it passes, so that none reaches across the cut; off in the
+    paper."""
     width: int = 24
     """Channels of particles and of the finest grid."""
     cells_across: float = 8.0
@@ -315,6 +318,7 @@ def _model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
         length_m=length,
         motion_m=max(square**0.5, 1e-5),
         stray_m=_stray_m(tracks) if config.cohesion else None,
+        cut_faces=config.cut_faces,
     )
 
 
