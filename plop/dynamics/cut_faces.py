@@ -43,7 +43,9 @@ def narrowed_at_cut(side: Tensor, after: ParticleState, action: ToolStep) -> Par
     kept = ((_REACH * distance.abs()).clamp_min(_THINNEST_M) / across).clamp_max(1)
     wide = kept < 1
     rows, kept, covariances = rows[wide], kept[wide], covariances[wide]
-    squeeze = torch.eye(3).to(pose) - (1 - kept)[:, None, None] * torch.outer(normal, normal)
+    squeeze = torch.eye(3, dtype=pose.dtype, device=pose.device) - (1 - kept)[:, None, None] * torch.outer(
+        normal, normal
+    )
     scales, quats = gaussians.scales.clone(), gaussians.quats.clone()
     scales[rows], quats[rows] = scales_quats_from_covariance(squeeze @ covariances @ squeeze)
     return replace(after, gaussians=gaussians.with_(scales=scales, quats=quats))

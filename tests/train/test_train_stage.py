@@ -68,6 +68,15 @@ def test_the_model_says_of_what_it_is_a_model(trained):
     assert about["environment"] and len(about["size_m"]) == 3 and min(about["size_m"]) > 0.01
 
 
+def test_the_tracks_tell_how_closely_gaussians_keep_together(inputs, trained, tmp_path):
+    config = load_model(trained[0]).config
+    assert 1e-5 < config.stray_m < 5e-3 and config.cut_faces
+    assert trained[1].figures["stray_mm"] == pytest.approx(config.stray_m * 1e3)
+    summary = run(inputs, replace(QUICK, cohesion=False, cut_faces=False), Output(tmp_path))
+    loose = load_model(tmp_path).config
+    assert loose.stray_m is None and not loose.cut_faces and "stray_mm" not in summary.figures
+
+
 class _Stopped(Exception):
     pass
 
