@@ -23,7 +23,13 @@ from plop.dynamics.kernels import Stencil, build_stencil
 from plop.dynamics.physical_losses import Neighbourhood, isometry, local_rotations
 from plop.dynamics.transfer import g2p
 from plop.gaussians.state import Gaussians
-from plop.geometry.rigid import matrix_to_quat, quat_multiply, rotation_vector_from_quat
+from plop.geometry.rigid import (
+    matrix_to_quat,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_multiply,
+    rotation_vector_from_quat,
+)
 from plop.recordings.recording import Recording
 from plop.render.losses import RenderWeights, render_loss
 from plop.render.rasterize import render
@@ -212,7 +218,9 @@ def update(
 
 def _with_motion(predicted: ParticleState, before: Gaussians, moved: Gaussians, pairs: Neighbourhood) -> ParticleState:
     turn = matrix_to_quat(local_rotations(pairs, before.means, moved.means, len(moved)))
-    quats = torch.nn.functional.normalize(quat_multiply(turn, before.quats), dim=-1)
+    # The shapes are the prediction's (an engine and a blade change them): turned back to the start, then as measured.
+    back = quat_conjugate(quat_from_rotation_vector(predicted.last_rotation))
+    quats = torch.nn.functional.normalize(quat_multiply(turn, quat_multiply(back, moved.quats)), dim=-1)
     return replace(
         predicted,
         gaussians=moved.with_(quats=quats),

@@ -145,7 +145,7 @@ def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) 
 
 STAGE = Stage(
     name="filter",
-    version=8,
+    version=9,
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={
