@@ -47,11 +47,11 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsMode
     if kind == "plop":
         return load_learned(folder, device)
     if kind == "engine":
-        return FilledEngineModel(base_from_dict(facts["engine"]))
+        return FilledEngineModel(base_from_dict(facts["engine"]), cut_faces=True)
     if kind == "augmented":
         effects, engine, inner = effects_of(folder), base_from_dict(facts["engine"]), innermost(folder)
         if read_facts(inner).get("kind") == "engine":  # exact: one run with the effects instead of two differences
-            return FilledEngineModel(engine, effects)
+            return FilledEngineModel(engine, effects, cut_faces=True)
         return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference
     raise PlopError("The model is of an unknown kind.", where=folder / "model.json", expected=", ".join(KINDS),
                     found=str(kind), fix="Update plop.")  # fmt: skip

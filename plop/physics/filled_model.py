@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.dynamics.cut_faces import narrowed_at_cut
 from plop.dynamics.interface import ParticleState, ToolStep
 from plop.gaussians.carried import carried
 from plop.geometry.convex import convex_surface
@@ -37,14 +38,16 @@ class _Memory:
 class FilledEngineModel:
     """A `DynamicsModel`: the engine with its own particles; neither merges nor splits Gaussians."""
 
-    def __init__(self, base: EngineBase, effects: tuple[Effect, ...] = ()) -> None:
+    def __init__(self, base: EngineBase, effects: tuple[Effect, ...] = (), *, cut_faces: bool = False) -> None:
         """Hold what to simulate with.
 
         Args:
             base: The engine's settings.
             effects: Laws that act besides the material's own.
+            cut_faces: A Gaussian that a blade passes becomes so narrow that it does not reach across the cut; where it
+                goes does not depend on it.
         """
-        self.base, self.effects = base, effects
+        self.base, self.effects, self.cut_faces = base, effects, cut_faces
         self._memory: _Memory | None = None
 
     def step(
@@ -68,7 +71,8 @@ class FilledEngineModel:
         normal = same_normal(motion, action)
         side = torch.from_numpy(normal * run.sides[-1][own].astype(np.float32)).to(state.side)
         self._memory = _Memory(run.final, after.means.detach().clone(), after.ids.clone())
-        return ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True)
+        moved = ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True)
+        return narrowed_at_cut(state.side, moved, action) if self.cut_faces else moved
 
     def _particles(self, state: ParticleState, action: ToolStep) -> Particles:
         means = state.gaussians.means.detach().cpu().double().numpy()

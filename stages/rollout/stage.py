@@ -114,7 +114,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
 
 STAGE = Stage(
     name="rollout",
-    version=8,
+    version=9,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

@@ -121,7 +121,7 @@ def _make_one_up(
 
 
 def engine_model(folder: Path) -> FilledEngineModel:
-    """Read the engine that makes episodes up.
+    """Read the engine that makes episodes up; Gaussians keep their shapes, for a track knows those of frame 0 alone.
 
     Raises:
         PlopError: The model is a learned one.
@@ -131,4 +131,4 @@ def engine_model(folder: Path) -> FilledEngineModel:
         raise PlopError("Only an engine makes up episodes.", where=folder, expected="a model of `plop identify`",
                         found="a learned model",
                         fix="Give the engine that was fitted to these recordings.")  # fmt: skip
-    return model
+    return FilledEngineModel(model.base, model.effects)

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from plop.diagnosis.engine_run import predict_points, start_particles
+from plop.diagnosis.episode import episode_from_sequence
 from plop.dynamics.interface import at_rest
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
@@ -18,8 +19,9 @@ from plop.physics.fill import fill_surface
 from plop.physics.filled import EngineBase, filled_particles
 from plop.physics.filled_model import FilledEngineModel
 from plop.physics.material import ElasticLaw, Material
+from plop.physics.scene import simulate_episode
 from plop.physics.solver import simulate
-from tests.coarse_episodes import BASE, MATERIAL, coarse_episode, gaussians, paths, rollout, wrapped
+from tests.coarse_episodes import BASE, MATERIAL, SCENE, actions, coarse_episode, gaussians, paths, rollout, wrapped
 
 SOFT = EngineBase(replace(MATERIAL, youngs_modulus_pa=8e3), spacing_m=0.009)
 
@@ -134,6 +136,23 @@ def test_split_and_merged_gaussians_keep_the_material():
     known = model._memory.particles.positions[filling:]
     np.testing.assert_allclose(particles.positions[filling:], known[rows.numpy()], atol=1e-6)
     assert particles.F is not None and len(particles.F) == len(particles)
+
+
+def test_a_cut_narrows_gaussians_and_moves_none_elsewhere():
+    scene = replace(SCENE, motions=("cut",))
+    episode = wrapped(episode_from_sequence(simulate_episode(scene, 0, ()), noise_m=0.0, seed=0, points=400))
+    wide = gaussians(episode.points[0])
+    start, steps, ends = at_rest(wide.with_(scales=6 * wide.scales)), actions(episode), []
+    for model in (FilledEngineModel(BASE), FilledEngineModel(BASE, cut_faces=True)):
+        state = start
+        for frame in range(len(steps) - 1):
+            state = model.step(state, steps.step(frame))
+        ends.append(state)
+    plain, faced = ends
+    assert (plain.side != 0).sum() > 100
+    assert torch.equal(faced.gaussians.means, plain.gaussians.means)
+    narrowed = faced.gaussians.scales.prod(-1) < 0.95 * plain.gaussians.scales.prod(-1)
+    assert 5 < narrowed.sum() < 200 and (plain.side[narrowed] != 0).all()
 
 
 def test_settings_survive_a_round_trip_through_json():
