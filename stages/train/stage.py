@@ -54,7 +54,7 @@ _TRACK = "track-"
 _FRAMES_MEASURED = 5
 """Frames of a track, the first one too, that tell how closely its Gaussians keep together."""
 _KEPT = 0.9
-"""Share of the episodes that keep the bound of cohesion: a press bends more than a cut, and neither is to be held back."""
+"""Share of the episodes that keep the bound of cohesion: a press bends more than a cut and is not to be held back."""
 
 
 @dataclass(frozen=True)
@@ -325,7 +325,7 @@ def _model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
 
 
 def _stray_m(tracks: list[Track]) -> float:
-    """Measure how far Gaussians lie from where their neighbours put them, as a bound that most kinds of motion keep [m].
+    """Measure how far Gaussians lie from where their neighbours put them [m].
 
     Nine episodes of ten keep it. Where an engine made some up, those alone count: the others hold the filter's noise.
     """

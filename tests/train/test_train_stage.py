@@ -22,6 +22,7 @@ from stages.contract import Input, Output
 from stages.train import stage
 from stages.train.optimise import Schedule
 from stages.train.stage import TrainConfig, run, train_on
+from stages.train.tracks import Track
 from stages.train.windows import draw_windows
 from tests.small_episode import PUSH_M, write_set
 
@@ -75,6 +76,21 @@ def test_the_tracks_tell_how_closely_gaussians_keep_together(inputs, trained, tm
     summary = run(inputs, replace(QUICK, cohesion=False, cut_faces=False), Output(tmp_path))
     loose = load_model(tmp_path).config
     assert loose.stray_m is None and not loose.cut_faces and "stray_mm" not in summary.figures
+
+
+def test_nine_episodes_of_ten_keep_the_bound_and_made_up_ones_alone_count():
+    def track(name: str, noise_m: float, recorded: bool = True) -> Track:
+        torch.manual_seed(len(name))
+        rest = torch.rand(300, 3) * 0.05
+        means = torch.stack([rest, rest + noise_m * torch.randn(300, 3)])
+        none = torch.zeros(2, 300)
+        return Track(name, Path() if recorded else None, None, means, None, none, means, means, none, None, None)
+
+    calm, bent = [track(f"calm{k}", 1e-4) for k in range(8)], [track(f"bent{k}", 1e-3) for k in range(2)]
+    assert stage._stray_m(calm) < 5e-4 < 1.5e-3 < stage._stray_m(calm + bent)
+    assert stage._stray_m(calm + bent + calm * 9) == stage._stray_m(calm + bent)  # repeated ones count once
+    made_up = [track("made-up", 1e-4, recorded=False)]
+    assert stage._stray_m(bent + made_up) == stage._stray_m(made_up) < 5e-4
 
 
 class _Stopped(Exception):
