@@ -37,8 +37,8 @@ from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
 from plop.render.scene import render_scene, tool_above_table
 from stages.contract import Input, Output
+from stages.train.settings import TrainConfig
 from stages.train.stage import STAGE as TRAIN
-from stages.train.stage import TrainConfig
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
 KERNELS = {"quadratic (27 nodes)": "quadratic", "quadratic, no resampling": "quadratic", "paper (8 nodes)": "paper",

@@ -26,8 +26,9 @@ def step_s() -> float:
     from stages.fit_init.episode import fit_object, usable_views
     from stages.fit_init.shell import surface_from_views
     from stages.fit_init.stage import FitInitConfig
+    from stages.train.form import loss_weights, model_config
     from stages.train.objective import TrainingStep
-    from stages.train.stage import TrainConfig, _loss_weights, _model_config, _render_weights
+    from stages.train.settings import TrainConfig
     from stages.train.tracks import load_track, track_episode
     from stages.train.windows import Window
 
@@ -40,9 +41,9 @@ def step_s() -> float:
         track_episode(recording_path, folder / "object.ply", folder / "track.h5", UpdateConfig(iterations=1),
                       lambda done, frames: None)  # fmt: skip
         track, config = load_track("block", recording_path, folder / "track.h5"), TrainConfig()
-        model = PlopModel(_model_config(config, [track]))
+        model = PlopModel(model_config(config, [track]))
         optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate)
-        weights = _loss_weights(config, _render_weights(config))
+        weights = loss_weights(config)
         step_loss = TrainingStep(model)
         window = Window(0, 2, HORIZON, (False, False), 0, (0, 1, 2, 3))
 

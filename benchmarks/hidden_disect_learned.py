@@ -28,7 +28,7 @@ from plop.geometry.rigid import pose_from_euler_xyz
 from plop.physics.filled import EngineBase
 from plop.physics.tool_motion import ToolMotion
 from plop_cli.execute import versions
-from stages.train.stage import TrainConfig
+from stages.train.settings import TrainConfig
 
 MADE_UP, SEED = 24, 7
 """Episodes that the engine makes up, and the seed of their motions."""

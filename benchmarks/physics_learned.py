@@ -35,7 +35,8 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.tool import ToolGeometry
 from plop_cli.execute import versions
 from stages.contract import Output
-from stages.train.stage import TrainConfig, train_on
+from stages.train.settings import TrainConfig
+from stages.train.stage import train_on
 from stages.train.tracks import Track
 
 TRAINED, TRAINED_SEED = 24, 3000

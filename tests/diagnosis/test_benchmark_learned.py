@@ -10,7 +10,8 @@ from plop.diagnosis.table import Measured
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig, PlopModel
 from stages.contract import Output
-from stages.train.stage import TrainConfig, train_on
+from stages.train.settings import TrainConfig
+from stages.train.stage import train_on
 from tests.coarse_episodes import coarse_episode, wrapped
 
 

@@ -21,7 +21,8 @@ from stages.contract import Input, Output
 from stages.train import made_up, stage
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp
-from stages.train.stage import TrainConfig, run, train_on
+from stages.train.settings import TrainConfig
+from stages.train.stage import run, train_on
 from tests.small_episode import PUSH_M, write_set
 from tests.tracked_set import write_engine
 

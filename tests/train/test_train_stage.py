@@ -20,8 +20,10 @@ from plop.models import judges_of, load_model, trained_on
 from plop.recordings.set import RecordingSet
 from stages.contract import Input, Output
 from stages.train import stage
+from stages.train.form import stray_m
 from stages.train.optimise import Schedule
-from stages.train.stage import TrainConfig, run, train_on
+from stages.train.settings import TrainConfig
+from stages.train.stage import run, train_on
 from stages.train.tracks import Track
 from stages.train.windows import draw_windows
 from tests.small_episode import PUSH_M, write_set
@@ -87,10 +89,10 @@ def test_nine_episodes_of_ten_keep_the_bound_and_made_up_ones_alone_count():
         return Track(name, Path() if recorded else None, None, means, None, none, means, means, none, None, None)
 
     calm, bent = [track(f"calm{k}", 1e-4) for k in range(8)], [track(f"bent{k}", 1e-3) for k in range(2)]
-    assert stage._stray_m(calm) < 5e-4 < 1.5e-3 < stage._stray_m(calm + bent)
-    assert stage._stray_m(calm + bent + calm * 9) == stage._stray_m(calm + bent)  # repeated ones count once
+    assert stray_m(calm) < 5e-4 < 1.5e-3 < stray_m(calm + bent)
+    assert stray_m(calm + bent + calm * 9) == stray_m(calm + bent)  # repeated ones count once
     made_up = [track("made-up", 1e-4, recorded=False)]
-    assert stage._stray_m(bent + made_up) == stage._stray_m(made_up) < 5e-4
+    assert stray_m(bent + made_up) == stray_m(made_up) < 5e-4
 
 
 class _Stopped(Exception):
@@ -178,7 +180,8 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from stages.contract import Input, Output
-from stages.train.stage import TrainConfig, run
+from stages.train.settings import TrainConfig
+from stages.train.stage import run
 recordings, init, out = map(Path, sys.argv[1:])
 config = TrainConfig(track_steps=3, image_steps=1, batch=2, horizon=2, width=4, cells_across=4, filter_iterations=1,
                      validate_every=100)
