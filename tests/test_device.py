@@ -6,6 +6,8 @@ tensor must be made where its operands are. ("meta" tensors hold no data, so tha
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -86,6 +88,25 @@ def test_a_model_steps_where_its_weights_are(episode):
             state = model.step(state, track.actions.step(k))
     assert (state.side != 0).any()
     assert state.gaussians.means.device.type == "cpu"
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_gpu_predicts_what_the_cpu_predicts(episode):
+    track, _, initial = episode
+    torch.manual_seed(0)
+    model = PlopModel(PlopConfig(tool_points=50, stray_m=1e-5, cut_faces=True)).eval()
+    torch.nn.init.normal_(model.network.decode[-1].weight, std=0.3)
+    ends = []
+    for device in ("cpu", "cuda"):
+        actions = replace(track.actions, world_from_tool=track.actions.world_from_tool.to(device))
+        state, moving = at_rest(initial.to(device)), model.to(device)
+        with torch.no_grad():
+            for k in range(len(track) - 1):
+                state = moving.step(state, actions.step(k))
+        assert state.gaussians.means.device.type == device
+        ends.append(state.gaussians.to("cpu"))
+    assert torch.allclose(ends[0].means, ends[1].means, atol=2e-5)
+    assert torch.allclose(ends[0].covariances, ends[1].covariances, atol=2e-8)
 
 
 def test_devices_are_chosen_by_name(monkeypatch):
