@@ -2,7 +2,9 @@
 
 Each run hides something in episodes of the block scene, follows 400 surface points with noise (what an ideal
 tracker would give: no cameras), and diagnoses them with an engine of another discretisation and another elastic
-law that was fitted to other episodes without anything hidden. `--summary` only rewrites the tables.
+law that was fitted to other episodes without anything hidden. Start one process a core, with `--jobs 1` and `--share
+1/2` and `2/2`. `--summary` only rewrites the tables. A run that neither the folder nor the tables hold by this version
+of `diagnose` is made (anew, with what was hidden before); the others stay as they were written.
 """
 
 from __future__ import annotations
@@ -11,15 +13,15 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from benchmarks.measure import plain_json
+from benchmarks.newest import Row, is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_baselines import baselines
 from benchmarks.physics_plan import PLAN, Plan
 from benchmarks.physics_response import response_error
@@ -27,6 +29,7 @@ from benchmarks.physics_rounds import next_round
 from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import RESULT, write_results
+from plop.artifacts.lock import locked
 from plop.diagnosis.diagnose import SLOWER, diagnose
 from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
@@ -44,6 +47,7 @@ from plop.physics.material import ElasticLaw
 from plop.physics.response import slowdown
 from plop.physics.scene import Scene, simulate_episode
 from plop.physics.scenes import find_scene
+from stages.diagnose.stage import STAGE
 
 NOISE_M = 2e-4
 """Standard deviation of one coordinate of a followed point [m]."""
@@ -79,15 +83,19 @@ def main() -> None:
     parser.add_argument("--result", default=RESULT, help="Name of the file in results/ and of the tables' markers.")
     parser.add_argument("--particles", type=int, default=PARTICLES, help="Of the diagnosing engine.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
+    parser.add_argument("--share", default="1/1", help="K/N: the K-th of N processes; each takes every N-th run.")
     parser.add_argument("--summary", action="store_true", help="Run nothing.")
     options = parser.parse_args()
     options.work.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + (0 if options.summary else 60 * options.minutes)
+    written = written_rows(options.out / "results" / f"{options.result}.json")
     if time.monotonic() < deadline:
-        engine = fitted_engine(options.work, options.jobs, options.particles)
+        with locked(options.work / "base.lock"):
+            engine = fitted_engine(options.work, options.jobs, options.particles)
         setting = Setting(Measured(reference(options.jobs)), engine)
-        for plan in PLAN:
-            run_missing([plan], setting, options.work, options.jobs, deadline)
+        for plan in shared(PLAN, options.share):
+            if not is_judged(plan.name, options.work, written):
+                run_missing([plan], setting, options.work, options.jobs, deadline, written)
             if plan.set in ("single", "null") and time.monotonic() < deadline:
                 _add_sindy(plan, setting.engine, options.work, options.jobs)
     kept = options.work / "base.json"
@@ -95,24 +103,28 @@ def main() -> None:
     command = "make bench-physics"
     if options.result != RESULT:
         command = f"python -m benchmarks.physics --particles {options.particles} --work W --result {options.result}"
-    write_results(finished(PLAN, options.work), options.out, command=command, engine=engine, result=options.result)
+    rows = newest_rows([plan.name for plan in PLAN], options.work, written)
+    write_results(rows, options.out, command=command, engine=engine, result=options.result)
 
 
-def run_missing(plans: list[Plan], setting: Setting, work: Path, jobs: int, deadline: float) -> None:
-    """Carry out the runs that are not in the folder yet; none is started after the deadline (time.monotonic)."""
+def run_missing(
+    plans: list[Plan], setting: Setting, work: Path, jobs: int, deadline: float,
+    written: Mapping[str, Row] | None = None,
+) -> None:  # fmt: skip
+    """Carry out the runs that are not in the folder yet; none is started after the deadline (time.monotonic).
+
+    What an older version's row says is hidden is hidden again: the amplitude is not searched for anew, and what could
+    not be given a signal is left out.
+    """
     for plan in plans:
         path = work / f"{plan.name}.json"
-        if not path.is_file() and time.monotonic() < deadline:
-            row = run_plan(plan, setting, work, jobs)
+        earlier = (written or {}).get(plan.name)
+        reachable = earlier is None or earlier["set"] != "unreachable"
+        if reachable and not path.is_file() and time.monotonic() < deadline:
+            row = run_plan(plan, setting, work, jobs, earlier)
             path.write_text(json.dumps(row, indent=1))
             sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
             sys.stdout.flush()
-
-
-def finished(plans: list[Plan], work: Path) -> list[dict[str, Any]]:
-    """Read what is in the folder."""
-    paths = [work / f"{plan.name}.json" for plan in plans]
-    return [json.loads(path.read_text()) for path in paths if path.is_file()]
 
 
 def simulated(scene: Scene, seed: int, count: int, effects: list[Effect], jobs: int) -> list[Episode]:
@@ -173,9 +185,11 @@ def _rms(episodes: list[Episode], plain: list[Episode]) -> float:
     return float(np.sqrt(np.mean([(d**2).sum(-1).mean() for d in moved])))
 
 
-def _hidden(plan: Plan, scene: Scene, jobs: int) -> tuple[list[Effect], float | None]:
+def _hidden(plan: Plan, scene: Scene, jobs: int, earlier: Row | None) -> tuple[list[Effect], float | None]:
     """Build what a run hides; scaled to the plan's signal where it has one, with the weakest of the signals found."""
     types = library()
+    if earlier is not None:
+        return [types[name](**values) for name, values in earlier["hidden"].items()], None
     if plan.snr is None:
         return plan.effects(types), None
     plain = simulated(scene, plan.seed, SEARCHED, [], jobs)
@@ -189,7 +203,7 @@ def _hidden(plan: Plan, scene: Scene, jobs: int) -> tuple[list[Effect], float | 
     return [effect for effect, _ in found], min(reached for _, reached in found)
 
 
-def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int) -> dict[str, Any]:
+def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int, earlier: Row | None = None) -> Row:
     """Hide, diagnose and score; the hidden effects are compared with the verdict only afterwards.
 
     A run whose effect cannot give half the signal that the plan wants, at any amplitude of its range, is not
@@ -197,7 +211,7 @@ def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int) -> dict[str, A
     """
     types = library()
     scene, engine = setting.scene, setting.engine
-    hidden, reached = _hidden(plan, scene, jobs)
+    hidden, reached = _hidden(plan, scene, jobs, earlier)
     facts = {"name": plan.name, "seed": plan.seed, "hidden": {e.name: e.values for e in hidden}, "wanted": plan.snr}
     if plan.snr is not None and reached is not None and reached < plan.snr / 2:
         return {**facts, "set": "unreachable", "snr": reached, "verdict": "-", "named": []}
@@ -210,7 +224,7 @@ def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int) -> dict[str, A
     rms = _rms(episodes, plain)
     order = [f.name for f in found.findings[:-1]]
     row = {
-        **facts, "set": plan.set,
+        **facts, "set": plan.set, "judged_by": STAGE.version,
         "rms_mm": 1000 * rms, "snr": rms / FLOOR_M, "verdict": found.verdict.kind, "named": found.verdict.named,
         "text": found.verdict.text, "ranking": order,
         "ranks": [order.index(e.name) + 1 for e in hidden if e.name in order],

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.newest import is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
 from benchmarks.physics_tables import GOALS, MEDIANS, percent, runs_table, shown, verdict_rates
 from benchmarks.workspace import Typed
@@ -173,34 +174,21 @@ def main() -> None:
     parser.add_argument("--share", default="1/1", help="K/N: the K-th of N processes; each takes every N-th run.")
     parser.add_argument("--summary", action="store_true", help="Run nothing.")
     options = parser.parse_args()
-    number, of = map(int, options.share.split("/"))
     rows = options.work / "rows"
     rows.mkdir(parents=True, exist_ok=True)
-    kept = earlier(options.out)
+    kept = written_rows(options.out / "results" / "physics_cameras.json")
     if not options.summary:
         deadline = time.monotonic() + 60 * options.minutes
         loop = Loop(options.work)
         with locked(options.work / "base.lock"):
             loop.base()
-        for run in planned()[number - 1 :: of]:
-            path = rows / f"{run.name}.json"
-            done = path.is_file() or kept.get(run.name, {}).get("judged_by") == STAGE.version
-            if not done and time.monotonic() < deadline:
+        for run in shared(planned(), options.share):
+            if not is_judged(run.name, rows, kept) and time.monotonic() < deadline:
                 row = loop.carry_out(run)
-                path.write_text(json.dumps(row, indent=1))
+                (rows / f"{run.name}.json").write_text(json.dumps(row, indent=1))
                 sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
                 sys.stdout.flush()
-    for run in planned():
-        path = rows / f"{run.name}.json"
-        if path.is_file():
-            kept[run.name] = json.loads(path.read_text())
-    write([kept[run.name] for run in planned() if run.name in kept], options.out)
-
-
-def earlier(out: Path) -> dict[str, dict[str, Any]]:
-    """Give the rows that were written before, by their names."""
-    path = out / "results" / "physics_cameras.json"
-    return {row["name"]: row for row in json.loads(path.read_text())["runs"]} if path.is_file() else {}
+    write(newest_rows([run.name for run in planned()], rows, kept), options.out)
 
 
 def write(rows: list[dict[str, Any]], out: Path) -> None:

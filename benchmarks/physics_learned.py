@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.physics import SCENE, Setting, finished, fitted_engine, reference, run_missing, simulated
+from benchmarks.newest import newest_rows
+from benchmarks.physics import SCENE, Setting, fitted_engine, reference, run_missing, simulated
 from benchmarks.physics_plan import PLAN
 from benchmarks.physics_tables import summary
 from plop.diagnosis.episode import Episode
@@ -45,7 +46,7 @@ SETS = ("single", "null", "base")
 SCENE_CUT = replace(SCENE, motions=("cut-push",))
 _WIDTH_M, _OPACITY = 0.003, 0.9
 """Width and opacity of the Gaussian that stands for a followed point."""
-_TRAINING = TrainConfig(track_steps=1500, image_steps=0, horizon=8, resample=False, device="cpu")
+TRAINING = TrainConfig(track_steps=1500, image_steps=0, horizon=8, resample=False, device="cpu")
 
 
 def main() -> None:
@@ -70,7 +71,7 @@ def main() -> None:
     setting = Setting(known, engine, measured, SCENE_CUT)
     plans = [plan for plan in PLAN if plan.set in SETS]
     run_missing(plans, setting, options.work, options.jobs, deadline)
-    rows = finished(plans, options.work)
+    rows = newest_rows([plan.name for plan in plans], options.work, {})
     options.out.write_text(json.dumps(facts_of(rows, known), indent=1))
 
 
@@ -97,7 +98,7 @@ def trained(work: Path, jobs: int) -> PlopModel:
     def tracks() -> list[Track]:
         return [track_of(episode) for episode in simulated(SCENE_CUT, TRAINED_SEED, TRAINED, [], jobs)]
 
-    return train_once(work / "model", tracks, _TRAINING, SCENE.name, threads=1 if jobs == 1 else 2)
+    return train_once(work / "model", tracks, TRAINING, SCENE.name, threads=1 if jobs == 1 else 2)
 
 
 def train_once(

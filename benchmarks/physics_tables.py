@@ -99,7 +99,7 @@ def verdict_rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     errors, covered = [], []
     for r in named:
-        error, inside_each = amplitude_error(next(iter(r["hidden"].values())), r["parameters"].get(r["named"][0], {}))
+        error, inside_each = amplitude_of(r)
         errors.append(error)
         covered += inside_each
     closed = [(r["error"] - r["left"]) / (r["error"] - r["floor"]) for r in named
@@ -128,6 +128,14 @@ def verdict_rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "sensor": {"called_physics": rate(sets["sensor"], lambda r: r["verdict"] in _NAMING),
                    "stopped": rate(sets["sensor"], lambda r: r["verdict"] == "SENSOR")},
     }  # fmt: skip
+
+
+def amplitude_of(row: dict[str, Any]) -> tuple[float, list[bool]]:
+    """Compare a named law's amplitude with the hidden one, or give what the results' file kept of that comparison."""
+    if "parameters" not in row:
+        return row["amplitude_off"], row["amplitude_held"]
+    named = row["named"][0]
+    return amplitude_error(row["hidden"][named], row["parameters"].get(named, {}))
 
 
 def amplitude_error(truth: dict[str, float], found: dict[str, Any]) -> tuple[float, list[bool]]:
@@ -216,9 +224,8 @@ def shown(rate: dict[str, Any] | None) -> str:
 def _kept(row: dict[str, Any]) -> dict[str, Any]:
     """Leave out of a run what its folder keeps in full: the page's file stays small enough to be read."""
     kept = {key: value for key, value in row.items() if key not in ("judged", "limits_mm", "parameters", "ranking")}
-    named = row["named"][0] if row["named"] else None
-    if row["set"] == "single" and named in row["hidden"]:
-        kept["amplitude_off"] = amplitude_error(row["hidden"][named], row["parameters"].get(named, {}))[0]
+    if row["set"] == "single" and row["named"][:1] and row["named"][0] in row["hidden"]:
+        kept["amplitude_off"], kept["amplitude_held"] = amplitude_of(row)
     return kept
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from benchmarks import physics
+from benchmarks.newest import is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DEVELOPED, PLAN, REASONS
 from benchmarks.physics_tables import EARLIER, confusion, summary, wilson, write_results
+from stages.diagnose.stage import STAGE
 
 
 def run(name: str, **changes: Any) -> dict[str, Any]:
@@ -106,3 +110,47 @@ def test_two_engines_stand_side_by_side(tmp_path: Path):
     assert "| EFFECT viscosity (70 %) | PARTLY tilt (40 %) |" in page
     assert "| not run | NONE OF THESE |" in page
     assert len(json.loads((tmp_path / "results" / f"{EARLIER}.json").read_text())["runs"]) == 1, "untouched"
+
+
+def test_a_row_that_the_file_kept_counts_as_it_did_when_it_was_run(tmp_path: Path):
+    write_results(rows(), tmp_path, command="make bench-physics")
+    path = tmp_path / "results" / "physics.json"
+    fresh = json.loads(path.read_text())
+    kept = newest_rows([row["name"] for row in rows()], tmp_path / "work", written_rows(path))
+    assert all("parameters" not in row for row in kept)
+    write_results(kept, tmp_path, command="make bench-physics")
+    assert json.loads(path.read_text()) == fresh and fresh["sets"]["parameter_error"]["covered"]["n"] == 1
+
+
+def test_a_folder_s_row_goes_before_the_written_one_and_another_version_s_is_made_anew(tmp_path: Path):
+    written = {name: run(name, judged_by=version) for name, version in
+               (("null-0", STAGE.version), ("null-1", STAGE.version - 1), ("null-2", STAGE.version - 1))}  # fmt: skip
+    (tmp_path / "null-1.json").write_text(json.dumps(run("null-1", seed=7)))
+    assert [is_judged(name, tmp_path, written) for name in ("null-0", "null-1", "null-2", "null-3")] == [
+        True, True, False, False]  # fmt: skip
+    assert [row["seed"] for row in newest_rows(["null-3", "null-2", "null-1", "null-0"], tmp_path, written)] == [
+        1,
+        7,
+        1,
+    ]
+
+
+def test_processes_share_the_plan_without_overlap():
+    assert sorted(shared(PLAN, "1/2") + shared(PLAN, "2/2"), key=PLAN.index) == PLAN
+
+
+def test_what_an_earlier_version_hid_is_hidden_again(tmp_path: Path, monkeypatch):
+    made = []
+
+    def noted(plan, setting, work, jobs, earlier):
+        made.append((plan.name, earlier and earlier["hidden"]))
+        return run(plan.name)
+
+    monkeypatch.setattr(physics, "run_plan", noted)
+    plans = [plan for plan in PLAN if plan.name in ("snr4-tilt", "snr4-viscosity", "snr4-swelling")]
+    written = {"snr4-tilt": run("snr4-tilt", hidden=TILT), "snr4-viscosity": run("snr4-viscosity", set="unreachable")}
+    physics.run_missing(plans, None, tmp_path, 1, time.monotonic() + 60, written)
+    assert sorted(made) == [("snr4-swelling", None), ("snr4-tilt", TILT)]
+    swelling = next(plan for plan in plans if plan.name == "snr4-swelling")
+    effects, reached = physics._hidden(swelling, physics.SCENE, 1, run("x", hidden={"swelling": {"rate_per_s": 0.03}}))
+    assert ([(e.name, e.values) for e in effects], reached) == ([("swelling", {"rate_per_s": 0.03})], None)
