@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.goals import ShareGoal
-from benchmarks.physics_compared import compared
 from benchmarks.physics_plan import DEVELOPED
 from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions
 
 RESULT = "physics"
 """Name of the file of the benchmark's own result."""
-EARLIER = "physics-570"
-"""That of the coarser engine that the benchmark had before."""
 GOALS = {
     ("recovery", "snr_2_and_more"): ShareGoal(0.9),
     ("recovery", "snr_2_and_more_in_set"): ShareGoal(0.95),
@@ -179,7 +176,6 @@ def write_results(
     """Write results/<result>.json and the tables of results-physics.md between their markers.
 
     Markers are called rates, runs and confusion; those of another result than RESULT begin with its name and a hyphen.
-    Where there is the EARLIER result, too, the runs of both stand side by side under "compared".
 
     Args:
         rows: Of the runs.
@@ -206,9 +202,6 @@ def write_results(
         tables = {"rates": rates, "runs": runs_table(rows), "confusion": _confused(facts)}
         prefix = "" if result == RESULT else f"{result}-"
         tables = {f"{prefix}{name}": table for name, table in tables.items()}
-        earlier = out / "results" / f"{EARLIER}.json"
-        if not prefix and earlier.is_file():
-            tables["compared"] = compared(json.loads(earlier.read_text())["runs"], facts["runs"])
         for name, table in tables.items():
             if f"<!-- {name}:begin -->" in text:
                 text = replace_between_markers(text, name, table)

@@ -24,3 +24,10 @@ def test_runs_of_both_results_stand_beside_each_other():
         "| EFFECT adhesion (75 %) | 400 (200 to 800), release_s 0.1 |",
         "| null 3009 | - | NOTHING DETECTABLE | - | NOTHING DETECTABLE | - |",
     ]
+
+
+def test_a_file_without_amplitudes_tells_how_far_they_are_off():
+    kept = {"name": "a", "set": "single", "seed": 1, "hidden": {"tilt": {"gx_m_s2": 1.0}}, "verdict": "EFFECT",
+            "named": ["tilt"], "error": 10.0, "floor": 2.0, "left": 4.0}  # fmt: skip
+    found = judged_again([{**kept, "amplitude_off": 0.123, "response": {"cosine": 0.987}}], [kept])
+    assert found.endswith("| EFFECT tilt (75 %) | 12 % off, cosine 0.99 | EFFECT tilt (75 %) | - |")

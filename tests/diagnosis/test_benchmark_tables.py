@@ -12,7 +12,7 @@ import pytest
 from benchmarks import physics
 from benchmarks.newest import is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DEVELOPED, PLAN, REASONS
-from benchmarks.physics_tables import EARLIER, confusion, summary, wilson, write_results
+from benchmarks.physics_tables import confusion, summary, wilson, write_results
 from stages.diagnose.stage import STAGE
 
 
@@ -100,16 +100,12 @@ def test_runs_that_shaped_the_rules_are_told_apart():
     assert not any(name.startswith("outside-fresh") for name in DEVELOPED)
 
 
-def test_two_engines_stand_side_by_side(tmp_path: Path):
-    (tmp_path / "results-physics.md").write_text("<!-- compared:begin -->\n<!-- compared:end -->\n")
-    coarse = run("a", named=["viscosity"], verdict="EFFECT", left=2.2)
-    fine = [run("a", named=["tilt"], verdict="PARTLY", left=3.4), run("b", named=[], verdict="NONE OF THESE")]
-    write_results([coarse], tmp_path, command="python -m benchmarks.physics --particles 570", result=EARLIER)
-    write_results(fine, tmp_path, command="make bench-physics")
-    page = (tmp_path / "results-physics.md").read_text()
-    assert "| EFFECT viscosity (70 %) | PARTLY tilt (40 %) |" in page
-    assert "| not run | NONE OF THESE |" in page
-    assert len(json.loads((tmp_path / "results" / f"{EARLIER}.json").read_text())["runs"]) == 1, "untouched"
+def test_the_tables_of_another_engine_are_a_result_of_their_own(tmp_path: Path):
+    write_results([run("a")], tmp_path, command="make bench-physics")
+    before = (tmp_path / "results" / "physics.json").read_bytes()
+    write_results([run("b")], tmp_path, command="python -m benchmarks.physics --particles 570", result="physics-570")
+    assert (tmp_path / "results" / "physics.json").read_bytes() == before
+    assert json.loads((tmp_path / "results" / "physics-570.json").read_text())["runs"][0]["name"] == "b"
 
 
 def test_a_row_that_the_file_kept_counts_as_it_did_when_it_was_run(tmp_path: Path):
