@@ -1,9 +1,9 @@
 """Resampling on and off, and the three kernels: `python -m benchmarks.ablations WORKSPACE OUT [ENVIRONMENT ...]`.
 
 Takes an environment's last training of a workspace (`make reproduce` makes one). Each kernel is trained on the same
-fits and tracks with the same settings; without resampling the same weights are rolled out. The test episodes are scored
-on every fourth predicted frame and the last one, and the table goes into docs/results.md. What is in the folder OUT
-already is not made again.
+fits and tracks with the same settings; without resampling, and with thresholds at which it acts more, the same weights
+are rolled out. The test episodes are scored on every fourth predicted frame and the last one, and the table goes into
+docs/results.md. What is in the folder OUT already is not made again.
 """
 
 from __future__ import annotations
@@ -41,8 +41,15 @@ from stages.train.settings import TrainConfig
 from stages.train.stage import STAGE as TRAIN
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
-KERNELS = {"quadratic (27 nodes)": "quadratic", "quadratic, no resampling": "quadratic", "paper (8 nodes)": "paper",
-           "cubic (64 nodes)": "cubic"}  # fmt: skip
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "quadratic (27 nodes)": ("quadratic", {}),
+    "quadratic, no resampling": ("quadratic", {"enabled": False}),
+    "quadratic, split above 8": ("quadratic", {"split_above": 8.0}),
+    "quadratic, split above 4": ("quadratic", {"split_above": 4.0}),
+    "paper (8 nodes)": ("paper", {}),
+    "cubic (64 nodes)": ("cubic", {}),
+}
+"""What a variant is called -> its kernel, and how its resampling differs from the training's."""
 COLUMNS = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "nodes_mm": "nodes [mm]"}
 SCORED_EVERY = 4
 WARM_UP = 3
@@ -78,10 +85,16 @@ def train(trained: Artifact, inputs: Mapping[str, Input], kernel: str, folder: P
 
 
 def score(model: PlopModel, inputs: Mapping[str, Input]) -> Row:
-    """Roll out the test episodes: {"episode": {score: mean}, "end": ..., "ms": processor time of a frame [ms]}."""
+    """Roll out the test episodes.
+
+    Returns:
+        {"episode": {score: mean}, "end": ..., "ms": processor time of a frame [ms], "gaussians": mean number at the
+        end}.
+    """
     recordings = RecordingSet.load(inputs["recordings"].path)
     rows: list[tuple[bool, dict[str, float]]] = []
     spent: list[float] = []
+    counts: list[int] = []
     for name in recordings.test:
         start, tool = (read_splat(inputs["init"].path / name / f"{part}.ply") for part in ("object", "tool"))
         with recordings.open(name) as recording, Truth(recordings.path(name)) as truth:
@@ -93,11 +106,12 @@ def score(model: PlopModel, inputs: Mapping[str, Input]) -> Row:
                 if last or frame % SCORED_EVERY == 0 and frame:
                     rows.append((last, _scores(state.gaussians, start, tool, recording, truth, frame)))
                 before = time.process_time()
+            counts.append(len(state.gaussians))
     means = {
         part: {key: float(np.mean([row[key] for last, row in rows if last or part == "episode"])) for key in COLUMNS}
         for part in ("episode", "end")
     }
-    return {**means, "ms": 1000 * float(np.median(spent))}
+    return {**means, "ms": 1000 * float(np.median(spent)), "gaussians": float(np.mean(counts))}
 
 
 def _scores(
@@ -138,17 +152,17 @@ def main(workspace: Path, folder: Path, environments: list[str]) -> None:
     for environment in environments or known[:1]:
         trained = latest(store, "train", environment)
         inputs = inputs_of(store, trained)
-        for label, kernel in KERNELS.items():
+        for label, (kernel, changes) in VARIANTS.items():
             here = folder / environment
             kept = here / f"{label.split(' (')[0].replace(', ', '-').replace(' ', '-')}.json"
             if not kept.is_file():
                 path = train(trained, inputs, kernel, here)
                 model = load_model(path, torch.device("cpu"))
-                if label.endswith("no resampling"):
-                    model.config = replace(model.config, resampling=replace(model.config.resampling, enabled=False))
+                model.config = replace(model.config, resampling=replace(model.config.resampling, **changes))
                 here.mkdir(parents=True, exist_ok=True)
                 kept.write_text(json.dumps(score(model, inputs)))
-            lines.append(line(environment, label, json.loads(kept.read_text())))
+            scores = json.loads(kept.read_text())
+            lines.append(line(environment, f"{label}: {scores['gaussians']:.0f} Gaussians at the end", scores))
             sys.stdout.write(lines[-1] + "\n")
             sys.stdout.flush()
             PAGE.write_text(replace_between_markers(PAGE.read_text(), "ablations", table(lines)))
