@@ -15,8 +15,9 @@ from plop.diagnosis.same_object import size_m
 from plop.diagnosis.sets import tracked_episodes
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
+from plop.law_values import short_number
 from plop.physics.base_io import base_to_dict
-from plop.physics.calibrate import PARAMETERS, Calibration
+from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, hardly_told
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.recordings.set import RecordingSet
@@ -123,7 +124,15 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
     warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
     warnings += [f"{name} is at its bound: a limit, not a measurement." for name, e in found.estimates.items()
                  if e.at_bound]  # fmt: skip
+    warnings += [f"{name} is hardly told by these recordings ({_ends(e)}), and what is diagnosed leans on it: if it is "
+                 f"known, give it and leave it out of --fit." for name, e in found.estimates.items()
+                 if not e.at_bound and hardly_told(name, e)]  # fmt: skip
     return Summary(figures, rows, warnings)
+
+
+def _ends(estimate: Estimate) -> str:
+    ends = [short_number(end) if np.isfinite(end) else "anything" for end in (estimate.low, estimate.high)]
+    return " to ".join(ends if len(set(ends)) > 1 else ends[:1])
 
 
 def _shown(value: float) -> float | None:

@@ -12,11 +12,12 @@ import pytest
 from plop.diagnosis.identify import TrackedCase, identify, spacing_for, starts_settled
 from plop.errors import PlopError
 from plop.models import load_model
+from plop.physics.calibrate import Calibration, Estimate, hardly_told
 from plop.physics.fill import fill_surface
 from plop.physics.filled import EngineBase
 from plop.physics.filled_model import FilledEngineModel
 from stages.contract import Output
-from stages.identify.stage import IdentifyConfig, run
+from stages.identify.stage import IdentifyConfig, _summary, run
 from tests.coarse_episodes import BASE, MATERIAL, coarse_episode
 from tests.tracked_set import write_recordings
 
@@ -85,3 +86,20 @@ def test_the_state_at_the_start_is_seen_in_the_motion(settled):
     episode = coarse_episode(0)
     own = replace(episode, points=predict_points(soft, episode, start_particles(soft, episode)))
     assert starts_settled([own], soft) == settled
+
+
+def test_what_the_recordings_hardly_tell_is_said():
+    told = Estimate(0.46, 0.39, 0.53, "-", False)
+    open_ended = Estimate(0.24, 0.0, 1.55, "-", False)
+    unknown = Estimate(1.5e4, -np.inf, np.inf, "Pa", False)
+    found = Calibration(MATERIAL, {"table_friction": told, "tool_friction": open_ended, "youngs_modulus_pa": unknown,
+                                   "poisson": Estimate(0.0, -np.inf, np.inf, "-", True)}, 1e-3, 1e-3, 1, 1)  # fmt: skip
+    warnings = _summary(BASE, found, 4, {}).warnings
+    assert [w.split()[0] for w in warnings] == ["poisson", "tool_friction", "youngs_modulus_pa"]
+    assert "(0 to 1.55)" in warnings[1] and "leave it out of --fit" in warnings[1]
+    assert "(anything)" in warnings[2]
+
+
+@pytest.mark.parametrize(("low", "high", "open_ended"), [(1e4, 5e4, False), (1e4, 1.5e5, True)])
+def test_a_scaled_parameter_is_open_from_a_factor_of_ten_on(low, high, open_ended):
+    assert hardly_told("youngs_modulus_pa", Estimate(3e4, low, high, "Pa", False)) == open_ended
