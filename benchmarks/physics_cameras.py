@@ -6,7 +6,8 @@ that `plop identify` fitted to recordings without anything hidden. Settings are 
 episodes), but for the engine, which is as fine as `identify` makes it by itself. Start one process a core, with
 `--share 1/2` and `--share 2/2`. `--summary` only rewrites the tables. A run that neither the workspace nor the tables
 hold by this version of `diagnose` is made (anew); the others stay as they were written before: each stands there with
-the newest verdict that it has had, and the version that gave it.
+the newest verdict that it has had, and the version that gave it. `--again` makes all that the workspace lacks: after a
+change outside `diagnose`, of the base's fit for one.
 """
 
 from __future__ import annotations
@@ -150,11 +151,12 @@ class Loop(Typed):
         """Put the verdict beside the answer."""
         answer = open_answer(self.store.find(run.name).path)
         version = self.store.find(f"verdict-{run.name}").manifest.stage_version
+        base = json.loads((self.store.find("base").path / "model.json").read_text())["estimates"]
         verdict, ranking = found["verdict"], [law["effect"] for law in found["ranking"]]
         judged = {law["effect"]: law for law in (*found["ranking"][:_JUDGED], found["base"])}
         return {
             "name": run.name, "set": run.set, "seed": run.seed, "hidden": answer["effects"], "fault": run.fault,
-            "judged_by": version, "wanted": run.snr,
+            "judged_by": version, "base": {name: entry["value"] for name, entry in base.items()}, "wanted": run.snr,
             "rms_mm": 1000 * answer["rms_m"], "snr": answer["snr"], "verdict": verdict["kind"],
             "named": verdict["named"], "text": verdict["text"], "ranking": ranking,
             "ranks": [ranking.index(name) + 1 for name in answer["effects"] if name in ranking],
@@ -172,6 +174,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics-cameras"), help="Workspace.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
     parser.add_argument("--share", default="1/1", help="K/N: the K-th of N processes; each takes every N-th run.")
+    parser.add_argument("--again", action="store_true", help="Also make runs that the tables hold by this version.")
     parser.add_argument("--summary", action="store_true", help="Run nothing.")
     options = parser.parse_args()
     rows = options.work / "rows"
@@ -183,7 +186,7 @@ def main() -> None:
         with locked(options.work / "base.lock"):
             loop.base()
         for run in shared(planned(), options.share):
-            if not is_judged(run.name, rows, kept) and time.monotonic() < deadline:
+            if not is_judged(run.name, rows, {} if options.again else kept) and time.monotonic() < deadline:
                 row = loop.carry_out(run)
                 (rows / f"{run.name}.json").write_text(json.dumps(row, indent=1))
                 sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")

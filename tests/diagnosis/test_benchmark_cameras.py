@@ -41,6 +41,7 @@ def loop(tmp_path: Path, monkeypatch) -> SimpleNamespace:
         folder.mkdir(exist_ok=True)
         seal_answer(folder, {"effects": {"tilt": {"gx_m_s2": 1.0}}, "rms_m": 1e-3, "snr": 2.0})
         (folder / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
+        (folder / "model.json").write_text(json.dumps({"estimates": {"tool_friction": {"value": 0.24}}}))
         return SimpleNamespace(path=folder, manifest=SimpleNamespace(stage_version=27))
 
     def open_answer(path: Path) -> dict:
@@ -67,7 +68,7 @@ def test_the_answer_is_opened_after_the_verdict(loop):
     row = loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0))
     assert [words[0] for words in loop.typed] == ["simulate", "diagnose"] and loop.opened == [2]
     assert (row["ranks"], row["snr"], row["left"], row["judged_by"]) == ([1], 2.0, 2.0, 27)
-    assert set(row["parameters"]) == {"tilt", "drag", "stiffness"}
+    assert set(row["parameters"]) == {"tilt", "drag", "stiffness"} and row["base"] == {"tool_friction": 0.24}
 
 
 def test_half_the_signal_is_taken_where_the_whole_cannot_be_had(loop):
@@ -132,5 +133,12 @@ def test_only_runs_that_this_version_has_not_judged_are_made(loop, tmp_path, mon
     monkeypatch.setattr(physics_cameras, "planned", lambda: plan)
     monkeypatch.setattr("sys.argv", ["-", "--work", str(tmp_path / "work"), "--out", str(tmp_path)])
     physics_cameras.main()
-    made = [words[words.index("--name") + 1] for words in loop.typed if words[0] == "simulate"]
-    assert made == ["plain", plan[1].name, plan[2].name]
+    assert simulated(loop.typed) == ["plain", plan[1].name, plan[2].name]
+    loop.typed.clear()
+    monkeypatch.setattr("sys.argv", ["-", "--again", "--work", str(tmp_path / "work"), "--out", str(tmp_path)])
+    physics_cameras.main()
+    assert simulated(loop.typed) == ["plain", plan[0].name], "what the workspace lacks"
+
+
+def simulated(typed: list[list[str]]) -> list[str]:
+    return [words[words.index("--name") + 1] for words in typed if words[0] == "simulate"]
