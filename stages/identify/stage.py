@@ -124,8 +124,8 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
     warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
     warnings += [f"{name} is at its bound: a limit, not a measurement." for name, e in found.estimates.items()
                  if e.at_bound]  # fmt: skip
-    warnings += [f"{name} is hardly told by these recordings ({_ends(e)}), and what is diagnosed leans on it: if it is "
-                 f"known, give it and leave it out of --fit." for name, e in found.estimates.items()
+    warnings += [f"{name} is hardly told by these recordings ({_ends(e)}): if it is known, give it and leave it out of "
+                 f"--fit." for name, e in found.estimates.items()
                  if not e.at_bound and hardly_told(name, e)]  # fmt: skip
     return Summary(figures, rows, warnings)
 
