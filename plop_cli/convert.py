@@ -59,10 +59,19 @@ def _convert_union(value: Any, parts: tuple[Any, ...]) -> Any:
 
 
 def _convert_sequence(value: Any, origin: type, parts: tuple[Any, ...]) -> Any:
-    items = [item.strip() for item in value.split(",") if item.strip()] if isinstance(value, str) else list(value)
+    items = _items(value) if isinstance(value, str) else list(value)
     if origin is tuple and not (len(parts) == 2 and parts[1] is Ellipsis):
         return tuple(_convert(item, part) for item, part in zip(items, parts, strict=True))
     return origin(_convert(item, parts[0]) for item in items)
+
+
+def _items(text: str) -> list[Any]:
+    """Take a list as TOML writes it, ["a", "b"], or words between commas; [ab]* is such a word."""
+    try:
+        listed = json.loads(text) if text.lstrip().startswith("[") else None
+    except json.JSONDecodeError:
+        listed = None
+    return listed if isinstance(listed, list) else [item.strip() for item in text.split(",") if item.strip()]
 
 
 def _convert_bool(value: Any) -> bool:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from plop.diagnosis.finding import Finding
-from plop.law_values import parameter_text
+from plop.law_values import parameter_text, short_number
+
+LOGARITHMIC = "d_ln_"
+"""How the name of a parameter begins that is the change of a logarithm."""
 
 
 def parameters_text(finding: Finding) -> str:
@@ -34,14 +39,24 @@ def both_text(best: Finding, more: Finding, partly: bool, share: float | None) -
 def partly_base_text(base: Finding, others: list[str]) -> str:
     """Name a parameter of the base that leaves much of the gap, with those that cannot be told from it."""
     either = f" (or {' or '.join(others)}, which these motions cannot tell from it)" if others else ""
-    return (f"A changed {base.name}{either} explains a part: {parameters_text(base)}; much of the gap remains, and no "
+    return (f"A changed {base.name}{either} explains a part: {_base_text(base)}; much of the gap remains, and no "
             "law of the library explains it.")  # fmt: skip
 
 
 def base_text(base: Finding, also: list[str] | None = None) -> str:
     """Name a parameter of the base instead of a law, with those whose change would do as well."""
     alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
-    return f"No law is missing; a parameter of the base differs: {parameters_text(base)}.{alike}"
+    return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
+
+
+def _base_text(base: Finding) -> str:
+    """Write a base parameter's change: that of a logarithm as a factor, too."""
+    factors = [f" x {short_number(math.exp(p['value']))}" + (
+               f" ({short_number(math.exp(p['low']))} to {short_number(math.exp(p['high']))})"
+               if math.isfinite(p["low"]) and math.isfinite(p["high"]) else "")
+               for name, p in base.parameters.items() if name.startswith(LOGARITHMIC)]  # fmt: skip
+    text = parameters_text(base)
+    return f"{base.name}{factors[0]}, {text}" if factors else f"{base.name}, {text}"
 
 
 def _end_text(finding: Finding) -> str:

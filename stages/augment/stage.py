@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.digest import content_digest
+from plop.artifacts.manifest import MANIFEST_NAME, content_files
 from plop.artifacts.whole_file import write_json
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
@@ -40,6 +41,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     if config.remove:
         return _without(folder, out.path)
     diagnosis = _diagnosis(inputs)
+    _check_model(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     types = library(files)
     if config.effect:
@@ -68,7 +70,8 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     write_json(out.path / "model.json", facts)
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
-    return Summary({"effects": added}, [{"effect": name, "parameter": key, **p} for key, p in parameters.items()])
+    rows = [{"effect": name, "parameter": key, **p} for key, p in parameters.items()]
+    return Summary({"effects": added}, rows, [] if config.value else _doubts(name, diagnosis))
 
 
 def _without(folder: Path, out: Path) -> Summary:
@@ -82,6 +85,38 @@ def _without(folder: Path, out: Path) -> Summary:
 def _copied(source: Path, target: Path) -> None:
     """Copy a model's files; when and where it was made is told by its own artifact, not by this copy."""
     shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(MANIFEST_NAME, ".*", "*.tmp"))
+
+
+def _check_model(inputs: Inputs) -> None:
+    """Refuse a diagnosis of another model: its amplitudes would come on top of what this one has already.
+
+    Raises:
+        PlopError: The two artifacts tell that they do not belong together.
+    """
+    model = inputs["model"].manifest
+    diagnosis = inputs["diagnosis"].manifest if "diagnosis" in inputs else None
+    if model is None or diagnosis is None:
+        return
+    judged = diagnosis.inputs["model"]
+    if judged["content"] != content_digest(content_files(model)):
+        raise PlopError(
+            "The diagnosis is of another model.", where=diagnosis.address, expected=f"one of {model.address}",
+            found=f"one of {judged['stage']}@{judged['fingerprint'][:8]}",
+            fix="Diagnose the recordings with this model, or use --fit RECORDINGS, which does that.",
+        )  # fmt: skip
+
+
+def _doubts(name: str, diagnosis: dict[str, Any]) -> list[str]:
+    """Warn of an effect that was fitted and not named."""
+    verdict = diagnosis.get("verdict", {})
+    row: dict[str, Any] = next((r for r in diagnosis.get("ranking", []) if r.get("effect") == name), {})
+    if name in verdict.get("named", ()) or not row:
+        return []
+    told = [f"{100 * row['gain']:.0f} % of the held-out error"] if row.get("gain") is not None else []
+    told += [f"p = {row['p']:.2g}"] if row.get("p") is not None else []
+    kind = " ".join([verdict.get("kind", ""), *verdict.get("named", ())]).strip()
+    shown = f" ({', '.join(told)})" if told else ""
+    return [f"The diagnosis does not name {name}{shown}: its verdict is {kind}."]
 
 
 def _diagnosis(inputs: Inputs) -> dict[str, Any]:

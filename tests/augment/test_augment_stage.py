@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.digest import content_digest
+from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files
 from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.model_io import save_model
 from plop.errors import PlopError
@@ -145,3 +146,33 @@ def test_a_learned_model_needs_an_engine_beside_it(learned, tmp_path):
 def test_only_what_was_added_can_be_removed(engine, tmp_path):
     with pytest.raises(PlopError, match="no added effect"):
         run({"model": engine}, AugmentConfig(remove=True), out(tmp_path / "a"))
+
+
+def test_what_the_diagnosis_does_not_name_is_added_with_a_warning(engine, tmp_path):
+    found = diagnosis(tmp_path / "d", ("swelling",))
+    facts = json.loads((found.path / "diagnosis.json").read_text())
+    facts["ranking"][0] |= {"gain": -0.13, "p": 1.0}
+    (found.path / "diagnosis.json").write_text(json.dumps(facts))
+    summary = run({"model": engine, "diagnosis": found}, AugmentConfig("viscosity"), out(tmp_path / "a"))
+    assert summary.warnings == [
+        "The diagnosis does not name viscosity (-13 % of the held-out error, p = 1): its verdict is EFFECT swelling."
+    ]
+    named = {"model": engine, "diagnosis": diagnosis(tmp_path / "e")}
+    assert run(named, AugmentConfig(), out(tmp_path / "b")).warnings == []
+
+
+def test_a_diagnosis_of_another_model_is_refused(engine, tmp_path):
+    def manifest(stage: str, files: dict[str, str], model: str = "") -> Manifest:
+        judged = {"model": {"stage": "identify", "fingerprint": "0" * 16, "content": model}}
+        return Manifest(stage, "f" * 16, 1, {}, judged, files)
+
+    mine = manifest("identify", {"model.json": "a" * 64})
+    content = content_digest(content_files(mine))
+    found = diagnosis(tmp_path / "d")
+    model = Input(engine.path, mine)
+    run({"model": model, "diagnosis": Input(found.path, manifest("diagnose", {}, content))}, AugmentConfig(),
+        out(tmp_path / "a"))  # fmt: skip
+    with pytest.raises(PlopError, match="another model") as caught:
+        run({"model": model, "diagnosis": Input(found.path, manifest("diagnose", {}, "other"))}, AugmentConfig(),
+            out(tmp_path / "b"))  # fmt: skip
+    assert "--fit" in caught.value.fix and not (tmp_path / "b" / "model.json").exists()

@@ -134,3 +134,10 @@ def test_assignments():
         own_assignments(["horizon"], "train", COMMANDS)
     with pytest.raises(PlopError, match="know the stage"):
         parse_assignments(["horizon=8"], COMMANDS)
+
+
+def test_a_list_may_be_written_as_toml_writes_it():
+    words = ['["*_004", "*_005"]', "*_004,*_005", '[ "*_004","*_005" ]']
+    assert {convert(text, tuple[str, ...], key="test", where="x") for text in words} == {("*_004", "*_005")}
+    assert convert("[ab]*, c", tuple[str, ...], key="test", where="x") == ("[ab]*", "c")
+    assert convert("[1, 2.5]", tuple[float, ...], key="x", where="x") == (1.0, 2.5)

@@ -13,7 +13,7 @@ from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.error_size import ErrorSize, exceeded_within, exchanged
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.verdict import Verdict, first_of, judge, judge_pair
-from plop.diagnosis.verdict_text import parameters_text
+from plop.diagnosis.verdict_text import base_text, parameters_text
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 
@@ -354,3 +354,18 @@ def test_two_laws_of_which_one_fails_a_test_change_nothing(changes, left, floor)
     size = ErrorSize(raw=20.0, error=11.0, floor=floor, excess=9.0)
     assert judge_pair(NONE, finding("adhesion"), finding("tilt", **changes), left, size) is NONE
     assert judge_pair(NONE, finding("adhesion", **changes), finding("tilt"), left, size) is NONE
+
+
+@pytest.mark.parametrize(("low", "high", "shown"), [
+    (-1.05, -0.43, "stiffness x 0.456 (0.35 to 0.651), d_ln_e = -0.785 (-1.05 to -0.43)"),
+    (-np.inf, np.inf, "stiffness x 0.456, d_ln_e = -0.785"),
+])  # fmt: skip
+def test_a_changed_base_parameter_is_named_with_its_factor(low, high, shown):
+    value = {"value": -0.785, "low": low, "high": high, "unit": "-", "at_bound": False}
+    assert shown in base_text(finding("stiffness", parameters={"d_ln_e": value}))
+
+
+def test_a_base_parameter_without_a_logarithm_has_no_factor():
+    value = {"value": 179.0, "low": 62.4, "high": 373.0, "unit": "1/s", "at_bound": False}
+    text = base_text(finding("damping", parameters={"d_per_s": value}))
+    assert text == "No law is missing; a parameter of the base differs: damping, d_per_s = 179 (62.4 to 373) 1/s."
