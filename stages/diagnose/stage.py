@@ -26,6 +26,7 @@ from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
 from plop.physics.effects.library import effect_type, library
 from plop.physics.filled import EngineBase
+from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.diagnose.outcome import facts_of, rows_of
@@ -70,7 +71,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
     types = library(files)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    _check_excluded(recordings, config.exclude)
+    check_excluded(recordings, config.exclude, "diagnose")
     _same_object(inputs["model"].path, recordings, [])
     effects_of(inputs["model"].path)
     engine, model = _engine(inputs), inputs["model"].path
@@ -124,14 +125,6 @@ def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfi
     if not config.sensors:
         return []
     return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out, jobs=config.jobs)
-
-
-def _check_excluded(recordings: RecordingSet, excluded: tuple[str, ...]) -> None:
-    with recordings.open(recordings.names[0]) as first:
-        known = first.camera_names
-    for name in excluded:
-        if name not in known:
-            raise PlopError("There is no such camera.", where="diagnose.exclude", expected=", ".join(known), found=name)
 
 
 def _names(recordings: RecordingSet, split: str) -> list[str]:

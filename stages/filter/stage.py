@@ -27,6 +27,7 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
+from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from plop.side_by_side import every_piece
@@ -76,7 +77,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
         Mean innovation before and after the update, per episode.
 
     Raises:
-        PlopError: The split is unknown, or an episode has no fitted Gaussians.
+        PlopError: The split or an excluded camera is unknown, none is left, or an episode has no fitted Gaussians.
     """
     check_choices(config, "filter", {"split": ("train", "test", "all")})
     check_jobs(config, "filter")
@@ -85,6 +86,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
         "depth_weight": (0, inf), "settle": (0, inf),
     })  # fmt: skip
     recordings = RecordingSet.load(inputs["recordings"].path)
+    check_excluded(recordings, config.exclude, "filter")
     chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}[config.split]
     model = inputs["model"].path if "model" in inputs else None
     work = partial(_filter_episode, recordings, inputs["init"].path, model, config)

@@ -25,7 +25,7 @@ _SEEN_SHARE = 0.02
 
 @dataclass(frozen=True)
 class ViewScore:
-    """How well a rendering matches one measured view of the object over black."""
+    """How well a rendering matches one measured view of the object."""
 
     psnr_db: float
     """Rendering laid over the measured background against the measured image, inside the bounding box of the

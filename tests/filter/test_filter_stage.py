@@ -38,3 +38,12 @@ def test_prediction_update_and_innovation_are_kept(inputs, tmp_path):
 def test_an_unknown_split_is_named(inputs, tmp_path):
     with pytest.raises(PlopError, match="setting is unknown"):
         run(inputs, FilterConfig(split="tset"), Output(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("exclude", "problem"), [(("cam7",), "no such camera"), (("cam0", "cam1", "cam2"), "left out")]
+)
+def test_excluded_cameras_are_checked_before_work_begins(inputs, tmp_path, exclude, problem):
+    with pytest.raises(PlopError, match=problem) as caught:
+        run(inputs, FilterConfig(exclude=exclude), Output(tmp_path))
+    assert caught.value.where == "filter.exclude" and not list(tmp_path.glob("*.h5"))
