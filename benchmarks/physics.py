@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -94,8 +95,7 @@ def main() -> None:
             engine = fitted_engine(options.work, options.jobs, options.particles)
         setting = Setting(Measured(reference(options.jobs)), engine)
         for plan in shared(PLAN, options.share):
-            if not is_judged(plan.name, options.work, written):
-                run_missing([plan], setting, options.work, options.jobs, deadline, written)
+            run_missing([plan], setting, options.work, options.jobs, deadline, written)
             if plan.set in ("single", "null") and time.monotonic() < deadline:
                 _add_sindy(plan, setting.engine, options.work, options.jobs)
     kept = options.work / "base.json"
@@ -109,20 +109,19 @@ def main() -> None:
 
 def run_missing(
     plans: list[Plan], setting: Setting, work: Path, jobs: int, deadline: float,
-    written: Mapping[str, Row] | None = None,
+    written: Mapping[str, Row] = MappingProxyType({}),
 ) -> None:  # fmt: skip
-    """Carry out the runs that are not in the folder yet; none is started after the deadline (time.monotonic).
+    """Carry out the runs that this version has not judged yet; none is started after the deadline (time.monotonic).
 
     What an older version's row says is hidden is hidden again: the amplitude is not searched for anew, and what could
     not be given a signal is left out.
     """
     for plan in plans:
-        path = work / f"{plan.name}.json"
-        earlier = (written or {}).get(plan.name)
+        earlier = written.get(plan.name)
         reachable = earlier is None or earlier["set"] != "unreachable"
-        if reachable and not path.is_file() and time.monotonic() < deadline:
+        if reachable and not is_judged(plan.name, work, written) and time.monotonic() < deadline:
             row = run_plan(plan, setting, work, jobs, earlier)
-            path.write_text(json.dumps(row, indent=1))
+            (work / f"{plan.name}.json").write_text(json.dumps(row, indent=1))
             sys.stdout.write(f"{plan.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
             sys.stdout.flush()
 

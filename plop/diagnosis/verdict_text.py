@@ -51,12 +51,14 @@ def base_text(base: Finding, also: list[str] | None = None) -> str:
 
 def _base_text(base: Finding) -> str:
     """Write a base parameter's change: that of a logarithm as a factor, too."""
-    factors = [f" x {short_number(math.exp(p['value']))}" + (
-               f" ({short_number(math.exp(p['low']))} to {short_number(math.exp(p['high']))})"
-               if math.isfinite(p["low"]) and math.isfinite(p["high"]) else "")
-               for name, p in base.parameters.items() if name.startswith(LOGARITHMIC)]  # fmt: skip
-    text = parameters_text(base)
-    return f"{base.name}{factors[0]}, {text}" if factors else f"{base.name}, {text}"
+    name, change = next(iter(base.parameters.items()))
+    factor = ""
+    if name.startswith(LOGARITHMIC):
+        value, low, high = (math.exp(change[key]) for key in ("value", "low", "high"))
+        known = math.isfinite(change["low"]) and math.isfinite(change["high"])
+        interval = f" ({short_number(low)} to {short_number(high)})" if known else ""
+        factor = f" x {short_number(value)}{interval}"
+    return f"{base.name}{factor}, {parameters_text(base)}"
 
 
 def _end_text(finding: Finding) -> str:

@@ -72,16 +72,16 @@ class Estimate:
     """The fit ran into the allowed range: the number is a limit, not a measurement."""
 
 
-_HARDLY = {False: 0.5, True: float(np.log(10))}
-"""Width of an interval from which on it says hardly anything: share of the range, or of the logarithm."""
+_OPEN_SHARE, _OPEN_FACTOR = 0.5, 10.0
+"""Width of an interval that says hardly anything: share of the range, or a factor where the logarithm is varied."""
 
 
 def hardly_told(name: str, estimate: Estimate) -> bool:
     """Tell whether the data leave a parameter open: half of its range, or a factor of ten of one that is scaled."""
     parameter = PARAMETERS[name]
     low, high = (parameter.encode(np.clip(end, parameter.low, parameter.high)) for end in (estimate.low, estimate.high))
-    whole = 1.0 if parameter.logarithmic else parameter.high - parameter.low
-    return (high - low) / whole > _HARDLY[parameter.logarithmic]
+    widest = np.log(_OPEN_FACTOR) if parameter.logarithmic else _OPEN_SHARE * (parameter.high - parameter.low)
+    return bool(high - low > widest)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.digest import content_digest
-from plop.artifacts.manifest import MANIFEST_NAME, content_files
+from plop.artifacts.lineage import made_from
+from plop.artifacts.manifest import MANIFEST_NAME
 from plop.artifacts.whole_file import write_json
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
@@ -95,10 +95,8 @@ def _check_model(inputs: Inputs) -> None:
     """
     model = inputs["model"].manifest
     diagnosis = inputs["diagnosis"].manifest if "diagnosis" in inputs else None
-    if model is None or diagnosis is None:
-        return
-    judged = diagnosis.inputs["model"]
-    if judged["content"] != content_digest(content_files(model)):
+    if model is not None and diagnosis is not None and not made_from(diagnosis, "model", model):
+        judged = diagnosis.inputs["model"]
         raise PlopError(
             "The diagnosis is of another model.", where=diagnosis.address, expected=f"one of {model.address}",
             found=f"one of {judged['stage']}@{judged['fingerprint'][:8]}",

@@ -124,11 +124,8 @@ def test_a_folder_s_row_goes_before_the_written_one_and_another_version_s_is_mad
     (tmp_path / "null-1.json").write_text(json.dumps(run("null-1", seed=7)))
     assert [is_judged(name, tmp_path, written) for name in ("null-0", "null-1", "null-2", "null-3")] == [
         True, True, False, False]  # fmt: skip
-    assert [row["seed"] for row in newest_rows(["null-3", "null-2", "null-1", "null-0"], tmp_path, written)] == [
-        1,
-        7,
-        1,
-    ]
+    newest = newest_rows(["null-3", "null-2", "null-1", "null-0"], tmp_path, written)
+    assert [row["seed"] for row in newest] == [1, 7, 1]
 
 
 def test_processes_share_the_plan_without_overlap():

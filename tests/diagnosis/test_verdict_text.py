@@ -1,0 +1,36 @@
+"""The sentences of a verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from plop.diagnosis.contrast import Contrast
+from plop.diagnosis.finding import Finding
+from plop.diagnosis.verdict_text import base_text, parameters_text
+
+
+def finding(name: str, parameters: dict[str, dict[str, Any]]) -> Finding:
+    return Finding(name, "base", parameters, gain=0.6, gain_error=0.05, p=0.005, contrast=Contrast(8.0, 0.001, 0.1))
+
+
+def test_an_infinite_interval_is_left_out_of_the_sentence():
+    value = {"value": 2.0, "low": float("-inf"), "high": float("inf"), "unit": "Pa", "at_bound": False}
+    assert parameters_text(finding("tilt", {"e": value})) == "e = 2 Pa"
+
+
+@pytest.mark.parametrize(("low", "high", "shown"), [
+    (-1.05, -0.43, "stiffness x 0.456 (0.35 to 0.651), d_ln_e = -0.785 (-1.05 to -0.43)"),
+    (-np.inf, np.inf, "stiffness x 0.456, d_ln_e = -0.785"),
+])  # fmt: skip
+def test_a_changed_base_parameter_is_named_with_its_factor(low, high, shown):
+    value = {"value": -0.785, "low": low, "high": high, "unit": "-", "at_bound": False}
+    assert shown in base_text(finding("stiffness", {"d_ln_e": value}))
+
+
+def test_a_base_parameter_without_a_logarithm_has_no_factor():
+    value = {"value": 179.0, "low": 62.4, "high": 373.0, "unit": "1/s", "at_bound": False}
+    text = base_text(finding("damping", {"d_per_s": value}))
+    assert text == "No law is missing; a parameter of the base differs: damping, d_per_s = 179 (62.4 to 373) 1/s."
