@@ -47,6 +47,8 @@ _SHARES = (1.0, 0.5)
 """Of the wanted signal that are tried, one after the other: many laws cannot move the block by 2 mm."""
 _JUDGED = 3
 """Laws of each ranking that are kept."""
+_TESTS = ("p", "contrast", "contrast_p", "gain_error", "reasons")
+"""What is kept of how each of them was tested."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,7 @@ class Loop(Typed):
             "error": found["error"], "floor": found["floor"], "left": verdict["evidence"].get("left"),
             "parameters": {name: law["parameters"] for name, law in judged.items()},
             "gains": {name: law["gain"] for name, law in judged.items()},
+            "tests": {name: {key: law[key] for key in _TESTS} for name, law in judged.items()},
             "dropped": found["dropped"], "engine_runs": found["engine_runs"],
         }  # fmt: skip
 

@@ -27,7 +27,7 @@ STRONGEST_RESPONSE = 1 + float(norm.ppf(0.975)) * RESPONSE_ERROR
 
 
 def amplitude_of(
-    column: Column, value: float, error: float, episodes: int, profile: Profile | None = None
+    column: Column, value: float, error: float, freedom: float, profile: Profile | None = None
 ) -> dict[str, Any]:  # fmt: skip
     """Give a fitted amplitude with its 95 % interval, kept inside the range of the parameter.
 
@@ -35,14 +35,14 @@ def amplitude_of(
         column: What was fitted.
         value: Fitted amplitude.
         error: Its standard error over episodes.
-        episodes: How many there are.
+        freedom: Degrees of freedom with which that is known.
         profile: Response over amplitude; proportional when absent.
 
     Returns:
         {"value", "low", "high", "unit", "at_bound"}; an amplitude that cannot be told has an infinite interval.
     """
     at_bound = value >= column.high or value <= column.low and column.low != 0
-    by_chance = student.ppf(0.975, max(episodes - 1, 1)) * error
+    by_chance = student.ppf(0.975, max(freedom, 1.0)) * error
     if value == 0 or not np.isfinite(by_chance):
         low, high = value - by_chance, value + by_chance
     else:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.stats import norm
 from scipy.stats import t as student
 
+from plop.diagnosis.clusters import Clusters, clusters, root, together, whitened
 from plop.diagnosis.regression import Fit, Grams, fit, solve
 from plop.diagnosis.strata import strata_of, told_apart
 
 P_LARGEST = 0.02
 """Family-wise chance of a false alarm up to which an effect is named."""
+MOSTLY = float(norm.ppf(0.9))
+"""Standard errors by which an effect must exceed what is asked for, to be seen nine times in ten."""
 _SHRINK = 0.1
 """Episodes' worth of the reference's overall amplitude that is mixed into that of each kind of motion."""
 
@@ -27,7 +30,7 @@ class Contrast:
     p: float
     """Chance of such a distance for any effect of the library when none has changed."""
     least: float
-    """Smallest change of the first amplitude that would be clear."""
+    """Smallest change of the first amplitude that would be clear, and would come out so nine times in ten."""
 
 
 @dataclass(frozen=True)
@@ -61,64 +64,70 @@ def contrast_of(
         kinds: Kind of motion of every episode, here and in the reference.
     """
     fits = fit(here, rows), fit(reference, rows)
-    tests = [_overall(*fits, own)]
+    last = np.eye(len(rows))[-own:]
+    tests = [_judged([fits[0].clusters.mapped(last), fits[1].clusters.mapped(-last)])]
     strata = strata_of(*kinds)
     if told_apart(strata):
-        tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata, own))
+        tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata))
     times = family * len(tests)
     best = min(tests, key=lambda test: (test.p, -test.errors))
-    least = min(float(student.isf(P_LARGEST / (2 * times), test.freedom)) * test.unit for test in tests)
-    return Contrast(best.errors, min(1.0, times * best.p), least)
+    least = min((student.isf(P_LARGEST / (2 * times), test.freedom) + MOSTLY) * test.unit for test in tests)
+    return Contrast(best.errors, min(1.0, times * best.p), float(least))
 
 
-def _overall(here: Fit, reference: Fit, own: int) -> _Test:
-    """Compare two pooled fits; the degrees of freedom are Welch's (Biometrika 34, 1947)."""
-    parts = here.spread[-own:, -own:], reference.spread[-own:, -own:]
-    spread = parts[0] + parts[1]
-    difference = here.values[-own:] - reference.values[-own:]
-    squared = float(difference @ np.linalg.pinv(spread) @ difference / own)
-    freedom = [
-        np.diag(part) ** 2 / max(fit.episodes - 1, 1) for part, fit in zip(parts, (here, reference), strict=True)
-    ]
-    degrees = float((np.diag(spread) ** 2 / np.maximum(freedom[0] + freedom[1], 1e-300)).min())
-    degrees = max(degrees, 1.0)
-    p = float(fisher.sf(squared, own, degrees))
-    return _Test(float(np.sqrt(squared)), p, float(np.sqrt(spread[0, 0])), degrees)
+def _judged(parts: Sequence[Clusters]) -> _Test:
+    """Test whether differences are zero, each by a t test along axes that do not depend on each other (Bonferroni).
+
+    Args:
+        parts: What the differences are the sum of, each told by other episodes.
+    """
+    difference = together(parts)
+    own = len(difference.values)
+    apart = _inverse_root(difference.whole)
+    turned = difference.mapped(apart)
+    spread = np.diag(turned.spread)
+    errors = np.abs(turned.values) / np.sqrt(np.maximum(spread, 1e-300))
+    p = own * 2 * student.sf(errors, _freedom([part.mapped(apart) for part in parts], turned))
+    best = int(np.argmin(p))
+    unit = float(np.sqrt(difference.spread[0, 0]))
+    return _Test(float(errors[best]), min(1.0, float(p[best])), unit, float(_freedom(parts, difference)[0]))
 
 
-def _within_kinds(sides: tuple[_Side, _Side], strata: tuple[list[str], list[str]], own: int) -> _Test:
+def _freedom(parts: Sequence[Clusters], whole: Clusters) -> np.ndarray:
+    """Degrees of freedom by what episodes hold, or by how they scatter (Welch, Biometrika 34, 1947) if fewer, [C]."""
+    spreads = np.stack([np.diag(part.pulls.T @ part.pulls) for part in parts])
+    each = np.stack([part.freedom for part in parts])
+    welch = spreads.sum(0) ** 2 / np.maximum((spreads**2 / each).sum(0), 1e-300)
+    return np.maximum(np.minimum(whole.freedom, welch), 1.0)
+
+
+def _inverse_root(matrix: np.ndarray) -> np.ndarray:
+    sizes, axes = np.linalg.eigh(matrix)
+    return np.asarray(axes / np.sqrt(np.maximum(sizes, 1e-12 * max(float(sizes[-1]), 1e-300))) @ axes.T)
+
+
+def _within_kinds(sides: tuple[_Side, _Side], strata: tuple[list[str], list[str]]) -> _Test:
     """Compare each episode with the reference episodes of its kind; only the scatter within kinds counts.
 
-    Both sets tell that scatter: when nothing has changed they are of one kind each. An episode's weight is its
-    sensitivity.
+    An episode that is the only one of its kind does not tell how such episodes scatter: it is taken to scatter as the
+    others do within theirs, as far as it is sensitive.
     """
-    scores, spreads, scatter, degrees = np.zeros(own), np.zeros((own, own)), np.zeros((own, own)), 0
     total = sides[0].hessian.sum(0)
-    typical = _SHRINK * sides[1].hessian.mean(0)
-    everywhere = solve(sides[1].hessian.sum(0), sides[1].gradient.sum(0))
-    cells = []
+    prior = _SHRINK * sides[1].hessian.mean(0), solve(sides[1].hessian.sum(0), sides[1].gradient.sum(0))
+    parts, lone, tellers = [], [], []
     for label in dict.fromkeys(strata[0]):
         mine, other = (side.chosen([k == label for k in names]) for side, names in zip(sides, strata, strict=True))
-        amplitude = solve(other.hessian.sum(0) + typical, other.gradient.sum(0) + typical @ everywhere)
-        for part in (mine, other):
-            white = part.whitened(amplitude)
-            centred = white - white.mean(0)
-            scatter += centred.T @ centred
-            degrees += len(white) - 1
-        scores += (mine.gradient - mine.hessian @ amplitude).sum(0)
-        cells.append((mine, other))
-    scatter /= degrees
-    for mine, other in cells:
-        spreads += mine.spread(scatter)
-        carried = mine.hessian.sum(0) @ np.linalg.pinv(other.hessian.sum(0) + typical)
-        spreads += carried @ other.spread(scatter) @ carried.T
-    difference = solve(total, scores)
-    inverse = np.linalg.pinv(total)
-    spread = inverse @ spreads @ inverse.T
-    squared = float(difference @ np.linalg.pinv(spread) @ difference / own)
-    freedom = max(degrees - own + 1, 1)
-    p = float(fisher.sf(squared * freedom / degrees, own, freedom))
-    return _Test(float(np.sqrt(squared)), p, float(np.sqrt(spread[0, 0])), freedom)
+        weight = np.linalg.solve(_ridged(total), mine.hessian.sum(0))
+        for side, known, share in ((mine, None, weight), (other, prior, -weight)):
+            fitted = clusters(side.hessian, side.gradient, known)
+            parts.append(fitted.mapped(share))
+            if len(side.hessian) > 1:
+                tellers.append(whitened(fitted, side.hessian))
+            else:
+                lone.append((len(parts) - 1, share @ fitted.inverse @ root(side.hessian[0])))
+    for place, carried in lone:
+        parts[place] = replace(together(tellers).averaged(carried), values=parts[place].values)
+    return _judged(parts)
 
 
 @dataclass(frozen=True)
@@ -133,21 +142,6 @@ class _Side:
     def chosen(self, which: Sequence[bool]) -> _Side:
         rows = np.flatnonzero(which)
         return _Side(self.hessian[rows], self.gradient[rows])
-
-    def whitened(self, amplitude: np.ndarray) -> np.ndarray:
-        """Deviation of each episode from an amplitude, in units in which all episodes scatter alike, [E, own]."""
-        left = self.gradient - self.hessian @ amplitude
-        return np.stack([np.linalg.solve(_root(h), r) for h, r in zip(self.hessian, left, strict=True)])
-
-    def spread(self, scatter: np.ndarray) -> np.ndarray:
-        """Covariance of the sum of the episodes' gradients."""
-        roots = [_root(h) for h in self.hessian]
-        return np.asarray(sum(root @ scatter @ root.T for root in roots))
-
-
-def _root(hessian: np.ndarray) -> np.ndarray:
-    ridge = 1e-6 * float(np.trace(hessian)) / len(hessian) + 1e-30
-    return np.linalg.cholesky(hessian + ridge * np.eye(len(hessian)))
 
 
 def _profiled(
@@ -168,6 +162,10 @@ def _profiled(
         return _Side(hessian + shared.T @ part.hessian[:, base][:, :, base] @ shared, gradient)
 
     return side(grams[0], fits[0]), side(grams[1], fits[1])
+
+
+def _ridged(matrix: np.ndarray) -> np.ndarray:
+    return np.asarray(matrix + (1e-9 * float(np.trace(matrix)) / len(matrix) + 1e-30) * np.eye(len(matrix)))
 
 
 def _symmetric(matrices: np.ndarray) -> np.ndarray:

@@ -264,7 +264,7 @@ def _moved(candidates: list[Candidate], fitted: Mapping[str, np.ndarray]) -> lis
 
 def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Diagnosis:
     scores = state.judged()
-    sham = sham_gains(state.screen, seed=seed, count=shams)
+    sham = sham_gains(state.screen, seed=seed, count=shams, alone=not state.control)
     findings = [state.finding(score, sham) for score in scores]
     base = state.base_finding(sham)
     first = scores[first_of(findings) or 0] if scores else None

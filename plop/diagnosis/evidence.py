@@ -163,6 +163,10 @@ class Whitened:
         field = self.residual.reshape(*self.shape, 3) * signs[self.block][:, None]
         return replace(self, residual=field.ravel())
 
+    def mirrored(self, signs: np.ndarray) -> Whitened:
+        """Change the sign of some components of the residual everywhere; signs [3]."""
+        return replace(self, residual=(self.residual.reshape(-1, 3) * signs).ravel())
+
 
 def whiten(evidence: Evidence, misfit: MisfitModel, columns: list[str]) -> Whitened:
     """Divide by the expected standard deviation."""

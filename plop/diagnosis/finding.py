@@ -9,6 +9,8 @@ from plop.diagnosis.contrast import P_LARGEST, Contrast
 
 GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
+STEADY_LEAST = GAIN_LEAST / 2
+"""Least share that it takes away of the error of the episodes but for the one that it helps most."""
 ERRORS_LEAST = 2.0
 """Least gain in standard errors over episodes."""
 AT_BOUND = "a parameter is at its bound"
@@ -60,7 +62,7 @@ class Finding:
     @property
     def carried(self) -> bool:
         """Tell whether one episode alone carries it."""
-        return self.steady is not None and self.steady <= GAIN_LEAST / 2
+        return self.steady is not None and self.steady <= STEADY_LEAST
 
     def passes(self) -> bool:
         """Tell whether all conditions for being named hold."""

@@ -16,7 +16,7 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
 from plop.diagnosis.finding import LONE_SHARE, Finding
 from plop.diagnosis.profile import Profile
-from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, solve
+from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, most_helped, solve, steady_gain
 from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
@@ -168,8 +168,8 @@ class State:
                                 "at_bound": False, "chosen": True, "also": also}  # fmt: skip
         contrast = self._contrast(score.rows, len(columns), whole_library=beside)
         return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
-                       p_value(score.gain, shams), contrast, _steady(score.before, score.after), score.alone,
-                       self._apart(score), self.evidence[_most_helped(score.before, score.after)].name,
+                       p_value(score.gain, shams), contrast, steady_gain(score.before, score.after), score.alone,
+                       self._apart(score), self.evidence[most_helped(score.before, score.after)].name,
                        float(score.shown.sum()), self._shown_by(score.shown))  # fmt: skip
 
     def settings(self, score: Score) -> list[Score]:
@@ -247,24 +247,16 @@ class State:
         return contrast_of(self.screen.grams, self.reference, rows, own, family, self.kinds)
 
 
-def _steady(before: np.ndarray, after: np.ndarray) -> float:
-    """Gain over all episodes but the one that gains most [-]: what misleads in one motion does not count."""
-    rest = np.arange(len(before)) != _most_helped(before, after)
-    return gain(before[rest], after[rest])
-
-
-def _most_helped(before: np.ndarray, after: np.ndarray) -> int:
-    return int(np.argmax(before - after))
-
-
 def _parameters(
     columns: tuple[Column, ...], fitted: Fit, profiles: Mapping[str, Profile], alone: bool = True
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
-    values, errors = fitted.values[-len(columns) :], np.sqrt(np.diag(fitted.spread)[-len(columns) :])
+    errors, own = np.sqrt(np.diag(fitted.spread)), slice(-len(columns), None)
     found = {}
-    for column, value, error in zip(columns, values, errors, strict=True):
+    for column, value, error, freedom in zip(
+        columns, fitted.values[own], errors[own], fitted.freedom[own], strict=True
+    ):
         profile = profiles.get(column.key)
         amplitude = profile.least() if alone and profile is not None else float(value)
-        found[column.amplitude] = amplitude_of(column, amplitude, float(error), fitted.episodes, profile)
+        found[column.amplitude] = amplitude_of(column, amplitude, float(error), float(freedom), profile)
     return found

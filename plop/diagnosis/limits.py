@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.contrast import P_LARGEST
-from plop.diagnosis.finding import ERRORS_LEAST, GAIN_LEAST
-from plop.diagnosis.regression import Grams, gain, held_out_energy
+from plop.diagnosis.contrast import MOSTLY, P_LARGEST
+from plop.diagnosis.finding import ERRORS_LEAST, GAIN_LEAST, STEADY_LEAST
+from plop.diagnosis.regression import gain, held_out_energy, steady_gain
 from plop.diagnosis.screen import Score, Screen
 
 _STEPS = 24
@@ -21,6 +21,8 @@ def detection_limits(
     clear: Mapping[str, float],
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
+
+    It passes by as much as chance takes away in one of ten cases.
 
     Args:
         screen: The evidence.
@@ -44,17 +46,20 @@ def _limit(
     screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float], least: float
 ) -> dict[str, Any]:
     column = score.candidate.columns[0]
-    row = screen.index[column.key]
-    rows = score.rows
-    left = _without(screen, rows, score.fit.values)
+    row, rows = screen.index[column.key], score.rows
+    left = [e.residual - score.fit.values @ e.matrix[rows] for e in screen.episodes]
 
     def seen(amplitude: float) -> bool:
         if amplitude < least:
             return False
-        grams = _injected(left, row, amplitude)
-        before, after = screen.before(grams), held_out_energy(grams, rows)
-        won = gain(before, after)
-        return won > max(GAIN_LEAST, threshold) and won > ERRORS_LEAST * score.gain_error
+        loud = screen.with_residuals(
+            [r + amplitude * e.matrix[row] for r, e in zip(left, screen.episodes, strict=True)]
+        )
+        null = loud.null(loud.grams, np.array([], int))
+        before, after = (held_out_energy(loud.grams, columns) for columns in (null, rows))
+        error = loud.gain_error(null, rows)
+        won = gain(before, after) - MOSTLY * error
+        return won > max(GAIN_LEAST, threshold, ERRORS_LEAST * error) and steady_gain(before, after) > STEADY_LEAST
 
     most = max(abs(column.low), abs(column.high))
     if not seen(most):
@@ -70,18 +75,3 @@ def _limit(
 def unseen(column: Column) -> dict[str, Any]:
     """Give the limit of a law of which no amplitude in its range would be seen."""
     return {"amplitude": None, "unit": column.unit, "parameter": column.amplitude, "displacement_m": None}
-
-
-def _without(screen: Screen, rows: np.ndarray, values: np.ndarray) -> Grams:
-    """Take the fitted columns out of the residuals."""
-    grams = screen.grams
-    explained = grams.hessian[:, :, rows] @ values
-    energy = (grams.energy - 2 * grams.gradient[:, rows] @ values
-              + np.einsum("c,ecd,d->e", values, grams.hessian[:, rows][:, :, rows], values))  # fmt: skip
-    return Grams(grams.hessian, grams.gradient - explained, energy)
-
-
-def _injected(grams: Grams, row: int, amplitude: float) -> Grams:
-    """Add a response to the residuals."""
-    energy = grams.energy + 2 * amplitude * grams.gradient[:, row] + amplitude**2 * grams.hessian[:, row, row]
-    return Grams(grams.hessian, grams.gradient + amplitude * grams.hessian[:, :, row], energy)

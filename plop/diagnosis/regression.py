@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.diagnosis.clusters import Clusters, clusters
 from plop.diagnosis.evidence import Whitened
 
 _RIDGE = 1e-9
@@ -30,6 +31,11 @@ class Grams:
         return cls(np.stack([e.matrix @ e.matrix.T for e in episodes]),
                    np.stack([e.matrix @ e.residual for e in episodes]),
                    np.array([e.residual @ e.residual for e in episodes]))  # fmt: skip
+
+    def with_residuals(self, episodes: list[Whitened]) -> Grams:
+        """Multiply out other residuals of the same responses."""
+        gradient, energy = zip(*((e.matrix @ e.residual, e.residual @ e.residual) for e in episodes), strict=True)
+        return Grams(self.hessian, np.stack(gradient), np.array(energy))
 
     def signed(self, signs: np.ndarray) -> Grams:
         """Flip the residuals of some episodes; signs [E] of +1 and -1."""
@@ -76,24 +82,28 @@ def held_out_values(grams: Grams, columns: np.ndarray) -> np.ndarray:
 class Fit:
     """A pooled fit of some columns."""
 
-    values: np.ndarray
-    """[C]."""
-    spread: np.ndarray
-    """Covariance over episodes (sandwich), [C, C]."""
-    episodes: int
+    clusters: Clusters
+    """What each episode holds of it."""
+
+    @property
+    def values(self) -> np.ndarray:
+        """Fitted amplitudes, [C]."""
+        return self.clusters.values
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Covariance over episodes, [C, C]."""
+        return self.clusters.spread
+
+    @property
+    def freedom(self) -> np.ndarray:
+        """Degrees of freedom with which each variance is known, [C]."""
+        return self.clusters.freedom
 
 
 def fit(grams: Grams, columns: np.ndarray) -> Fit:
     """Fit columns to all episodes; episodes, not points, are what counts as independent."""
-    hessian, gradient = grams.hessian[:, columns][:, :, columns], grams.gradient[:, columns]
-    total = hessian.sum(0)
-    values = solve(total, gradient.sum(0))
-    scores = gradient - np.einsum("ecd,d->ec", hessian, values)
-    count = len(grams.energy)
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
-    inverse = np.linalg.inv(total / np.outer(scale, scale) + _RIDGE * np.eye(len(columns))) / np.outer(scale, scale)
-    meat = scores.T @ scores * count / max(count - len(columns), 1)
-    return Fit(values, inverse @ meat @ inverse, count)
+    return Fit(clusters(grams.hessian[:, columns][:, :, columns], grams.gradient[:, columns]))
 
 
 def energy_left(grams: Grams, columns: np.ndarray) -> np.ndarray:
@@ -137,3 +147,14 @@ def known_misfit(reference: Grams, base: np.ndarray, groups: list[np.ndarray]) -
 def gain(before: np.ndarray, after: np.ndarray) -> float:
     """Share of the squared error that is gone [-]; before and after per episode, [E]."""
     return float(1 - after.sum() / max(before.sum(), 1e-30))
+
+
+def steady_gain(before: np.ndarray, after: np.ndarray) -> float:
+    """Gain over all episodes but the one that gains most [-]: what misleads in one motion does not count."""
+    rest = np.arange(len(before)) != most_helped(before, after)
+    return gain(before[rest], after[rest])
+
+
+def most_helped(before: np.ndarray, after: np.ndarray) -> int:
+    """Number of the episode that gains most."""
+    return int(np.argmax(before - after))

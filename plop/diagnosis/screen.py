@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,11 +139,17 @@ class Screen:
     def held(self, score: Score, values: np.ndarray) -> Score:
         """Score a candidate at given amplitudes [C] instead of the fitted ones; everything else is refitted."""
         others, own = score.rows[: -len(values)], score.rows[-len(values) :]
-        taken = [replace(e, residual=e.residual - values @ e.matrix[own]) for e in self.episodes]
-        rest = Screen(taken, self.keys, [])
+        rest = self.with_residuals([e.residual - values @ e.matrix[own] for e in self.episodes])
         after = held_out_energy(rest.grams, others)
         error = _gain_error(self.held_out_blocks(score.null), rest.held_out_blocks(others))
         return replace(score, gain=gain(score.before, after), gain_error=error, after=after)
+
+    def with_residuals(self, residuals: Sequence[np.ndarray]) -> Screen:
+        """Put other residuals [D] in the place of each episode's; the responses stay."""
+        other = copy(self)
+        other.episodes = [replace(e, residual=r) for e, r in zip(self.episodes, residuals, strict=True)]
+        other.grams = self.grams.with_residuals(other.episodes)
+        return other
 
     def held_out_blocks(self, columns: np.ndarray) -> np.ndarray:
         """Sum of squares left in each part of each episode when the columns were fitted to the others, [E, BLOCKS]."""

@@ -14,7 +14,7 @@ SHAMS = 199
 """Shams; the smallest possible p is 1 / (SHAMS + 1)."""
 
 
-def sham_gains(screen: Screen, *, seed: int = 0, count: int = SHAMS) -> np.ndarray:
+def sham_gains(screen: Screen, *, seed: int = 0, count: int = SHAMS, alone: bool = False) -> np.ndarray:
     """Give the best gain over the library under each sham.
 
     Shams keep the size of the residuals and spoil their relation to the candidates: in some parts of the object
@@ -23,10 +23,15 @@ def sham_gains(screen: Screen, *, seed: int = 0, count: int = SHAMS) -> np.ndarr
     a quarter about the vertical (a wrong direction), or moved to other patches (a wrong contact). Base
     parameters are left as they are.
 
+    A base may err smoothly over the whole object, and what errs together is then no proof that a law is there. The
+    reference tells such errors from a law (`contrast`). Where there is none, every second sham leaves the residuals
+    of an episode as smooth as they are, and changes the sign of each of their components in the whole of it.
+
     Args:
         screen: The real evidence.
         seed: Draws the shams.
         count: Number of shams.
+        alone: There is no reference.
 
     Returns:
         Shape [count].
@@ -36,8 +41,11 @@ def sham_gains(screen: Screen, *, seed: int = 0, count: int = SHAMS) -> np.ndarr
     for k in range(count):
         if k % ROUND == 0:
             spoilt = {kind: _spoil(screen, kind, generator) for kind in _KINDS}
-        episodes = spoilt[_KINDS[k % len(_KINDS)]]
-        flipped = [e.flipped(generator.choice([-1.0, 1.0], BLOCKS)) for e in episodes]
+        if alone and k % 2:
+            flipped = [e.mirrored(generator.choice([-1.0, 1.0], 3)) for e in screen.episodes]
+        else:
+            episodes = spoilt[_KINDS[(k // 2 if alone else k) % len(_KINDS)]]
+            flipped = [e.flipped(generator.choice([-1.0, 1.0], BLOCKS)) for e in episodes]
         found[k] = screen.best_gain(Grams.of(flipped))
     return found
 

@@ -16,6 +16,8 @@ from plop.diagnosis.screen import Score, worse_than
 
 CHANCE = 0.05
 """Chance with which a setting that is as good would be left out."""
+_ROUNDING = 1e-9
+"""Share of the error that is left below which a difference is one of arithmetic."""
 
 
 def others_of(best: Collection[str], scores: Sequence[Score]) -> dict[str, np.ndarray]:
@@ -42,6 +44,6 @@ def as_good(best: Score, scores: Sequence[Score]) -> list[Score]:
         if score.candidate.effect != best.candidate.effect or score.candidate.key == best.candidate.key:
             continue
         worse, error = worse_than(best, score)
-        if worse <= student.ppf(1 - CHANCE, len(best.after) - 1) * error:
+        if worse <= student.ppf(1 - CHANCE, len(best.after) - 1) * error + _ROUNDING * best.after.sum():
             found.append(score)
     return found

@@ -38,17 +38,24 @@ def smooth_field(generator: np.random.Generator, places: np.ndarray, size_m: flo
 
 def episode(
     generator: np.random.Generator, name: str, amplitudes: dict[str, float], *, noise_m: float = NOISE_M,
-    laws: tuple[str, ...] = LAWS, misfit_m: float = 0.0,
+    laws: tuple[str, ...] = LAWS, misfit_m: float = 0.0, rough_m: float = 0.0, take: int = 0,
 ) -> Evidence:  # fmt: skip
-    """One episode in which the base misses `amplitudes` of some laws, a smooth misfit, and noise."""
+    """One episode in which the base misses `amplitudes` of some laws, and noise.
+
+    It may also err by itself: smoothly over the object (`misfit_m`), or at each point in another way (`rough_m`).
+    Another `take` of the same motion differs in noise and misfit only.
+    """
     places = generator.uniform(-0.03, 0.03, (PATCHES, 3))
     responses = {key(law): smooth_field(generator, places, 1e-3) for law in laws}
-    residual = generator.normal(0, noise_m, (FRAMES, PATCHES, 3))
+    motion = smooth_field(generator, places, 5e-3)
+    chance = generator.spawn(1 + take)[-1]
+    residual = chance.normal(0, noise_m, (FRAMES, PATCHES, 3))
     for law, value in amplitudes.items():
         residual = residual + value * responses[key(law)]
     if misfit_m:
-        residual = residual + generator.normal(0, misfit_m, residual.shape)
-    motion = smooth_field(generator, places, 5e-3)
+        residual = residual + smooth_field(chance, places, misfit_m)
+    if rough_m:
+        residual = residual + chance.normal(0, rough_m, residual.shape)
     return Evidence(name, np.arange(1, FRAMES + 1), residual, motion, np.full(PATCHES, noise_m), responses,
                     octants(places), np.zeros((FRAMES, PATCHES)))  # fmt: skip
 

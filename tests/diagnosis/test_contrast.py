@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.contrast import contrast_of
+from plop.diagnosis.contrast import P_LARGEST, contrast_of
 from plop.diagnosis.episode import episode_from_sequence
 from plop.diagnosis.phases import motion_kind
 from plop.diagnosis.regression import Grams
@@ -58,9 +58,9 @@ def test_nothing_changed_is_rarely_called_a_change(own, kinds):
 
 @pytest.mark.parametrize("own", [1, 2])
 def test_a_change_is_seen_behind_what_kinds_differ_by(own):
-    within = (chances(own, KINDS, change=2.0) < 0.001).mean()
-    pooled = (chances(own, KINDS, change=2.0, told=False) < 0.001).mean()
-    assert within > 0.8 and pooled < 0.2
+    within = (chances(own, KINDS, change=2.0) < P_LARGEST).mean()
+    pooled = (chances(own, KINDS, change=2.0, told=False) < P_LARGEST).mean()
+    assert within > 0.9 and pooled < 0.5
 
 
 def test_the_family_multiplies_p():

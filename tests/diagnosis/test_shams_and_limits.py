@@ -7,28 +7,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plop.diagnosis.diagnose import _conclude
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import one_per_effect
 from plop.diagnosis.shams import p_value, sham_gains
 from tests.diagnosis.synthetic import episodes, key, state
 
 
-def best_p(seed: int, shams: int = 49) -> float:
-    now = state(episodes(seed, count=4, misfit_m=3e-4))
-    return p_value(now.scores()[0].gain, sham_gains(now.screen, seed=seed, count=shams))
+def best_p(seed: int, shams: int = 49, *, alone: bool = True, **misfit_m: float) -> float:
+    now = state(episodes(seed, count=4, **misfit_m))
+    return p_value(now.scores()[0].gain, sham_gains(now.screen, seed=seed, count=shams, alone=alone))
 
 
-def test_p_is_uniform_where_nothing_is_hidden():
-    values = np.array([best_p(seed) for seed in range(60)])
+@pytest.mark.parametrize("misfit_m", [{"misfit_m": 3e-4}, {"rough_m": 3e-4}])
+def test_p_is_rarely_small_where_nothing_is_hidden(misfit_m):
+    """Without a reference, also where the base errs smoothly over the whole object."""
+    values = np.array([best_p(seed, **misfit_m) for seed in range(60)])
     assert (values <= 0.02).mean() <= 0.1
-    assert (values <= 0.2).mean() == pytest.approx(0.2, abs=0.16)
-    assert values.mean() == pytest.approx(0.5, abs=0.15)
+    assert (values <= 0.2).mean() <= 0.36
+    assert values.mean() > 0.35
+
+
+def test_a_smooth_misfit_looks_like_evidence_to_shams_that_change_signs_in_parts():
+    """Why there are others where no reference tells."""
+    values = np.array([best_p(seed, misfit_m=3e-4, alone=False) for seed in range(60)])
+    assert (values <= 0.02).mean() > 0.1
 
 
 def test_a_hidden_law_beats_every_sham():
     now = state(episodes(1, {"tilt": 0.3}))
-    shams = sham_gains(now.screen, count=99)
-    assert p_value(now.scores()[0].gain, shams) == pytest.approx(0.01)
+    for alone in (False, True):
+        shams = sham_gains(now.screen, count=99, alone=alone)
+        assert p_value(now.scores()[0].gain, shams) == pytest.approx(0.01)
 
 
 def test_shams_are_drawn_from_the_seed_and_leave_the_evidence_alone():
@@ -51,9 +61,24 @@ def limits_of(now, shams):
     return detection_limits(now.screen, one_per_effect(now.scores()), shams, now.response_rms_m, {})
 
 
+def test_what_is_hidden_at_its_limit_is_mostly_named_and_at_half_of_it_hardly():
+    """In other takes of the same motions: nine in ten are promised."""
+    named: dict[float, list[bool]] = {1.0: [], 0.5: []}
+    for seed in range(6):
+        misfit = {"misfit_m": 2e-4} if seed % 2 else {"rough_m": 3e-4}
+        reference = episodes(seed + 1000, count=8, **misfit)
+        limits = _conclude(state(episodes(seed, count=8, **misfit), reference), (), 99, seed).limits
+        for law in ("tilt", "viscosity", "swelling"):
+            for factor, found in named.items():
+                hidden = {law: factor * limits[law]["amplitude"]}
+                again = state(episodes(seed, hidden, count=8, take=1, **misfit), reference)
+                found.append(law in _conclude(again, (), 99, seed).verdict.named)
+    assert np.mean(named[1.0]) > 0.7 and np.mean(named[0.5]) < 0.2
+
+
 @pytest.mark.parametrize("law", ["tilt", "viscosity"])
 def test_what_is_injected_at_twice_its_limit_is_found_and_at_a_third_not(law):
-    quiet = episodes(3, misfit_m=3e-4)
+    quiet = episodes(3, rough_m=3e-4)
     now = state(quiet)
     shams = sham_gains(now.screen, count=99)
     limit = limits_of(now, shams)[law]

@@ -1,0 +1,136 @@
+"""Least squares over few episodes that do not tell alike: spreads that are not too small, and how many tell them.
+
+An episode that holds much of what is known of an amplitude pulls the fit towards itself, so that its residual is
+smaller than its error. The usual sandwich takes it as it is, and counts all episodes as telling the scatter, also those
+that say nothing. Here residuals are put right by how much they are pulled, and degrees of freedom are counted by
+what the episodes hold (Bell and McCaffrey, Survey Methodology 28, 2002: bias-reduced linearisation; Pustejovsky and
+Tipton, J. Business & Economic Statistics 36, 2018), both as they would be where an episode scatters as it
+is sensitive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+_RIDGE = 1e-9
+_UNPULLED = 1e-4
+"""Least share of its own error that an episode's residual must keep for it to tell anything of the scatter."""
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """What E episodes hold of C amplitudes."""
+
+    values: np.ndarray
+    """Fitted amplitudes, [C]."""
+    pulls: np.ndarray
+    """How far each episode pulls the fit, put right, [E, C]; the covariance of the fit is the sum of their squares."""
+    expected: np.ndarray
+    """Covariance of `pulls` if each episode scattered as it is sensitive, [E, E, C, C], in units of that scatter."""
+    whole: np.ndarray
+    """Covariance of the fit in that case, [C, C]."""
+    inverse: np.ndarray
+    """Inverse of what all episodes and the prior hold together, [C, C]; of no meaning once `mapped`."""
+
+    def mapped(self, matrix: np.ndarray) -> Clusters:
+        """Give linear combinations of the amplitudes, [D, C]."""
+        return Clusters(matrix @ self.values, self.pulls @ matrix.T, matrix @ self.expected @ matrix.T,
+                        matrix @ self.whole @ matrix.T, self.inverse)  # fmt: skip
+
+    def averaged(self, matrix: np.ndarray) -> Clusters:
+        """Give one more error, as large as these are on average, mapped by a matrix [D, C]."""
+        count = len(self.pulls)
+        return replace(self.mapped(matrix / np.sqrt(count)), whole=matrix @ matrix.T)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Covariance of the fit, [C, C]; infinite where an episode alone tells an amplitude, so that none tells how
+        much episodes differ."""
+        told = self.told
+        scale = np.where(told > 0, 1 / np.sqrt(np.maximum(told, _UNPULLED)), np.inf)
+        with np.errstate(invalid="ignore"):
+            spread = self.pulls.T @ self.pulls * np.outer(scale, scale)
+        return np.where(np.isnan(spread), np.inf, spread)
+
+    @property
+    def told(self) -> np.ndarray:
+        """Share of each variance that the residuals still show, [C]: 1, or less where an episode holds nearly all."""
+        shown = np.einsum("eecc->c", self.expected)
+        share = shown / np.maximum(np.diag(self.whole), 1e-300)
+        return np.where(share > _UNPULLED, share, 0.0)
+
+    @property
+    def freedom(self) -> np.ndarray:
+        """Degrees of freedom with which each variance is known (Satterthwaite), at least 1, [C]."""
+        trace = np.einsum("eecc->c", self.expected)
+        squares = np.einsum("efcc,efcc->c", self.expected, self.expected)
+        return np.maximum(trace**2 / np.maximum(squares, 1e-300), 1.0)
+
+
+def clusters(
+    hessian: np.ndarray, gradient: np.ndarray, prior: tuple[np.ndarray, np.ndarray] | None = None
+) -> Clusters:  # fmt: skip
+    """Fit amplitudes to all episodes.
+
+    Args:
+        hessian: Of each episode, [E, C, C].
+        gradient: [E, C].
+        prior: What is known before as another episode's hessian [C, C] and values [C], which count as exact.
+    """
+    known, guess = prior if prior is not None else (np.zeros(hessian.shape[1:]), np.zeros(hessian.shape[-1]))
+    total = hessian.sum(0) + known
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
+    normal, right = hessian / np.outer(scale, scale), gradient / scale
+    inverse = np.linalg.inv(total / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
+    values = inverse @ (right.sum(0) + (known @ guess) / scale)
+    left = right - normal @ values
+    righted = np.stack([_righted(one, inverse) for one in normal])
+    to_fit = inverse @ righted
+    pulls = np.einsum("ecd,ed->ec", to_fit, left)
+    count = len(hessian)
+    whole = inverse @ normal.sum(0) @ inverse
+    apart = -np.einsum("eab,bc,fcd->efad", normal, 2 * inverse - whole, normal)
+    apart[np.arange(count), np.arange(count)] += normal
+    expected = np.einsum("eab,efbc,fdc->efad", to_fit, apart, to_fit)
+    return Clusters(values / scale, pulls / scale, expected / np.outer(scale, scale), whole / np.outer(scale, scale),
+                    inverse / np.outer(scale, scale))  # fmt: skip
+
+
+def _righted(hessian: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Give the matrix that makes an episode's residual as large as its error, [C, C]."""
+    sizes, axes = np.linalg.eigh(hessian)
+    kept = sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)
+    root, unroot = axes[:, kept] * np.sqrt(sizes[kept]), axes[:, kept] / np.sqrt(np.where(kept, sizes, 1.0)[kept])
+    held, turned = np.linalg.eigh(root.T @ inverse @ root)
+    stretch = 1 / np.sqrt(np.maximum(1 - held, _UNPULLED))
+    return np.asarray(root @ (turned * stretch) @ turned.T @ unroot.T)
+
+
+def together(parts: Sequence[Clusters]) -> Clusters:
+    """Add independent fits: their values, and what pulls on them."""
+    counts = [len(part.pulls) for part in parts]
+    size = parts[0].pulls.shape[1]
+    expected = np.zeros((sum(counts), sum(counts), size, size))
+    at = 0
+    for part, count in zip(parts, counts, strict=True):
+        expected[at : at + count, at : at + count] = part.expected
+        at += count
+    return Clusters(np.sum([part.values for part in parts], 0), np.concatenate([part.pulls for part in parts]),
+                    expected, np.sum([part.whole for part in parts], 0), parts[0].inverse)  # fmt: skip
+
+
+def whitened(fitted: Clusters, hessian: np.ndarray) -> Clusters:
+    """Give the pulls of episodes in units in which all scatter alike; hessian [E, C, C] as it was fitted."""
+    total = np.linalg.inv(fitted.inverse)
+    units = np.stack([np.linalg.solve(root(one), total) for one in hessian])
+    expected = np.einsum("eab,efbc,fdc->efad", units, fitted.expected, units)
+    return replace(fitted, pulls=np.einsum("ecd,ed->ec", units, fitted.pulls), expected=expected)
+
+
+def root(hessian: np.ndarray) -> np.ndarray:
+    """Give the lower triangle whose square is an episode's hessian, [C, C]."""
+    ridge = 1e-6 * float(np.trace(hessian)) / len(hessian) + 1e-30
+    return np.linalg.cholesky(hessian + ridge * np.eye(len(hessian)))
