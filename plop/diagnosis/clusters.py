@@ -47,8 +47,7 @@ class Clusters:
 
     @property
     def spread(self) -> np.ndarray:
-        """Covariance of the fit, [C, C]; infinite where an episode alone tells an amplitude, so that none tells how
-        much episodes differ."""
+        """Covariance of the fit, [C, C]; infinite where one episode alone tells, which knows no scatter."""
         told = self.told
         scale = np.where(told > 0, 1 / np.sqrt(np.maximum(told, _UNPULLED)), np.inf)
         with np.errstate(invalid="ignore"):

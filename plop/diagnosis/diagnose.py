@@ -129,7 +129,7 @@ def diagnose(
     candidates = _moved(candidates, least)
     state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles
-    found = replace(_conclude(state, sensors, shams, seed), screen_s=screen_s)
+    found = replace(conclusion(state, sensors, shams, seed), screen_s=screen_s)
     if len(tables) == 2 and _two_are_tried(found.verdict):
         found = _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
     return _with_unheard(found, tables, candidates, whole={*types} <= {c.effect for c in candidates})
@@ -262,7 +262,8 @@ def _moved(candidates: list[Candidate], fitted: Mapping[str, np.ndarray]) -> lis
     return [one(candidate) for candidate in candidates]
 
 
-def _conclude(state: State, sensors: Sequence[str], shams: int, seed: int) -> Diagnosis:
+def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> Diagnosis:
+    """Judge by what has been computed; see `diagnose` for the arguments."""
     scores = state.judged()
     sham = sham_gains(state.screen, seed=seed, count=shams, alone=not state.control)
     findings = [state.finding(score, sham) for score in scores]

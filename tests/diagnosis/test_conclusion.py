@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic_evidence import CANDIDATES, NOISE_M, FakeTable, candidate, episodes, key, state
 from plop.diagnosis.amplitude import RESPONSE_ERROR
-from plop.diagnosis.diagnose import _conclude, _moved
+from plop.diagnosis.diagnose import _moved, conclusion
 from plop.diagnosis.finding import CARRIED
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
@@ -16,13 +17,12 @@ from plop.diagnosis.verdict import Verdict
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import facts_of, rows_of
-from tests.diagnosis.synthetic import CANDIDATES, NOISE_M, FakeTable, candidate, episodes, key, state
 
 SHAMS = 99
 
 
 def conclude(measured, reference=None, candidates=CANDIDATES, sensors=()):
-    return _conclude(state(measured, reference, candidates), sensors, SHAMS, 0)
+    return conclusion(state(measured, reference, candidates), sensors, SHAMS, 0)
 
 
 def finding(found, name):
@@ -182,7 +182,7 @@ def test_facts_are_plain_json_with_every_key():
 def test_what_was_dropped_says_of_which_set():
     now = state(episodes(1), episodes(2))
     now.tables = [FakeTable(now.evidence, {"e7": "too far"}), FakeTable(now.control, {"e7": "unstable"})]
-    assert _conclude(now, (), SHAMS, 0).dropped == {"e7": "too far", "reference e7": "unstable"}
+    assert conclusion(now, (), SHAMS, 0).dropped == {"e7": "too far", "reference e7": "unstable"}
 
 
 def test_an_unstable_column_leaves_its_candidate_out_and_without_any_there_is_no_verdict():
@@ -200,7 +200,7 @@ def test_without_a_stable_stiffness_the_laws_are_still_judged():
     tables = [FakeTable(episodes(1, {"tilt": 0.3}), {key("stiffness"): "unstable"}), FakeTable(episodes(2))]
     from plop.diagnosis.findings import State
 
-    found = _conclude(State(tables, CANDIDATES), (), SHAMS, 0)  # type: ignore[arg-type]
+    found = conclusion(State(tables, CANDIDATES), (), SHAMS, 0)  # type: ignore[arg-type]
     assert found.verdict.named == ["tilt"] and found.findings[-1].parameters == {}
 
 

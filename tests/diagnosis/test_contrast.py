@@ -7,67 +7,50 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.verdict_chances import HELD, KINDS, SCATTERS, contrast_chances, drawn_grams
 from plop.diagnosis.contrast import P_LARGEST, contrast_of
 from plop.diagnosis.episode import episode_from_sequence
 from plop.diagnosis.phases import motion_kind
-from plop.diagnosis.regression import Grams
 from plop.physics.scene import simulate_episode
 from tests.coarse_episodes import SCENE
 
-KINDS = list("abcd") * 2, list("abcd") * 3
-RUNS = 300
-
-
-def grams(
-    generator: np.random.Generator, kinds: list[str], by_kind: dict[str, np.ndarray], own: int, change: float = 0.0
-) -> Grams:
-    """Episodes of other sensitivities, whose own amplitude depends on the kind and scatters; one base column."""
-    hessians, gradients = [], []
-    for kind in kinds:
-        columns = generator.normal(size=(1 + own, 6))
-        hessian = columns @ columns.T * generator.uniform(0.3, 3)
-        scatter = np.linalg.solve(np.linalg.cholesky(hessian[1:, 1:]).T, generator.normal(size=own))
-        amplitude = by_kind[kind] + change + scatter
-        hessians.append(hessian)
-        gradients.append(hessian @ np.concatenate([[0.3 * generator.normal()], amplitude]))
-    return Grams(np.array(hessians), np.array(gradients), np.ones(len(kinds)))
-
-
-def chances(own: int, kinds: tuple[list[str], list[str]], change: float = 0.0, *, told: bool = True) -> np.ndarray:
-    """p in many pairs of sets; the base alone resembles an amplitude of another size in each kind of motion.
-
-    Where kinds are not told, all episodes are taken for one.
-    """
-    names = kinds if told else (["any"] * len(kinds[0]), ["any"] * len(kinds[1]))
-    generator = np.random.default_rng(own)
-    found = []
-    for _ in range(RUNS):
-        by_kind = {kind: 3 * generator.normal(size=own) for kind in sorted({*kinds[0], *kinds[1]})}
-        here, reference = grams(generator, kinds[0], by_kind, own, change), grams(generator, kinds[1], by_kind, own)
-        found.append(contrast_of(here, reference, np.arange(1 + own), own, 1, names).p)
-    return np.array(found)
+TOLD, ALL_ONE, ALL_LONE = KINDS["four kinds"], (["a"] * 6, ["a"] * 5), (list("abcdefgh"), list("abcdefghijkl"))
+MILD = HELD["0.3 to 3 times"]
+RUNS = 200
 
 
 @pytest.mark.parametrize("own", [1, 2])
-@pytest.mark.parametrize("kinds", [KINDS, (["a"] * 6, ["a"] * 5), (list("abcdefgh"), list("abcdefghijkl"))])
+@pytest.mark.parametrize("kinds", [TOLD, ALL_ONE, ALL_LONE])
 def test_nothing_changed_is_rarely_called_a_change(own, kinds):
-    p = chances(own, kinds)
+    p = contrast_chances(kinds, MILD, SCATTERS[0], own, RUNS, apart=3.0)
     assert (p < 0.05).mean() < 0.1 and (p < 0.005).mean() < 0.025
     assert p.min() > 0  # not even for kinds that come once
 
 
 @pytest.mark.parametrize("own", [1, 2])
+@pytest.mark.parametrize(("held", "kinds", "apart"), [
+    ("nearly all in two episodes", "one kind", 0.0), ("nearly all in two episodes", "four kinds", 1.0),
+    ("nearly all in every fourth", "one kind", 0.0), ("nearly all in every fourth", "four kinds", 1.0),
+    ("spread widely", "four kinds", 1.0),
+])  # fmt: skip
+def test_few_episodes_that_tell_of_a_law_are_counted_as_few(own, held, kinds, apart):
+    """Counted as if all told alike, one in ten to one in two of these were called changed."""
+    p = contrast_chances(KINDS[kinds], HELD[held], SCATTERS[0], own, RUNS, apart=apart)
+    assert (p <= P_LARGEST).mean() <= 0.045
+
+
+@pytest.mark.parametrize("own", [1, 2])
 def test_a_change_is_seen_behind_what_kinds_differ_by(own):
-    within = (chances(own, KINDS, change=2.0) < P_LARGEST).mean()
-    pooled = (chances(own, KINDS, change=2.0, told=False) < P_LARGEST).mean()
-    assert within > 0.9 and pooled < 0.5
+    within, pooled = (contrast_chances(TOLD, MILD, SCATTERS[0], own, RUNS, apart=3.0, change=2.0, told=told)
+                      for told in (True, False))  # fmt: skip
+    assert (within <= P_LARGEST).mean() > 0.9 and (pooled <= P_LARGEST).mean() < 0.5
 
 
 def test_the_family_multiplies_p():
     generator = np.random.default_rng(0)
-    by_kind = {kind: np.zeros(1) for kind in "abcd"}
-    here, reference = grams(generator, KINDS[0], by_kind, 1, 1.0), grams(generator, KINDS[1], by_kind, 1)
-    alone, among = (contrast_of(here, reference, np.arange(2), 1, family, KINDS) for family in (1, 5))
+    here, reference = (drawn_grams(generator, np.ones(len(labels)), [np.full(1, amplitude)] * len(labels))
+                       for labels, amplitude in zip(TOLD, (1.0, 0.0), strict=True))  # fmt: skip
+    alone, among = (contrast_of(here, reference, np.arange(2), 1, family, TOLD) for family in (1, 5))
     assert among.p == pytest.approx(min(1.0, 5 * alone.p)) and among.least > alone.least
     assert among.errors == pytest.approx(alone.errors)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic_evidence import candidate, episodes, state
 from plop.diagnosis import discretisations
 from plop.diagnosis.discretisations import OTHERS, discretised, predicted_by_each
 from plop.diagnosis.episode import Episode
@@ -17,7 +18,6 @@ from plop.errors import PlopError
 from plop.physics.filled import EngineBase
 from plop.physics.material import Material
 from tests.coarse_episodes import coarse_episode
-from tests.diagnosis.synthetic import candidate, episodes, state
 
 BASE = EngineBase(Material(), spacing_m=0.01)
 COLUMN = candidate("tilt").columns[0]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.diagnose import _conclude
+from benchmarks.synthetic_evidence import episodes, key, state
+from plop.diagnosis.diagnose import conclusion
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import one_per_effect
 from plop.diagnosis.shams import p_value, sham_gains
-from tests.diagnosis.synthetic import episodes, key, state
 
 
 def best_p(seed: int, shams: int = 49, *, alone: bool = True, **misfit_m: float) -> float:
@@ -67,12 +67,12 @@ def test_what_is_hidden_at_its_limit_is_mostly_named_and_at_half_of_it_hardly():
     for seed in range(6):
         misfit = {"misfit_m": 2e-4} if seed % 2 else {"rough_m": 3e-4}
         reference = episodes(seed + 1000, count=8, **misfit)
-        limits = _conclude(state(episodes(seed, count=8, **misfit), reference), (), 99, seed).limits
+        limits = conclusion(state(episodes(seed, count=8, **misfit), reference), (), 99, seed).limits
         for law in ("tilt", "viscosity", "swelling"):
             for factor, found in named.items():
                 hidden = {law: factor * limits[law]["amplitude"]}
                 again = state(episodes(seed, hidden, count=8, take=1, **misfit), reference)
-                found.append(law in _conclude(again, (), 99, seed).verdict.named)
+                found.append(law in conclusion(again, (), 99, seed).verdict.named)
     assert np.mean(named[1.0]) > 0.7 and np.mean(named[0.5]) < 0.2
 
 

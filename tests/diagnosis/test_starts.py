@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic_evidence import CANDIDATES, candidate, episodes, state
 from plop.diagnosis.starts import begun, turned
 from plop.physics.effects.library import EffectType, library
-from tests.diagnosis.synthetic import CANDIDATES, candidate, episodes, state
 from tests.diagnosis.world import World
 
 LAWS = ("stiffness", "table_friction", "viscosity", "swelling", "fibres")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic_evidence import episodes, state
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.diagnose import Diagnosis
 from plop.diagnosis.next_motion import next_motion, settling_motion
@@ -15,7 +16,6 @@ from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.variants import as_good, others_of
 from plop.law_values import short_number
 from plop.physics.effects.library import EffectType, library
-from tests.diagnosis.synthetic import episodes, state
 from tests.diagnosis.world import World
 
 LAWS = ("stiffness", "adhesion", "viscosity", "swelling")

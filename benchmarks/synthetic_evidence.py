@@ -1,4 +1,4 @@
-"""Evidence made of known mixtures of smooth response fields, without any engine."""
+"""Evidence made of known mixtures of smooth response fields, without any engine; for tests and `verdict_chances`."""
 
 from __future__ import annotations
 
@@ -80,6 +80,7 @@ class FakeTable:
         return ["press"] * len(self.rows)
 
     def evidence(self) -> list[Evidence]:
+        """Give it as it is."""
         return self.rows
 
 
