@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from plop.diagnosis.clusters import Clusters, clusters, root, together, whitened
+from plop.clusters import Clusters, clusters, root, together, whitened
 from plop.diagnosis.regression import Fit, Grams, fit, solve
 from plop.diagnosis.strata import strata_of, told_apart
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.clusters import Clusters, clusters
+from plop.clusters import Clusters, clusters
 from plop.diagnosis.evidence import Whitened
 
 _RIDGE = 1e-9

@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import t as student
 
+from plop.clusters import clusters
 from plop.errors import PlopError
 from plop.physics.case import Case
 from plop.physics.config import EngineConfig
@@ -111,8 +112,8 @@ def calibrate(
 ) -> Calibration:
     """Minimise the squared distance between engine and measured points.
 
-    Intervals come from the sandwich estimate over independent blocks (episodes; with fewer than four,
-    fifths of an episode), because neighbouring points and frames err together.
+    Intervals come from the scatter between independent blocks (episodes; with fewer than four, fifths of an episode),
+    because neighbouring points and frames err together; blocks count by what they hold of a parameter (`clusters`).
 
     Args:
         cases: Episodes.
@@ -215,10 +216,8 @@ class _Fit:
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         normal = hessian / np.outer(scale, scale)
         if len(free) and np.linalg.eigvalsh(normal[np.ix_(free, free)])[0] > 1e-6:
-            inverse = np.linalg.inv(hessian[np.ix_(free, free)])
-            scores = _block_scores([jacobian[k] for k in free], residual)
-            spread = inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse
-            width[free] = student.ppf(0.975, len(scores) - 1) * np.sqrt(np.diag(spread))
+            told = clusters(*_blocks([jacobian[k] for k in free], residual))
+            width[free] = student.ppf(0.975, told.freedom) * np.sqrt(np.diag(told.spread))
         ends = [(-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
                 for p, c, w in zip(self.parameters, here, width, strict=True)]  # fmt: skip
         return {p.name: Estimate(v, low, high, p.unit, bool(b))
@@ -243,10 +242,10 @@ def _normal_equations(jacobian: list[list[np.ndarray]], residual: list[np.ndarra
     return flat @ flat.T, flat @ np.concatenate([r.ravel() for r in residual])
 
 
-def _block_scores(jacobian: list[list[np.ndarray]], residual: list[np.ndarray]) -> np.ndarray:
-    """Gradient of the cost in each independent block, shape [blocks, parameters]."""
-    rows = []
+def _blocks(jacobian: list[list[np.ndarray]], residual: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Hessian [blocks, P, P] and negative gradient [blocks, P] of half the cost in each independent block."""
+    found = []
     for episode, r in enumerate(residual):
         pieces = np.array_split(np.arange(len(r)), 1 if len(residual) >= 4 else min(5, len(r)))
-        rows += [[float(np.sum(row[episode][piece] * r[piece])) for row in jacobian] for piece in pieces]
-    return np.array(rows)
+        found += [_normal_equations([[row[episode][piece]] for row in jacobian], [r[piece]]) for piece in pieces]
+    return np.stack([hessian for hessian, _ in found]), -np.stack([gradient for _, gradient in found])

@@ -141,7 +141,7 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=6,
+    version=7,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={

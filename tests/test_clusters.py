@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.stats import t as student
 
-from plop.diagnosis.clusters import Clusters, clusters, together, whitened
+from plop.clusters import Clusters, clusters, together, whitened
 
 NUMBERS = 25
 
