@@ -24,12 +24,17 @@ _CHUNKS = 4
 def _gather(
     part: int, parts: int, features: np.ndarray, nodes: np.ndarray, weights: np.ndarray, out: np.ndarray
 ) -> None:
+    """Three nodes at a time, so that `out` is read and written a third as often."""
     count, touched = nodes.shape
     for p in range(part * count // parts, (part + 1) * count // parts):
-        for k in range(touched):
-            node, weight = nodes[p, k], weights[p, k]
-            for c in range(features.shape[1]):
-                out[p, c] += weight * features[node, c]
+        for k in range(0, touched - 2, 3):
+            a, b, c = nodes[p, k], nodes[p, k + 1], nodes[p, k + 2]
+            of_a, of_b, of_c = weights[p, k], weights[p, k + 1], weights[p, k + 2]
+            for column in range(features.shape[1]):
+                out[p, column] += of_a * features[a, column] + of_b * features[b, column] + of_c * features[c, column]
+        for k in range(touched - touched % 3, touched):
+            for column in range(features.shape[1]):
+                out[p, column] += weights[p, k] * features[nodes[p, k], column]
 
 
 @kernel
