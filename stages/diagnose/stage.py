@@ -14,7 +14,7 @@ import numpy as np
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_jobs
 from plop.diagnosis.bases import predictions_of
-from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.diagnose import check_enough, diagnose
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.same_object import check_same_object
@@ -70,10 +70,8 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     check(config, {name: given.path for name, given in inputs.items()})
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
     types = library(files)
+    check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    check_excluded(recordings, config.exclude, "diagnose")
-    _same_object(inputs["model"].path, recordings, [])
-    effects_of(inputs["model"].path)
     engine, model = _engine(inputs), inputs["model"].path
     measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
     _same_object(model, recordings, measured.episodes)
@@ -184,6 +182,19 @@ def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
                         found=str(config.shams))  # fmt: skip
 
 
+def check_inputs(inputs: Inputs, config: DiagnoseConfig) -> None:
+    """Refuse what recordings and model tell before anything is tracked.
+
+    Raises:
+        PlopError: An unknown camera, another object, an added effect that cannot be read, or too few episodes.
+    """
+    recordings, model = RecordingSet.load(inputs["recordings"].path), inputs["model"].path
+    check_excluded(recordings, config.exclude, "diagnose")
+    _same_object(model, recordings, [])
+    effects_of(model)
+    check_enough(len(_names(recordings, config.split)), recordings.skipped)
+
+
 def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode]) -> None:
     check_same_object(model, recordings.environment, episodes,
                       fix="Give recordings of the same object; materials are compared under one name.")  # fmt: skip
@@ -207,4 +218,5 @@ STAGE = Stage(
     },
     run=run,
     check=check,
+    check_inputs=check_inputs,
 )

@@ -18,7 +18,7 @@ from plop_cli.execute import execute
 from plop_cli.inputs import LEFT_OUT
 from plop_cli.prepare import Preparation, takes_model_instead, wants_preparation
 from stages import stage_ref
-from stages.contract import InputSpec, Stage
+from stages.contract import Inputs, InputSpec, Stage
 from tests.pipeline import fake_stages as fake
 
 DIAGNOSE = stage_ref("diagnose").load()
@@ -63,6 +63,23 @@ def test_several_recordings_and_none_named_is_a_question(store):
     with pytest.raises(PlopError, match="Which recordings") as caught:
         preparation(store).inputs(DIAGNOSE, {"model": base.address}, None)
     assert caught.value.expected == "--recordings NAME" and caught.value.found.count("ingest@") == 2
+
+
+def test_a_stage_refuses_what_is_there_before_anything_is_made(store):
+    def refuse(inputs: Inputs, config: fake.PiecesConfig) -> None:
+        seen.append((sorted(inputs), config))
+        raise PlopError("Not these.")
+
+    seen: list[tuple] = []
+    specs = {**DIAGNOSE.inputs, "recordings": InputSpec(("ingest",), "")}
+    asked = replace(DIAGNOSE, inputs=specs, config=fake.PiecesConfig, check_inputs=refuse)
+    blocks = recordings(store, "blocks")
+    base = made(store, "identify", recordings=blocks)
+    named = {"model": base.address, "recordings": blocks.address, "effect_file": "mine.py"}
+    with pytest.raises(PlopError, match="Not these"):
+        preparation(store).inputs(asked, named, None, fake.PiecesConfig(seed=3))
+    assert seen == [(["model", "recordings"], fake.PiecesConfig(seed=3))]
+    assert store.artifacts("fuse", "fit-init") == []
 
 
 def test_the_source_of_a_model_is_what_its_base_was_made_from(store):
