@@ -74,7 +74,7 @@ def simulate(
     times, config = np.asarray(times, np.float64), config or EngineConfig()
     if times.ndim != 1 or len(times) < 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise PlopError("The times cannot be used.", where="times", expected="strictly increasing seconds",
-                        found=f"shape {times.shape}")  # fmt: skip
+                        found=f"shape {times.shape}", fix="Sort them and leave out what is there twice.")  # fmt: skip
     before = get_num_threads()
     set_num_threads(min(config.threads, before))
     try:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_jobs
+from plop.checked_settings import check_choices, check_jobs
 from plop.diagnosis.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
 from plop.diagnosis.episode import Episode
@@ -175,11 +175,10 @@ def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
     types = library((str(given["effect_file"]),) if "effect_file" in given else ())
     for name in config.effects:
         effect_type(name, types)
-    if config.split not in _SPLITS:
-        raise PlopError("Unknown split.", where="diagnose.split", expected=", ".join(_SPLITS), found=config.split)
+    check_choices(config, "diagnose", {"split": _SPLITS})
     if config.shams < 49:
         raise PlopError("Too few shams for a verdict.", where="diagnose.shams", expected="49 or more",
-                        found=str(config.shams))  # fmt: skip
+                        found=str(config.shams), fix="Leave --shams out for the usual number.")  # fmt: skip
 
 
 def check_inputs(inputs: Inputs, config: DiagnoseConfig) -> None:
