@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from plop.artifacts.lineage import Key, closure
+from plop.artifacts.lineage import LEFT_OUT, Key, closure
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from stages import PIPELINE
@@ -20,9 +20,6 @@ from stages.contract import InputSpec, Stage
 
 ORDER = {name: place for place, name in enumerate(dict.fromkeys(ref.name for ref in PIPELINE))}
 """Position of each stage in the pipeline."""
-
-LEFT_OUT = "none"
-"""What the user gives for an optional input that shall not be taken."""
 
 
 @dataclass(frozen=True)

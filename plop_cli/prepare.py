@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.lineage import closure, parents
+from plop.artifacts.lineage import LEFT_OUT, closure, parents
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
 from plop_cli.execute import execute, plan
-from plop_cli.inputs import LEFT_OUT
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
 from stages import PIPELINE, stage_ref

@@ -19,7 +19,7 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
         given: What the user named: "models", addresses with commas between, and "recordings".
 
     Raises:
-        PlopError: No model or no recordings are named.
+        PlopError: No model or no recordings are named, or one model twice.
     """
     found = dict(given)
     if "comparisons" in found:
@@ -31,6 +31,9 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
     store = preparation.store
     recordings = store.find(str(found["recordings"]))
     models = [store.find(address.strip()) for address in str(found["models"]).split(",") if address.strip()]
+    if len({model.key for model in models}) < len(models):
+        raise PlopError("One model is named twice.", where="--models", expected="different models, the base first",
+                        found=str(found["models"]), fix="Name each model once.")  # fmt: skip
     preparation.reach(found, "init", "fit-init", lambda: preparation.derived("fit-init", recordings, None).address)
 
     def of_each(command: str) -> str:
