@@ -17,6 +17,7 @@ from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
 from plop_cli.execute import execute, plan
+from plop_cli.inputs import fitting
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
 from stages import PIPELINE, stage_ref
@@ -86,11 +87,10 @@ class Preparation:
 
     def _check_inputs(self, stage: Stage, found: Mapping[str, str | Path], config: Any) -> None:
         """Let the stage refuse what is there before anything is made from it."""
-        if stage.check_inputs is None:
-            return
-        named = {name: self.store.find(str(found[name])) for name, spec in stage.inputs.items()
+        named = {name: fitting(self.store, stage, name, spec, str(found[name])) for name, spec in stage.inputs.items()
                  if found.get(name, LEFT_OUT) != LEFT_OUT and spec.stages}  # fmt: skip
-        stage.check_inputs({name: Input(a.path, a.manifest) for name, a in named.items()}, config)
+        if stage.check_inputs is not None:
+            stage.check_inputs({name: Input(a.path, a.manifest) for name, a in named.items()}, config)
 
     def _making(
         self, command: str, recordings: Artifact, model: Artifact | None, fit: str | Path | None = None

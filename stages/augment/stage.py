@@ -156,7 +156,7 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
         raise PlopError("There is no effect to add.", where=name or "augment.effect",
                         expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
                         found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
-                        fix="Run `plop diagnose` on the recordings to fit to.")  # fmt: skip
+                        fix="Run `plop diagnose` on the recordings to fit to, or give --effect and --value.")  # fmt: skip
     keys = ("value", "low", "high", "also")
     parameters = {} if row is None else {k: {q: p.get(q) for q in keys if q != "also" or p.get(q)}
                                          for k, p in row["parameters"].items()}  # fmt: skip
@@ -168,9 +168,9 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
 def _values(texts: tuple[str, ...]) -> dict[str, float]:
     found = {}
     for text in texts:
-        key, _, value = text.partition("=")
+        key, _, value = (part.strip() for part in text.partition("="))
         try:
-            found[key.strip()] = float(value)
+            found[key] = float(value if key else "")
         except ValueError:
             raise PlopError("A value of augment cannot be read.", where="--value", expected="PARAMETER=NUMBER",
                             found=text, fix="For example --value viscosity_pa_s=40.") from None  # fmt: skip

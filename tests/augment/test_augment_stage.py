@@ -114,7 +114,8 @@ def test_a_users_effect_travels_with_the_model(engine, tmp_path):
 @pytest.mark.parametrize("value, where", [
     (("viscosity_pa_s=1e9",), "viscosity.viscosity_pa_s"), (("viscosity_pa_s=-1",), "viscosity.viscosity_pa_s"),
     (("viscosity_pa_s=nan",), "viscosity.viscosity_pa_s"), (("viscosity=3",), "viscosity.viscosity"),
-    (("viscosity_pa_s=much",), "--value"), (("viscosity_pa_s",), "--value"), (("viscosity_pa_s=0",), "viscosity"),
+    (("viscosity_pa_s=much",), "--value"), (("viscosity_pa_s",), "--value"), (("=1",), "--value"),
+    (("viscosity_pa_s=0",), "viscosity"),
 ])  # fmt: skip
 def test_values_that_cannot_be_are_refused(engine, tmp_path, value, where):
     with pytest.raises(PlopError) as caught:

@@ -84,6 +84,18 @@ def test_a_stage_refuses_what_is_there_before_anything_is_made(store):
     assert store.artifacts("fuse", "fit-init") == []
 
 
+def test_what_cannot_be_an_input_is_told_before_anything_is_made(store):
+    blocks = recordings(store, "blocks")
+    base = made(store, "identify", recordings=blocks)
+    for command, given in (("identify", {"recordings": base.address}),
+                           ("diagnose", {"model": blocks.address, "recordings": blocks.address})):  # fmt: skip
+        with pytest.raises(PlopError, match=f"cannot be the (model|recordings) of `{command}`"):
+            preparation(store).inputs(stage_ref(command).load(), given, None)
+    with pytest.raises(PlopError, match="What shall be reported"):
+        report_inputs(preparation(store), {"models": " ", "recordings": blocks.address})
+    assert store.artifacts("fuse", "fit-init") == []
+
+
 def test_a_model_that_is_reported_twice_is_refused_before_anything_is_made(store):
     blocks = recordings(store, "blocks")
     base = made(store, "identify", recordings=blocks)
