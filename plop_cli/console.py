@@ -19,8 +19,8 @@ LONGEST_UNBROKEN = 18
 
 LINE_EVERY_S = 15.0
 """How often progress is written as a line when there is no terminal."""
-PACE_PIECES, PACE_S = 2.0, 5.0
-"""How many pieces, or else how long [s], tell how fast work goes on."""
+PACE_PIECES, PACE_S, PACE_SHARE = 2.0, 5.0, 0.1
+"""How many pieces, or else how long [s] with what share of the batch done meanwhile, tell how fast work goes on."""
 
 
 class Console:
@@ -162,12 +162,12 @@ class _Pace:
 
     def per_s(self, done: float, total: float, now_s: float) -> float | None:
         """Take note of a report, and give the pace [1/s]; None while too little has been done to tell."""
-        if total != self._total or done < self._last:  # another batch
+        if total != self._total or done < self._last or done == self._first:  # another batch, or not begun
             self._total, self._first, self._since = total, done, now_s
         self._last = done
         ahead, seconds = done - self._first, now_s - self._since
-        known = ahead > 0 and seconds > 0 and (ahead >= PACE_PIECES or seconds >= PACE_S)
-        return ahead / seconds if known else None
+        known = ahead >= PACE_PIECES or (ahead >= PACE_SHARE * total and seconds >= PACE_S)
+        return ahead / seconds if known and seconds > 0 else None
 
 
 def _left(done: float, total: float, per_s: float | None) -> str:

@@ -28,7 +28,7 @@ class AugmentConfig:
     effect: str = ""
     """Name of the effect; what the diagnosis named when empty."""
     value: tuple[str, ...] = ()
-    """PARAMETER=VALUE instead of what the diagnosis fitted; may be repeated."""
+    """PARAMETER=VALUE instead of what the diagnosis fitted."""
     remove: bool = False
     """Give the base back, without the effect that was added last."""
 
@@ -156,7 +156,7 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
         raise PlopError("There is no effect to add.", where=name or "augment.effect",
                         expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
                         found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
-                        fix="Run `plop diagnose` on the recordings to fit to, or give --effect and --value.")  # fmt: skip
+                        fix="Run `plop diagnose` with the recordings, or give --effect and --value.")  # fmt: skip
     keys = ("value", "low", "high", "also")
     parameters = {} if row is None else {k: {q: p.get(q) for q in keys if q != "also" or p.get(q)}
                                          for k, p in row["parameters"].items()}  # fmt: skip

@@ -36,6 +36,13 @@ def test_one_slow_piece_more_tells_it_after_five_seconds(lines):
     assert lines((1.0, 1, 4), (4.0, 2, 4), (SLOW_S, 2, 4))[-1] == "diagnose  50 %, 1 min 58 s left"
 
 
+def test_what_comes_before_the_first_piece_and_a_small_part_of_it_tell_nothing(lines):
+    """Looking for an amplitude is no part of the episodes, and an episode is simulated before it is rendered."""
+    searched = [(float(now), 0.0, 6.0) for now in range(0, 100, 10)]
+    assert lines(*searched, (120.0, 0.02, 6))[-1] == "diagnose  0 %"
+    assert lines(*searched, (120.0, 1.0, 6))[-1] == "diagnose  17 %, 2 min 30 s left"
+
+
 def test_another_batch_is_measured_by_itself(lines):
     first = [(float(k), float(k), 60.0) for k in range(1, 61)]
     told = lines(*first, (61.0, 1, 300), (76.0, 2, 300), (91.0, 16, 300))
