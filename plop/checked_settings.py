@@ -36,7 +36,8 @@ def check_choices(config: object, stage: str, choices: Mapping[str, Sequence[str
     for name, known in choices.items():
         if getattr(config, name) not in known:
             raise PlopError("This setting is unknown.", where=f"{stage}.{name}", expected=" or ".join(known),
-                            found=str(getattr(config, name)))  # fmt: skip
+                            found=str(getattr(config, name)),
+                            fix=f"`plop {stage} --help` tells the default.")  # fmt: skip
 
 
 class HasJobs(Protocol):

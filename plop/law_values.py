@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any, Protocol
 
 import numpy as np
@@ -72,8 +73,9 @@ def checked_values(
     known = {number.name: number for number in numbers}
     for key in given:
         if key not in known:
-            raise PlopError(f"The {what} {law} has no such parameter.", where=key, expected=", ".join(known),
-                            found=key)  # fmt: skip
+            near = get_close_matches(key, known, 1) or list(known)
+            raise PlopError(f"The {what} {law} has no such parameter.", where=f"{law}.{key}", expected=", ".join(known),
+                            found=key, fix=f"Did you mean {near[0]}?")  # fmt: skip
     values = {key: float(given.get(key, number.default)) for key, number in known.items()}
     for key, number in known.items():
         if not (np.isfinite(values[key]) and number.low <= values[key] <= number.high):

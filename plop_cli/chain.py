@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop_cli.console import Console, format_seconds
 from plop_cli.execute import Outcome, execute
-from plop_cli.inputs import LEFT_OUT, ORDER
+from plop_cli.inputs import ORDER
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, parse_assignments, read_settings_file, settings_by_command
 from stages import PIPELINE, stage_ref

@@ -19,6 +19,8 @@ LONGEST_UNBROKEN = 18
 
 LINE_EVERY_S = 15.0
 """How often progress is written as a line when there is no terminal."""
+PACE_PIECES, PACE_S, PACE_SHARE = 2.0, 5.0, 0.1
+"""How many pieces, or else how long [s] with what share of the batch done meanwhile, tell how fast work goes on."""
 
 
 class Console:
@@ -130,16 +132,17 @@ def _bar(title: str) -> Iterator[Progress]:
         rp.BarColumn(bar_width=24),
         rp.TaskProgressColumn(),
         rp.TextColumn("{task.fields[rate]}"),
-        rp.TimeRemainingColumn(),
+        rp.TextColumn("{task.fields[left]}"),
         rp.TextColumn("{task.fields[figures]}"),
     )
     with rp.Progress(*columns, console=_rich(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None, rate="", figures="")
+        task, pace = bar.add_task(title, total=None, rate="", left="", figures=""), _Pace()
 
         def report(done: float, total: float, label: str = "", **figures: Any) -> None:
-            speed = bar.tasks[0].speed
+            speed = pace.per_s(done, total, time.monotonic())
             bar.update(task, completed=done, total=total, description=f"{title} {label}".strip(),
-                       rate=f"{speed:.3g}/s" if speed else "", figures=_join(figures))  # fmt: skip
+                       rate=f"{speed:.3g}/s" if speed else "", left=_left(done, total, speed),
+                       figures=_join(figures))  # fmt: skip
 
         yield report
 
@@ -148,19 +151,42 @@ def _join(figures: dict[str, Any]) -> str:
     return "  ".join(f"{key} {format_figure(value)}" for key, value in figures.items())
 
 
+class _Pace:
+    """How fast pieces of a batch are done, counted from the first report of it.
+
+    What came before it, and the first piece, in which kernels are compiled and processes start, are unlike the rest.
+    """
+
+    def __init__(self) -> None:
+        self._total, self._last, self._first, self._since = 0.0, 0.0, 0.0, 0.0
+
+    def per_s(self, done: float, total: float, now_s: float) -> float | None:
+        """Take note of a report, and give the pace [1/s]; None while too little has been done to tell."""
+        if total != self._total or done < self._last or done == self._first:  # another batch, or not begun
+            self._total, self._first, self._since = total, done, now_s
+        self._last = done
+        ahead, seconds = done - self._first, now_s - self._since
+        known = ahead >= PACE_PIECES or (ahead >= PACE_SHARE * total and seconds >= PACE_S)
+        return ahead / seconds if known and seconds > 0 else None
+
+
+def _left(done: float, total: float, per_s: float | None) -> str:
+    return "" if per_s is None else f"{format_seconds((total - done) / per_s)} left"
+
+
 class _Lines:
     """Progress where no terminal can redraw: one line every LINE_EVERY_S."""
 
     def __init__(self, console: Console, title: str) -> None:
-        self.console, self.title = console, title
-        self.started = self.last = time.monotonic()
+        self.console, self.title, self.pace = console, title, _Pace()
+        self.last = time.monotonic()
 
     def __call__(self, done: float, total: float, label: str = "", **figures: Any) -> None:
         now = time.monotonic()
+        left = _left(done, total, self.pace.per_s(done, total, now))
         if now - self.last < LINE_EVERY_S or not total:
             return
         self.last = now
-        rate = done / (now - self.started)
-        left = f", {format_seconds((total - done) / rate)} left" if rate > 0 else ""
-        parts = [f"{self.title} {label}".strip(), f"{100 * done / total:.0f} %{left}", _join(figures)]
+        share = f"{100 * done / total:.0f} %"
+        parts = [f"{self.title} {label}".strip(), f"{share}, {left}" if left else share, _join(figures)]
         self.console.note("  ".join(part for part in parts if part))

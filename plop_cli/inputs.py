@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from plop.artifacts.lineage import Key, closure
+from plop.artifacts.lineage import LEFT_OUT, Key, closure
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from stages import PIPELINE
@@ -20,9 +20,6 @@ from stages.contract import InputSpec, Stage
 
 ORDER = {name: place for place, name in enumerate(dict.fromkeys(ref.name for ref in PIPELINE))}
 """Position of each stage in the pipeline."""
-
-LEFT_OUT = "none"
-"""What the user gives for an optional input that shall not be taken."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +53,9 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
             continue
         elif name in given and spec.many:
             addresses = [part.strip() for part in str(given[name]).split(",") if part.strip()]
-            chosen |= {f"{name}.{k}": _fitting(store, stage, name, spec, a) for k, a in enumerate(addresses)}
+            chosen |= {f"{name}.{k}": fitting(store, stage, name, spec, a) for k, a in enumerate(addresses)}
         elif name in given:
-            chosen[name] = _fitting(store, stage, name, spec, str(given[name]))
+            chosen[name] = fitting(store, stage, name, spec, str(given[name]))
         elif spec.only_named:
             continue
         elif spec.stages:
@@ -81,7 +78,12 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
     return Resolved(dict(sorted(chosen.items(), key=lambda item: order.index(item[0].partition(".")[0]))), raw)
 
 
-def _fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:
+def fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:
+    """Find an artifact that is named as an input of a stage.
+
+    Raises:
+        PlopError: There is none, or it is of a stage that the input does not take.
+    """
     artifact = store.find(address)
     if artifact.manifest.stage not in spec.stages:
         raise PlopError(

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.fingerprint import plain
+from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.store import Store
 from plop_cli.console import Console, format_seconds
 from plop_cli.execute import Outcome, Plan
-from plop_cli.inputs import LEFT_OUT
 from stages.contract import Stage
 
 

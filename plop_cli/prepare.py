@@ -12,16 +12,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.lineage import closure, parents
+from plop.artifacts.lineage import LEFT_OUT, closure, parents
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
 from plop_cli.execute import execute, plan
-from plop_cli.inputs import LEFT_OUT
+from plop_cli.inputs import fitting
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
 from stages import PIPELINE, stage_ref
-from stages.contract import Stage
+from stages.contract import Input, Stage
 
 RECORDINGS = ("calibrate", "ingest", "simulate")
 """Stages whose artifacts are recordings, the most advanced first."""
@@ -46,16 +46,20 @@ class Preparation:
     would_run: dict[str, str] = field(default_factory=dict)
     """What was noted: input -> command that makes it."""
 
-    def inputs(self, stage: Stage, given: Mapping[str, str | Path], environment: str | None) -> dict[str, str | Path]:
+    def inputs(
+        self, stage: Stage, given: Mapping[str, str | Path], environment: str | None, config: Any = None
+    ) -> dict[str, str | Path]:
         """Complete the inputs of a stage.
 
         Args:
             stage: The stage that will run.
             given: What the user named.
             environment: Choose recordings of this environment where none are named.
+            config: The stage's settings; None takes the defaults.
 
         Raises:
-            PlopError: No recordings or no model are named or can be guessed, or a stage on the way fails.
+            PlopError: No recordings or no model are named or can be guessed, the stage refuses them, or a stage on the
+                way fails.
         """
         found = dict(given)
         if "model" in stage.inputs and "model" not in found and not stage.inputs["model"].optional:
@@ -66,6 +70,7 @@ class Preparation:
         if "reference" in stage.inputs and "reference" not in found and model is not None:
             self._reference(found, model)
         self._fit_of_tracks(found)
+        self._check_inputs(stage, found, stage.config() if config is None else config)
         for name, spec in stage.inputs.items():
             source = found.get(spec.along) if spec.along else None
             if name not in found and source not in (None, LEFT_OUT):
@@ -79,6 +84,13 @@ class Preparation:
         if "model" not in stage.inputs:
             found.pop("model", None)
         return found
+
+    def _check_inputs(self, stage: Stage, found: Mapping[str, str | Path], config: Any) -> None:
+        """Let the stage refuse what is there before anything is made from it."""
+        named = {name: fitting(self.store, stage, name, spec, str(found[name])) for name, spec in stage.inputs.items()
+                 if found.get(name, LEFT_OUT) != LEFT_OUT and spec.stages}  # fmt: skip
+        if stage.check_inputs is not None:
+            stage.check_inputs({name: Input(a.path, a.manifest) for name, a in named.items()}, config)
 
     def _making(
         self, command: str, recordings: Artifact, model: Artifact | None, fit: str | Path | None = None

@@ -19,18 +19,22 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
         given: What the user named: "models", addresses with commas between, and "recordings".
 
     Raises:
-        PlopError: No model or no recordings are named.
+        PlopError: No model or no recordings are named, or one model twice.
     """
     found = dict(given)
     if "comparisons" in found:
         return found
-    if "models" not in found or "recordings" not in found:
+    named = [address for part in str(found.get("models", "")).split(",") if (address := part.strip())]
+    if not named or "recordings" not in found:
         raise PlopError("What shall be reported?", expected="--models NAME[,NAME...] and --recordings NAME",
                         found=", ".join(f"--{key}" for key in found) or "neither",
                         fix="`plop status` lists what there is.")  # fmt: skip
     store = preparation.store
     recordings = store.find(str(found["recordings"]))
-    models = [store.find(address.strip()) for address in str(found["models"]).split(",") if address.strip()]
+    models = [store.find(address) for address in named]
+    if len({model.key for model in models}) < len(models):
+        raise PlopError("One model is named twice.", where="--models", expected="different models, the base first",
+                        found=str(found["models"]), fix="Name each model once.")  # fmt: skip
     preparation.reach(found, "init", "fit-init", lambda: preparation.derived("fit-init", recordings, None).address)
 
     def of_each(command: str) -> str:

@@ -115,9 +115,10 @@ def checked(value: Any, kind: Any, *, key: str, where: str) -> Any:
     found = convert(value, kind, key=key, where=where)
     if not all(math.isfinite(number) for number in _numbers(found)):
         raise PlopError("A setting is not finite.", where=f"{where}: {key}", expected="a finite number",
-                        found=str(value))  # fmt: skip
+                        found=str(value), fix="Give a number, or leave it out for the default.")  # fmt: skip
     if key.rpartition(".")[2] == "seed" and found < 0:
-        raise PlopError("A seed is negative.", where=f"{where}: {key}", expected="0 or more", found=str(value))
+        raise PlopError("A seed is negative.", where=f"{where}: {key}", expected="0 or more", found=str(value),
+                        fix="Choose any other whole number.")  # fmt: skip
     return found
 
 

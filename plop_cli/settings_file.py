@@ -27,7 +27,8 @@ def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, A
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise PlopError("The settings file cannot be read.", where=path, expected="TOML", found=str(error)) from error
+        raise PlopError("The settings file cannot be read.", where=path, expected="TOML", found=str(error),
+                        fix="Correct that line; docs/start.md shows such a file.") from error  # fmt: skip
     return settings_by_command(tables, commands, where=str(path))
 
 
@@ -76,7 +77,8 @@ def parse_assignments(assignments: list[str], commands: list[str], own: str | No
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals:
-            raise PlopError("--set takes key=value.", where=text, expected=f"for example {own or 'train'}.seed=1")
+            raise PlopError("--set takes key=value.", where=text, expected="KEY=VALUE", found=text,
+                            fix=f"For example --set {own or 'train'}.seed=1.")  # fmt: skip
         prefixes = {command.replace(" ", ".") + ".": command for command in commands}
         owner = next((prefix for prefix in prefixes if key.startswith(prefix)), None)
         if owner is None and own is None:

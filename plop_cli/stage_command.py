@@ -115,7 +115,7 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
         if stage.name == "report" and "models" in inputs and not config.labels:
             config = replace(config, labels=labels_of_models(str(inputs["models"])))
         inputs = (report_inputs(preparation, inputs) if stage.name == "report"
-                  else preparation.inputs(stage, inputs, values["env"]))  # fmt: skip
+                  else preparation.inputs(stage, inputs, values["env"], config))  # fmt: skip
     if stage.name == "augment":
         inputs = augment_inputs(preparation, inputs, config, values["env"])
     if values["dry_run"]:
@@ -157,8 +157,9 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
     if spec.stages:
         source = " or ".join(spec.stages)
         default = "the latest that fits, or none" if spec.optional else "the latest that fits"
+        default = f"made on the way{', or none' if spec.optional else ''}" if spec.along else default
         default = "none" if spec.only_named else default
-        text = escape(f"{spec.help} Address of an artifact of {source}.")
+        text = escape(f"{spec.help.rstrip('.')}. Address of an artifact of {source}.")
         metavar = "ADDRESS,..." if spec.many else "ADDRESS"
         option = typer.Option(_option(name), metavar=metavar, help=text, show_default=default,
                               rich_help_panel="Inputs")  # fmt: skip

@@ -112,6 +112,9 @@ class Stage:
     check: Callable[[Any, Mapping[str, str | Path]], None] | None = None
     """`check(config, given)`: refuse, with a PlopError, what is wrong with settings and raw inputs by themselves,
     before any input is made on the way."""
+    check_inputs: Callable[[Inputs, Any], None] | None = None
+    """`check_inputs(inputs, config)`: refuse, with a PlopError, what the inputs that are there already tell, before
+    others are made from them on the way, which may take minutes. Those that are made later are absent."""
     raw_files: Callable[[Path, Any], list[Path]] | None = None
     """`raw_files(folder, config)`: which files of a raw input are read, when not all of them. Only their
     contents enter the fingerprint, so that files of another environment beside them change nothing."""

@@ -17,6 +17,7 @@ from plop.physics.effects.effect import Effect
 from plop.physics.scene import simulate_episode
 from plop.physics.sealed import seal_answer
 from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.recorder import record
 from plop.render.settings import CameraSettings
@@ -65,6 +66,14 @@ def write_recordings(folder: Path, count: int, effects: tuple[Effect, ...] = (),
     RecordingSet(parts["recordings"], SCENE.name, names[:-1], names[-1:]).save()
     seal_answer(parts["recordings"], {"effects": {e.name: e.values for e in effects}})
     return {f"{name}{part}": Input(path) for part, path in parts.items()}
+
+
+def write_tool_splats(recordings: Path, init: Path) -> None:
+    """Write Gaussians of the tool beside those of the object, for stages that render."""
+    for path in sorted((recordings / "episodes").glob("*.h5")):
+        with Recording(path) as recording:
+            mesh = recording.tool_mesh
+        write_splat(init / path.stem / "tool.ply", gaussians(mesh.vertices.astype(float)))
 
 
 def write_engine(folder: Path, environment: str = SCENE.name) -> Input:

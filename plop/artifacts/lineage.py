@@ -14,6 +14,8 @@ from plop.errors import PlopError
 Key = tuple[str, str]
 RawDigest = Callable[[Artifact, str, Path], str | None]
 """(artifact, input name, raw path) -> digest of the content that is there now; None when nobody can tell."""
+LEFT_OUT = "none"
+"""What stands in place of an optional input that shall not be taken."""
 
 
 def parents(artifact: Artifact) -> dict[str, Key]:

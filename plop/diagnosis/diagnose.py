@@ -90,12 +90,12 @@ def diagnose(
         PlopError: Too few episodes, the engine cannot follow any or runs with no law, or a law of the user's has a
             mistake.
     """
-    _check(len(measured.episodes), {})
+    check_enough(len(measured.episodes), {})
     started = time.perf_counter()
     wanted = [*types] if effects is None else list(effects)
     candidates = candidates_of(types, wanted)
     tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
-    _check(len(tables[0].episodes), tables[0].dropped)
+    check_enough(len(tables[0].episodes), tables[0].dropped)
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     _check_laws(tables, candidates)
@@ -236,7 +236,16 @@ def _responded(tables: list[Table], candidates: list[Candidate], keys: list[str]
     return State(tables, candidates)
 
 
-def _check(count: int, dropped: Mapping[str, str]) -> None:
+def check_enough(count: int, dropped: Mapping[str, str]) -> None:
+    """Refuse to judge by a few episodes.
+
+    Args:
+        count: How many there are.
+        dropped: Those left out, with the reason.
+
+    Raises:
+        PlopError: They are too few.
+    """
     if count < LEAST_EPISODES:
         why = "".join(f"; {name} is left out: {reason}" for name, reason in dropped.items())
         raise PlopError("There are too few episodes for a verdict.", expected=f"at least {LEAST_EPISODES}",

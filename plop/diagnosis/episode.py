@@ -46,7 +46,7 @@ class Episode:
         if self.points.shape != (frames, count, 3) or frames < 3 or not np.isfinite(self.points).all():
             raise PlopError("An episode cannot be compared.", where=self.name,
                             expected="at least 3 frames of finite points",
-                            found=f"points {self.points.shape}")  # fmt: skip
+                            found=f"points {self.points.shape}", fix="Leave this episode out.")  # fmt: skip
 
     @property
     def patches(self) -> int:

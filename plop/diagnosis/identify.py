@@ -121,7 +121,8 @@ def identify(
         PlopError: No episode, or the engine is unstable with the first guess.
     """
     if not episodes:
-        raise PlopError("There is no episode to fit the engine to.", expected="at least one with a track", found="none")
+        raise PlopError("There is no episode to fit the engine to.", expected="at least one with a track", found="none",
+                        fix="Run `plop filter` on these recordings.")  # fmt: skip
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     found = calibrate(cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress)
     return replace(start, material=found.material), found

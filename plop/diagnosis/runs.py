@@ -75,7 +75,7 @@ class Runs:
             from distributed import Client
         except ImportError as error:
             raise PlopError("A Dask scheduler needs the package distributed.", expected="pip install plop[cluster]",
-                            found=str(error)) from error  # fmt: skip
+                            found=str(error), fix="Install it, or leave --scheduler out.") from error  # fmt: skip
         try:
             client = Client(self.scheduler, timeout="20s", set_as_default=True)
         except (OSError, TimeoutError, ValueError) as error:

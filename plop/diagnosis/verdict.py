@@ -9,7 +9,14 @@ from typing import Any
 from plop.diagnosis.contrast import P_LARGEST
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import AT_BOUND, CARRIED, ERRORS_LEAST, Finding
-from plop.diagnosis.verdict_text import base_text, both_text, effect_text, parameters_text, partly_base_text
+from plop.diagnosis.verdict_text import (
+    base_text,
+    both_text,
+    effect_text,
+    nearly_text,
+    parameters_text,
+    partly_base_text,
+)
 
 PARTLY_SHARE = 0.6
 """Share of the explainable gap below which an effect is named only as a part: most of what a law that is not in the
@@ -90,7 +97,7 @@ def judge(
         return _by_base(base, others, None, size, facts) or verdict
     if decoys or size.stands_out:
         return _unnamed("NONE OF THESE", findings, facts)
-    return _unnamed("NOTHING DETECTABLE", findings, facts)
+    return _unnamed("NOTHING DETECTABLE", findings, facts, nearly_text(size))
 
 
 def judge_pair(
@@ -129,18 +136,26 @@ def among(verdict: Verdict, tried: Sequence[str]) -> Verdict:
     """Let a verdict that names nothing speak of the laws that were tried only: the library was not tried whole."""
     texts = {_NOTHING: "None of the laws that were tried can be detected in these recordings",
              _NONE: "Something is missing that none of the laws that were tried explains"}  # fmt: skip
-    if verdict.text not in texts:
+    start = next((start for start in texts if verdict.text.startswith(start)), None)
+    if start is None:
         return verdict
-    return replace(verdict, text=f"{texts[verdict.text]}: {', '.join(tried)}.")
+    return replace(verdict, text=f"{texts[start]}: {', '.join(tried)}.{verdict.text.removeprefix(start)}")
 
 
-def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdict:
-    """Name nothing, but say which law would have been named, if only in part, had more than one episode shown it."""
+def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any], more: str = "") -> Verdict:
+    """Name nothing, but say which law would have been named, if only in part, had more than one episode shown it.
+
+    Args:
+        kind: The verdict.
+        findings: All laws.
+        facts: Evidence.
+        more: Is said behind it.
+    """
     missing = kind == "NONE OF THESE"
     told = [f for f in findings if f.kind == "physics" and (_carried_only(f) or (missing and _shown_once(f)))]
     lone = max(told, key=lambda f: f.shown, default=None)
     if lone is None:
-        return Verdict(kind, [], _NONE if missing else _NOTHING, facts)
+        return Verdict(kind, [], (_NONE if missing else _NOTHING) + more, facts)
     start = "Something is missing" if missing else "No effect can be detected in more than one episode"
     if _carried_only(lone):
         episode, what = lone.helps, f"{lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but"
@@ -148,7 +163,7 @@ def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any]) -> Verdi
         episode = lone.shown_by
         what = (f"fitted to all episodes, {lone.name} takes {100 * lone.shown:.0f} % of the error away "
                 f"({parameters_text(lone)}), but")  # fmt: skip
-    text = f"{start}: {what} {episode} alone shows it, so that it is not named."
+    text = f"{start}: {what} {episode} alone shows it, so that it is not named.{more}"
     return Verdict(kind, [], text, {**facts, "lone": {"effect": lone.name, "episode": episode}})
 
 
@@ -178,7 +193,7 @@ def _law(
     partly = best.at_bound or (share is not None and share < PARTLY_SHARE)
     others = [name for name in alike if name not in (best.name, more and more.name)]
     if partly and (_may_be_chance(size) or (best.kind == "base" and not size.beyond_chance)):
-        return _nothing(facts)
+        return _nothing(facts, size)
     if more is not None and not others:
         text = both_text(best, more, partly, share)
         return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
@@ -197,8 +212,8 @@ def _may_be_chance(size: ErrorSize) -> bool:
     return not size.stands_out and size.excess_p is not None and size.excess_p > P_LARGEST
 
 
-def _nothing(facts: dict[str, Any]) -> Verdict:
-    return Verdict("NOTHING DETECTABLE", [], _NOTHING, facts)
+def _nothing(facts: dict[str, Any], size: ErrorSize) -> Verdict:
+    return Verdict("NOTHING DETECTABLE", [], _NOTHING + nearly_text(size), facts)
 
 
 def _by_base(
@@ -212,7 +227,7 @@ def _by_base(
         if size.beyond_chance or size.stands_out:
             return Verdict("PARTLY", found.named, partly_base_text(base, found.named[1:]), found.evidence)
         if _may_be_chance(size):
-            return _nothing(facts)
+            return _nothing(facts, size)
     return found
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+from plop.diagnosis.error_size import EXCESS_LEAST, EXCESS_P, EXCESS_RATIO, ErrorSize
 from plop.diagnosis.finding import Finding
 from plop.law_values import parameter_text, short_number
 
 LOGARITHMIC = "d_ln_"
 """How the name of a parameter begins that is the change of a logarithm."""
+NEARLY_P = 0.05
+"""Chance up to which an error that does not stand out is told with what is asked for."""
 
 
 def parameters_text(finding: Finding) -> str:
@@ -47,6 +50,22 @@ def base_text(base: Finding, also: list[str] | None = None) -> str:
     """Name a parameter of the base instead of a law, with those whose change would do as well."""
     alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
     return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
+
+
+def nearly_text(size: ErrorSize) -> str:
+    """Say by how much an error is larger than the reference's that hardly could be so by chance, and is not called so.
+
+    Returns:
+        Two sentences with a space before them; nothing where the error is no larger, or may well be so by chance.
+    """
+    if size.floor is None or size.excess_p is None or size.excess is None or size.stands_out:
+        return ""
+    if size.excess_p > NEARLY_P or size.error <= EXCESS_RATIO * size.floor:
+        return ""
+    return (f" But the mean squared error is {short_number(size.error / size.floor)} times that of the reference "
+            f"recordings; the chance of that is p = {short_number(size.excess_p)}, and p <= {EXCESS_P:g}, or "
+            f"{EXCESS_LEAST:g} standard errors instead of {size.excess:.1f}, is asked for. Record more episodes of "
+            "these motions and diagnose again.")  # fmt: skip
 
 
 def _base_text(base: Finding) -> str:

@@ -131,7 +131,8 @@ def calibrate(
     if unknown or not names or not cases:
         raise PlopError("Nothing to calibrate.", where=", ".join(unknown) or "cases and names",
                         expected=f"episodes, and some of {', '.join(PARAMETERS)}",
-                        found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}")  # fmt: skip
+                        found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
+                        fix="Give one episode and one of these parameters at least.")  # fmt: skip
     return _Fit(cases, start, [PARAMETERS[name] for name in names], config, jobs).run(iterations, progress)
 
 

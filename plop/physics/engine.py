@@ -13,7 +13,7 @@ from plop.physics.effects import hooks
 from plop.physics.effects.effect import Effect, overrides
 from plop.physics.material import Material
 from plop.physics.particles import Particles
-from plop.physics.time_step import highest_speed_m_s, stable_step_s
+from plop.physics.time_step import highest_speed_m_s, run_step_s
 from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
 from plop.physics.tracers import Tracers
 
@@ -52,8 +52,9 @@ class Engine:
         self.steps, self.halvings = 0, 0
         self._travelled, self._room = np.inf, 0
         self._constants()
-        limits = [hooks.slowest_step_s(effect, material, config) for effect in self.effects]
-        self._base_step_s = min([stable_step_s(material, config, highest_speed_m_s(self.v, self.tool)), *limits])
+        limits = {repr(effect): hooks.slowest_step_s(effect, material, config) for effect in self.effects}
+        speed = highest_speed_m_s(self.v, self.tool)
+        self._base_step_s = run_step_s(material, config, speed, limits, len(self.x))
 
     def _take(self, particles: Particles) -> None:
         """Copy a state: particles with volume into the engine's own arrays, those without as tracers."""

@@ -39,11 +39,13 @@ class Particles:
         positions, volumes = np.asarray(self.positions), np.asarray(self.volumes)
         if positions.ndim != 2 or positions.shape[1] != 3 or volumes.shape != (len(positions),) or not len(positions):
             raise PlopError("The particles cannot be used.", where="particles", expected="shapes [N, 3] and [N]",
-                            found=f"{positions.shape}, {volumes.shape}")  # fmt: skip
+                            found=f"{positions.shape}, {volumes.shape}",
+                            fix="Give one place and volume each.")  # fmt: skip
         usable = np.isfinite(volumes).all() and (volumes >= 0).all() and volumes.any()
         if not np.isfinite(positions).all() or not usable:
             raise PlopError("The particles cannot be used.", where="particles", found="others",
-                            expected="finite positions and volumes, none negative, not all 0")  # fmt: skip
+                            expected="finite positions and volumes, none negative, not all 0",
+                            fix="Look for NaN in what they were made from.")  # fmt: skip
         if np.ptp(positions, axis=0).max() > 10:
             raise PlopError("The object is too large.", where="particles", expected="metres, at most 10 m across",
                             found=f"{np.ptp(positions, axis=0).max():g}", fix="Are these millimetres?")  # fmt: skip
@@ -51,7 +53,8 @@ class Particles:
             value = getattr(self, name)
             if value is not None and (len(value) != len(positions) or not np.isfinite(value).all()):
                 raise PlopError("The particles cannot be used.", where=f"particles.{name}",
-                                expected=f"{len(positions)} finite rows", found=f"{len(value)} rows")  # fmt: skip
+                                expected=f"{len(positions)} finite rows", found=f"{len(value)} rows",
+                                fix="Give one row for each particle, or leave it out.")  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.positions)

@@ -29,6 +29,9 @@ _SETTLE_DAMPING_PER_S, _SETTLE_S, _SETTLE_ROUNDS, _AT_REST_M_S = 100.0, 0.06, 6,
 """Damping about critical for a hand-sized soft object; a round lasts until most of its fall is over."""
 _TOUCH = 0.01
 """Force of a touch as a share of the object's weight; the grid makes a near miss count for less."""
+_STANDS = 0.6
+"""Share of its height below which an object that no tool has touched has collapsed; one that sinks by more than a press
+is deep has, too."""
 
 
 @dataclass(frozen=True)
@@ -156,10 +159,33 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
                         expected=error.expected, found=error.found, fix=error.fix) from error  # fmt: skip
     weight_n = 9.81 * scene.material.density_kg_m3 * float(body.particles.volumes.sum())
     if np.abs(run.tool_force).max() < _TOUCH * weight_n:
-        raise PlopError("The tool never touches the object.", where=f"{scene.episode_name(k)} ({plan.kind})",
-                        expected="a motion that reaches the object", found=_moved(plan),
-                        fix="Change the ranges in the scene's [motion], or the kind of motion.")  # fmt: skip
+        heights = np.ptp(body.particles.positions[:, 2]), np.ptp(run.positions[..., 2], axis=1).min()
+        raise _untouched(scene, plan, *map(float, heights), where=f"{scene.episode_name(k)} ({plan.kind})")
     return as_sequence(scene.episode_name(k), scene.name, body, motion, run, _facts(scene, plan))
+
+
+def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *, where: str) -> PlopError:
+    """Say why no tool has touched the object: it has sunk below the tool's way, or that passes it by.
+
+    Args:
+        scene: What was simulated.
+        plan: The motion.
+        height_m: The object's height as it was made [m].
+        left_m: The least that it had in the episode [m].
+        where: Episode and kind of motion.
+    """
+    if left_m < _STANDS * height_m or 0 < plan.depth_m < height_m - left_m:
+        material = scene.material
+        return PlopError(
+            "The object collapses under its own weight, so that the tool never touches it.", where=where,
+            expected=f"an object that stays about {1000 * height_m:.0f} mm high",
+            found=f"{1000 * left_m:.0f} mm high, with youngs_modulus_pa = {material.youngs_modulus_pa:g} and "
+                  f"density_kg_m3 = {material.density_kg_m3:g}",
+            fix="Give a stiffer or lighter material in the scene's [material]; stiffness is in Pa, density in kg/m^3.",
+        )  # fmt: skip
+    return PlopError("The tool never touches the object.", where=where, expected="a motion that reaches the object",
+                     found=_moved(plan),
+                     fix="Change the ranges in the scene's [motion], or the kind of motion.")  # fmt: skip
 
 
 def settled(particles: Particles, material: Material, config: EngineConfig, effects: Sequence[Effect]) -> Particles:

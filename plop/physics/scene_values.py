@@ -15,12 +15,14 @@ MATERIAL = Material(youngs_modulus_pa=1.5e4, poisson=0.40, density_kg_m3=1050.0,
                     table_friction=0.5, tool_friction=0.3, cut_friction=0.3, toughness_j_m2=2.0,
                     law=ElasticLaw.FIXED_COROTATED)  # fmt: skip
 """What an object is made of where the scene does not say otherwise."""
+_WRITE = "Write the value as docs/stages/simulate.md shows it."
 
 
 def table_of(value: Any, key: str) -> Mapping[str, Any]:
     """Refuse a value where a table belongs."""
     if not isinstance(value, Mapping):
-        raise PlopError("A table of the scene is none.", where=key, expected=f"[{key}] with keys", found=repr(value))
+        raise PlopError("A table of the scene is none.", where=key, expected=f"[{key}] with keys", found=repr(value),
+                        fix="docs/stages/simulate.md shows a scene.")  # fmt: skip
     return value
 
 
@@ -38,12 +40,12 @@ def built(owner: Any, values: dict[str, Any], where: str) -> Any:
         value = values.get(entry.name, 0)
         if entry.type in ("int", "float") and (isinstance(value, bool) or not isinstance(value, (int, float))):
             raise PlopError("A value of the scene has the wrong kind.", where=f"{where}.{entry.name}",
-                            expected="a number without quotes", found=repr(value))  # fmt: skip
+                            expected="a number without quotes", found=repr(value), fix=_WRITE)  # fmt: skip
     try:
         return owner(**values)
     except TypeError as error:
         raise PlopError("A value of the scene has the wrong kind.", where=where, found=str(error),
-                        expected="numbers without quotes, names in quotes") from error  # fmt: skip
+                        expected="numbers without quotes, names in quotes", fix=_WRITE) from error  # fmt: skip
 
 
 def numbers(value: Any, key: str) -> tuple[float, ...]:
@@ -51,7 +53,7 @@ def numbers(value: Any, key: str) -> tuple[float, ...]:
     pair = value if isinstance(value, list) else [value, value]
     if not all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in pair):
         raise PlopError("A value of the scene has the wrong kind.", where=key, expected="[least, most]",
-                        found=repr(value))  # fmt: skip
+                        found=repr(value), fix=_WRITE)  # fmt: skip
     return tuple(float(number) for number in pair)
 
 
@@ -62,7 +64,8 @@ def shape_of(table: Mapping[str, Any]) -> Shape:
         one_of(key, known, "key", where=f"shape.{key}")
     kind = one_of(str(table.get("kind", "block")), SHAPES, "shape", where="shape.kind")
     if "radius_m" in table and "size_m" in table:
-        raise PlopError("The shape has two sizes.", where="shape", found="radius_m and size_m", expected="one of them")
+        raise PlopError("The shape has two sizes.", where="shape", found="radius_m and size_m", expected="one of them",
+                        fix="Leave radius_m out for a block, size_m for a round object.")  # fmt: skip
     if "radius_m" in table and kind != "block":
         across = 2 * numbers(table["radius_m"], "shape.radius_m")[0]
         height = across if kind == "sphere" else numbers(table.get("height_m", 0.04), "shape.height_m")[0]
@@ -70,7 +73,7 @@ def shape_of(table: Mapping[str, Any]) -> Shape:
     if "size_m" not in table:
         raise PlopError("The shape has no size.", where="shape", found=", ".join(table) or "nothing",
                         expected="size_m = [length, width, height] of a block; radius_m of a sphere; radius_m and "
-                                 "height_m of a cylinder")  # fmt: skip
+                                 "height_m of a cylinder", fix="Write its size in metres.")  # fmt: skip
     size = numbers(table["size_m"], "shape.size_m")
     return built(Shape, {"kind": kind, "size_m": size}, "shape")
 

@@ -36,7 +36,8 @@ class Shape:
         one_of(self.kind, SHAPES, "shape", where="shape.kind")
         if len(self.size_m) != 3:
             raise PlopError("A shape's size has three numbers.", where="shape.size_m", found=str(self.size_m),
-                            expected="length, width and height in metres")  # fmt: skip
+                            expected="length, width and height in metres",
+                            fix="Write size_m = [0.08, 0.05, 0.04], say.")  # fmt: skip
         for value in self.size_m:
             if not _LEAST_M <= value <= _MOST_M:
                 guess = f"Is that millimetres? Then write {value / 1000:g}." if value > _MOST_M else "Check the unit."
@@ -45,7 +46,8 @@ class Shape:
         equal = {"block": 1, "sphere": 3, "cylinder": 2}[self.kind]
         if len(set(self.size_m[:equal])) > 1:
             raise PlopError(f"The sizes do not make a {self.kind}.", where="shape.size_m", found=str(self.size_m),
-                            expected=f"the first {equal} numbers equal")  # fmt: skip
+                            expected=f"the first {equal} numbers equal",
+                            fix="Give radius_m (and height_m of a cylinder) instead of size_m.")  # fmt: skip
 
     @property
     def height_m(self) -> float:
@@ -95,7 +97,7 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
     if half - away < 2 * spacing_m:
         raise PlopError("The cut leaves the object.", where="motion.cut_offset_m, motion.yaw_deg",
                         expected=f"a cut at most {half - 2 * spacing_m:.3g} m from the middle",
-                        found=f"{away:.3g} m")  # fmt: skip
+                        found=f"{away:.3g} m", fix="Narrow these two ranges in the scene's [motion].")  # fmt: skip
     grids, points, sides = [], [], []
     for sign in (-1, 1):
         grid = lattice(_counts(shape, half - sign * offset_m, spacing_m))

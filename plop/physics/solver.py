@@ -68,12 +68,13 @@ def simulate(
         progress: Called after each time with (done, total).
 
     Raises:
-        PlopError: The run is unstable even with the time step halved `max_halvings` times.
+        PlopError: The run is unstable even with the time step halved `max_halvings` times, or would take far too many
+            time steps.
     """
     times, config = np.asarray(times, np.float64), config or EngineConfig()
     if times.ndim != 1 or len(times) < 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise PlopError("The times cannot be used.", where="times", expected="strictly increasing seconds",
-                        found=f"shape {times.shape}")  # fmt: skip
+                        found=f"shape {times.shape}", fix="Sort them and leave out what is there twice.")  # fmt: skip
     before = get_num_threads()
     set_num_threads(min(config.threads, before))
     try:
@@ -107,7 +108,8 @@ def advance_safely(engine: Engine, start_s: float, end_s: float) -> np.ndarray:
         Mean force on the object from table and tool, shape [2, 3] [N].
 
     Raises:
-        PlopError: It still runs away after the last halving; names the parameter that sets the time step.
+        PlopError: It still runs away after the last halving; names the effects that act, or else the parameter that
+            sets the time step.
     """
     saved = engine.save()
     while True:
@@ -122,15 +124,18 @@ def advance_safely(engine: Engine, start_s: float, end_s: float) -> np.ndarray:
 
 def _unstable(engine: Engine, time_s: float, reason: UnstableStepError) -> PlopError:
     material, parameter = engine.material, "youngs_modulus_pa"
+    fix = "Give a smaller dt_s or courant; check that stiffness, density and tool speed are in Pa, kg/m^3 and m/s."
     if reason.effect is not None:
         parameter = f"effect {reason.effect}"
     elif engine.config.dt_s is not None:
         parameter = "dt_s"
+    elif engine.effects:
+        parameter = f"effect {' or '.join(effect.name for effect in engine.effects)}"
     elif material.viscosity_pa_s > material.youngs_modulus_pa * engine.longest_step_s:
         parameter = "viscosity_pa_s"
-    fix = "Give a smaller dt_s or courant; check that stiffness, density and tool speed are in Pa, kg/m^3 and m/s."
-    if reason.effect is not None:
-        fix = "Choose a smaller amplitude; in an effect of your own, look at that hook."
+    if parameter.startswith("effect "):
+        fix = ("Choose a smaller amplitude; in an effect of your own, look at its hooks: `slowest_step_s` tells the "
+               "engine to take shorter steps.")  # fmt: skip
     return PlopError("The engine's run is unstable.", where=f"{parameter}, t = {time_s:.4f} s",
                      expected="particles that move less than half a cell in a step and keep their volume",
                      found=f"{reason}; the time step was {engine.longest_step_s:.2g} s" + _acting(engine),

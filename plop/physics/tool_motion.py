@@ -123,7 +123,8 @@ class ToolMotion:
         if poses.shape != (len(times), 4, 4) or not np.isfinite(poses).all() or (np.diff(times) <= 0).any():
             raise PlopError("The tool's motion cannot be used.", where="world_from_tool",
                             expected="one finite 4x4 pose for each strictly increasing time",
-                            found=f"poses {poses.shape}, {len(times)} times")  # fmt: skip
+                            found=f"poses {poses.shape}, {len(times)} times",
+                            fix="Look for repeated times and poses of NaN in the recording.")  # fmt: skip
 
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Interpolate pose and velocity: straight for the origin, at constant spin for the rotation.

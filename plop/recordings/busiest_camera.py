@@ -24,7 +24,8 @@ def busiest_camera(recording: Recording, wanted: str = "") -> str:
     names = recording.camera_names
     if not names or (wanted and wanted not in names):
         raise PlopError("There is no such camera.", where=recording.path, expected=", ".join(names) or "any camera",
-                        found=wanted or "no camera in the recording")  # fmt: skip
+                        found=wanted or "no camera in the recording",
+                        fix="Choose one of these, or leave the camera open.")  # fmt: skip
     if wanted:
         return wanted
 

@@ -48,13 +48,15 @@ class ReportFacts:
     title: str
     compared: list[Compared]
     diagnoses: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    """(label, content of diagnosis.json)."""
+    """(label, content of diagnosis.json); its "sensors" are None where they were not looked for."""
     scores: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     """(label, content of scores.json)."""
     held_out: list[str] = field(default_factory=list)
-    """Episodes that no effect was fitted to."""
+    """Test episodes that neither a model nor an effect was fitted to."""
     fitted: list[str] = field(default_factory=list)
-    """Episodes that an effect was fitted to."""
+    """Episodes that a model or an effect was fitted to."""
     provenance: list[Made] = field(default_factory=list)
     recordings: str = ""
     """Address of the recordings."""
+    own: Made | None = None
+    """How the report itself is made again."""

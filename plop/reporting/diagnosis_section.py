@@ -17,6 +17,9 @@ def diagnosis_sections(facts: ReportFacts) -> str:
 
 def _one(label: str, found: dict[str, Any]) -> str:
     closed = found.get("closed_share")
+    # the verdict's sentence says it of what is named; beside a base parameter the best effect's share says nothing
+    if found["verdict"]["named"]:
+        closed = None
     share = "" if closed is None else f" The best effect closes {100 * min(closed, 1):.0f} % of the explainable gap."
     floor = "" if found.get("floor") is None else f" (in the reference recordings {number(found['floor'])})"
     says = (f"<p><b>{text(found['verdict']['kind'])}</b>. {text(found['verdict']['text'])}</p><p class='soft'>Mean "
@@ -77,7 +80,9 @@ def _next(found: dict[str, Any]) -> str:
 
 
 def _sensors(found: dict[str, Any]) -> str:
-    if not found.get("sensors"):
+    if found.get("sensors") is None:
+        return "<h3>Sensors</h3><p>Sensor faults were not looked for.</p>"
+    if not found["sensors"]:
         return "<h3>Sensors</h3><p>No sensor fault was found.</p>"
     rows = [[text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}))] for s in found["sensors"]]
     return "<h3>Sensors</h3>" + table(["camera", "fault", "value, 95 % interval"], rows)

@@ -69,10 +69,10 @@ def _note(facts: ReportFacts) -> str:
     if len(facts.compared) < 2:
         return "<p class='soft'>RMS error in mm.</p>"
     if facts.held_out:
-        what = "No effect was fitted to the episodes that are held out."
+        what = "Neither a model nor an effect was fitted to the episodes that are held out."
     elif facts.fitted:
-        what = ("All these episodes took part in the fit. The gain in the ranking is scored on held-out episodes: "
-                "each is predicted with what the others say.")  # fmt: skip
+        what = ("No episode is held out here. The gain in the ranking is scored on held-out episodes: each is "
+                "predicted with what the others say.")  # fmt: skip
     else:
         what = "Which episodes the effect was fitted to is not known here."
     return ("<p class='soft'>RMS error in mm. Way to the floor: share of the first model's error above the floor that "
@@ -105,7 +105,8 @@ def _scores(facts: ReportFacts) -> str:
     head = ["", "CD [mm]", "EMD [mm]", "HD [mm]", "PSNR [dB]", "SSIM", "J"]
     scored: list[str] = facts.scores[0][1]["episodes"]
     seen = sum(name in facts.fitted for name in scored)
-    where = f"mean over {len(scored)} episodes" + (f", to {seen} of which effects were fitted" if seen else "")
+    count = f"{len(scored)} episode{'s' if len(scored) > 1 else ''}"
+    where = f"mean over {count}" + (f", fitted to: {seen}" if seen else "")
     return f"<h3>Scores of <code>plop eval</code> ({where}; 95 % interval)</h3>" + table(
         head, rows, numeric=range(1, 7)
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 
+from plop.artifacts.lineage import LEFT_OUT
 from plop.reporting.compared import Made, ReportFacts
 from plop.reporting.html import table, text
 
@@ -24,7 +25,7 @@ def provenance_section(facts: ReportFacts) -> str:
         "</details>"
         for made in facts.provenance
     )
-    commands = "\n".join(_command(made) for made in facts.provenance)
+    commands = "\n".join(_command(made) for made in [*facts.provenance, *([facts.own] if facts.own else [])])
     return ("<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name "
             "contents, so the same command gives the same result. Settings are those that differ from the defaults."
             f"</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
@@ -35,7 +36,7 @@ def provenance_section(facts: ReportFacts) -> str:
 def _command(made: Made) -> str:
     parts = []
     for name, source in made.sources.items():
-        raw = "@" not in source
+        raw = "@" not in source and source != LEFT_OUT
         parts.append(source if raw else f"--{name.partition('.')[0].replace('_', '-')} {source}")
     parts += [f"--set {shlex.quote(f'{key}={_toml(value)}')}" for key, value in made.settings.items()]
     return " ".join(["plop", made.command, *parts]) + f"    # {made.address}"

@@ -21,13 +21,14 @@ def verdict_section(facts: ReportFacts) -> str:
     figures = "".join(f"<div><b>{text(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
     return (f'<section class="verdict{quiet}" id="verdict"><b class="kind">{text(kind)}</b>'
             f'<p class="says">{text(sentence).replace(" %", "&nbsp;%")}</p>{more}'
-            f'<div class="facts">{figures}</div></section>')  # fmt: skip
+            f'<div class="facts">{figures}</div><p class="soft">{text(_held_out(facts))}</p></section>')  # fmt: skip
 
 
 def _verdict(facts: ReportFacts) -> tuple[str, str]:
     if facts.diagnoses:
-        found = facts.diagnoses[0][1]["verdict"]
-        return str(found["kind"]), str(found["text"])
+        label, diagnosis = facts.diagnoses[0]
+        found, whose = diagnosis["verdict"], "" if label == facts.compared[0].label else f"Of {label}: "
+        return str(found["kind"]), f"{whose}{found['text']}"
     first = facts.compared[0]
     return "NOT DIAGNOSED", f"{worst(first)} `plop diagnose` names what is missing."
 
@@ -64,7 +65,24 @@ def judged_on(facts: ReportFacts) -> tuple[list[str], str]:
     """Episodes that the headline counts, and what they are called."""
     if facts.held_out:
         return facts.held_out, "held-out episodes"
-    return [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]], "all episodes"
+    every = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
+    return every, "all episodes, none held out" if facts.fitted else "all episodes"
+
+
+def _held_out(facts: ReportFacts) -> str:
+    """Say which episodes these figures are of, and whether anything was fitted to them."""
+    every, _ = judged_on(ReportFacts("", facts.compared))
+    fitted = [name for name in every if name in facts.fitted]
+    if facts.held_out:
+        others = f"; fitted to: {', '.join(fitted)}" if fitted else ""
+        return f"Held out of every fit: {', '.join(facts.held_out)}{others}."
+    if fitted:
+        rest = [name for name in every if name not in fitted]
+        free = f" Neither fitted to nor kept for the test: {', '.join(rest)}." if rest else ""
+        which = ", ".join(fitted) if rest else "all of them"
+        return (f"None of these episodes was held out: {which} took part in a fit, so that the error in new recordings "
+                f"may be larger.{free}")  # fmt: skip
+    return "Which of these episodes were held out of the fit is not known here."
 
 
 def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
@@ -90,7 +108,8 @@ def _diagnosis_figures(facts: ReportFacts) -> list[tuple[str, str]]:
         return []
     found = facts.diagnoses[0][1]
     rows: list[dict[str, Any]] = found.get("ranking", [])
-    named = next((row for row in rows if row["effect"] in found["verdict"]["named"]), None)
+    base = [found["base"]] if found.get("base") else []
+    named = next((row for row in [*rows, *base] if row["effect"] in found["verdict"]["named"]), None)
     if named is None:
         return []
     p = "" if named["p"] is None else f", p = {named['p']:.3f}"

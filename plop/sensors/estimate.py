@@ -60,7 +60,8 @@ def pool(findings_per_episode: Sequence[Sequence[SensorFinding]]) -> list[Sensor
             by_camera.setdefault(finding.camera, []).append(finding)
     if not by_camera:
         raise PlopError("There are no sensor findings to pool.", expected="at least one episode with a camera",
-                        found=f"{len(findings_per_episode)} episodes without cameras")  # fmt: skip
+                        found=f"{len(findings_per_episode)} episodes without cameras",
+                        fix="Record with one camera at least.")  # fmt: skip
     return [_pooled(camera, findings) for camera, findings in sorted(by_camera.items())]
 
 

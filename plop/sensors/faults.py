@@ -105,7 +105,8 @@ def parse_faults(texts: Sequence[str], cameras: Sequence[str] = ()) -> Faults:
             given = values.setdefault((camera, kind.name), {})
             if parameter in given:
                 raise PlopError("A sensor fault is given twice.", where=text, expected="each parameter once a camera",
-                                found=f"{kind.name}.{parameter} of {camera} again")  # fmt: skip
+                                found=f"{kind.name}.{parameter} of {camera} again",
+                                fix="Leave one of them out.")  # fmt: skip
             given[parameter] = value
     by_camera: dict[str, list[Fault]] = {}
     for (camera, name), given in values.items():
@@ -120,7 +121,7 @@ def _parse(text: str) -> tuple[type[Fault], str, float, str]:
     if name not in FAULTS:
         near = difflib.get_close_matches(name, FAULTS, n=1)
         raise PlopError("There is no such sensor fault.", where=text, expected=", ".join(FAULTS), found=name,
-                        fix=f"Did you mean {near[0]}?" if near else None)  # fmt: skip
+                        fix=f"Did you mean {near[0]}?" if near else "See docs/sensors.md.")  # fmt: skip
     try:
         value = float(number)
     except ValueError:
@@ -139,5 +140,6 @@ def _cameras(text: str, wanted: str, cameras: Sequence[str]) -> list[str]:
         return [cameras[0] if cameras else FIRST_CAMERA]
     if (cameras and wanted not in cameras) or wanted == "*":
         raise PlopError("A sensor fault names a camera that does not exist.", where=text,
-                        expected=", ".join(cameras) or "the name of one camera", found=wanted)  # fmt: skip
+                        expected=", ".join(cameras) or "the name of one camera", found=wanted,
+                        fix="Write name=value@CAMERA with one of these, or no @ for the first.")  # fmt: skip
     return [wanted]

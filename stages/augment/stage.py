@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
 from plop.physics.base_io import base_to_dict
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
@@ -26,7 +28,7 @@ class AugmentConfig:
     effect: str = ""
     """Name of the effect; what the diagnosis named when empty."""
     value: tuple[str, ...] = ()
-    """PARAMETER=VALUE instead of what the diagnosis fitted; may be repeated."""
+    """PARAMETER=VALUE instead of what the diagnosis fitted."""
     remove: bool = False
     """Give the base back, without the effect that was added last."""
 
@@ -40,16 +42,15 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     folder = inputs["model"].path
     if config.remove:
         return _without(folder, out.path)
+    check(config, {name: given.path for name, given in inputs.items()})
     diagnosis = _diagnosis(inputs)
     _check_model(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     types = library(files)
-    if config.effect:
-        effect_type(config.effect, types)  # told before it is looked for in what was fitted
     name, parameters = _chosen(config, diagnosis)
     kind = effect_type(name, types)
     values = {key: p["value"] for key, p in parameters.items()}
-    kind(**values)  # made only to refuse values out of range before anything is written
+    _check_present(kind(**values))
     units = {p.name: p.unit for p in kind.parameters()}
     parameters = {key: {**p, "unit": units[key]} for key, p in parameters.items()}
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
@@ -74,10 +75,31 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     return Summary({"effects": added}, rows, [] if config.value else _doubts(name, diagnosis))
 
 
+def check(config: AugmentConfig, given: Mapping[str, str | Path]) -> None:
+    """Refuse an unknown effect, a value that cannot be, and a file with effects that cannot be used.
+
+    Raises:
+        PlopError: One of them; a name gets a suggestion.
+    """
+    values = _values(config.value)
+    types = library([given["effect_file"]] if "effect_file" in given else [])
+    if config.effect and not config.remove:
+        effect_type(config.effect, types)(**values)
+
+
+def _check_present(effect: Effect) -> None:
+    if effect.absent:
+        names = ", ".join(p.name for p in effect.amplitudes)
+        raise PlopError("With these values the effect is absent.", where=effect.name,
+                        expected=f"one of {names} that is not 0", found=repr(effect),
+                        fix=f"Give an amplitude: --value {effect.amplitudes[0].name}=NUMBER.")  # fmt: skip
+
+
 def _without(folder: Path, out: Path) -> Summary:
     if read_facts(folder).get("kind") != "augmented":
         raise PlopError("This model has no added effect.", where=folder, expected="a model of augment",
-                        found=str(read_facts(folder).get("kind")))  # fmt: skip
+                        found=str(read_facts(folder).get("kind")),
+                        fix="Name a model that `plop augment` made; `plop status` lists them.")  # fmt: skip
     _copied(folder / "base", out)
     return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
 
@@ -134,7 +156,7 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
         raise PlopError("There is no effect to add.", where=name or "augment.effect",
                         expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
                         found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
-                        fix="Run `plop diagnose` on the recordings to fit to.")  # fmt: skip
+                        fix="Run `plop diagnose` with the recordings, or give --effect and --value.")  # fmt: skip
     keys = ("value", "low", "high", "also")
     parameters = {} if row is None else {k: {q: p.get(q) for q in keys if q != "also" or p.get(q)}
                                          for k, p in row["parameters"].items()}  # fmt: skip
@@ -146,12 +168,12 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
 def _values(texts: tuple[str, ...]) -> dict[str, float]:
     found = {}
     for text in texts:
-        key, _, value = text.partition("=")
+        key, _, value = (part.strip() for part in text.partition("="))
         try:
-            found[key.strip()] = float(value)
+            found[key] = float(value if key else "")
         except ValueError:
             raise PlopError("A value of augment cannot be read.", where="--value", expected="PARAMETER=NUMBER",
-                            found=text) from None  # fmt: skip
+                            found=text, fix="For example --value viscosity_pa_s=40.") from None  # fmt: skip
     return found
 
 
@@ -169,4 +191,5 @@ STAGE = Stage(
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,
+    check=check,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import inf
@@ -13,7 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_jobs, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.camera_errors import camera_rows, camera_table
 from plop.diagnosis.episode import Episode
@@ -57,18 +58,14 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     Raises:
         PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
     """
-    check_jobs(config, "compare")
-    check_ranges(config, "compare", {"frames": (0, inf)})
+    check(config, {})
+    check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_conventions(inputs, recordings)
     names = _names(recordings, config)
     init = inputs["init"].path
     episodes, left_out = tracked_episodes(recordings, init, inputs["tracks"].path, names, seed=config.seed)
-    if not config.other_object:
-        made = inputs["model"].manifest
-        check_same_object(inputs["model"].path, recordings.environment, episodes,
-                          about=made.environment if made is not None else None,
-                          fix="Choose a model of this object, or set compare.other_object.")  # fmt: skip
+    _same_object(inputs, config, recordings, episodes)
     for folder in ("fields", *(["pictures"] if config.pictures else [])):
         (out.path / folder).mkdir(exist_ok=True)
     fields, cameras = [], []
@@ -101,18 +98,45 @@ def _compare(
     return field, camera_rows(recording, fit, field, shown) if config.frames else []
 
 
+def check(config: CompareConfig, given: Mapping[str, str | Path]) -> None:
+    """Refuse settings out of range.
+
+    Raises:
+        PlopError: One of them, by name.
+    """
+    check_jobs(config, "compare")
+    check_choices(config, "compare", {"split": ("train", "test", "all")})
+    check_ranges(config, "compare", {"frames": (0, inf)})
+
+
+def check_inputs(inputs: Inputs, config: CompareConfig) -> None:
+    """Refuse what recordings and model tell before anything is tracked.
+
+    Raises:
+        PlopError: No episode is chosen, or the model is of another object.
+    """
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    _names(recordings, config)
+    _same_object(inputs, config, recordings, [])
+
+
+def _same_object(inputs: Inputs, config: CompareConfig, recordings: RecordingSet, episodes: list[Episode]) -> None:
+    if config.other_object:
+        return
+    made = inputs["model"].manifest
+    check_same_object(inputs["model"].path, recordings.environment, episodes,
+                      about=made.environment if made is not None else None,
+                      fix="Choose a model of this object, or give --other-object.")  # fmt: skip
+
+
 def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
     pools = {"all": recordings.names, "train": recordings.train, "test": recordings.test}
-    if config.split not in pools:
-        raise PlopError("Unknown split.", where="compare.split", expected="train, test, all", found=config.split)
-    if config.frames < 0:
-        raise PlopError("A number of frames is negative.", where="compare.frames", expected="0 or more",
-                        found=str(config.frames))  # fmt: skip
     names = [name for name in pools[config.split] if fnmatchcase(name, config.episodes)]
     if not names:
         raise PlopError("No episode is chosen.", where=recordings.folder,
                         expected=f"an episode of split {config.split} that matches {config.episodes}",
-                        found=", ".join(pools[config.split]) or "no episode in this split")  # fmt: skip
+                        found=", ".join(pools[config.split]) or "no episode in this split",
+                        fix="Change --split or --episodes.")  # fmt: skip
     return names
 
 
@@ -202,4 +226,6 @@ STAGE = Stage(
         "model": InputSpec(("train", "identify", "augment"), "the model to compare"),
     },
     run=run,
+    check=check,
+    check_inputs=check_inputs,
 )

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_jobs
+from plop.checked_settings import check_choices, check_jobs
 from plop.diagnosis.bases import predictions_of
-from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.diagnose import check_enough, diagnose
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.same_object import check_same_object
@@ -70,10 +70,8 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     check(config, {name: given.path for name, given in inputs.items()})
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
     types = library(files)
+    check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    check_excluded(recordings, config.exclude, "diagnose")
-    _same_object(inputs["model"].path, recordings, [])
-    effects_of(inputs["model"].path)
     engine, model = _engine(inputs), inputs["model"].path
     measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
     _same_object(model, recordings, measured.episodes)
@@ -177,11 +175,23 @@ def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
     types = library((str(given["effect_file"]),) if "effect_file" in given else ())
     for name in config.effects:
         effect_type(name, types)
-    if config.split not in _SPLITS:
-        raise PlopError("Unknown split.", where="diagnose.split", expected=", ".join(_SPLITS), found=config.split)
+    check_choices(config, "diagnose", {"split": _SPLITS})
     if config.shams < 49:
         raise PlopError("Too few shams for a verdict.", where="diagnose.shams", expected="49 or more",
-                        found=str(config.shams))  # fmt: skip
+                        found=str(config.shams), fix="Leave --shams out for the usual number.")  # fmt: skip
+
+
+def check_inputs(inputs: Inputs, config: DiagnoseConfig) -> None:
+    """Refuse what recordings and model tell before anything is tracked.
+
+    Raises:
+        PlopError: An unknown camera, another object, an added effect that cannot be read, or too few episodes.
+    """
+    recordings, model = RecordingSet.load(inputs["recordings"].path), inputs["model"].path
+    check_excluded(recordings, config.exclude, "diagnose")
+    _same_object(model, recordings, [])
+    effects_of(model)
+    check_enough(len(_names(recordings, config.split)), recordings.skipped)
 
 
 def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode]) -> None:
@@ -207,4 +217,5 @@ STAGE = Stage(
     },
     run=run,
     check=check,
+    check_inputs=check_inputs,
 )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_jobs, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.same_object import size_m
 from plop.diagnosis.sets import tracked_episodes
@@ -20,10 +22,12 @@ from plop.physics.base_io import base_to_dict
 from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, hardly_told
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
+from plop.physics.names import one_of
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 
 STARTS = ("auto", "settled", "unloaded")
+CONES = ("round", "pyramid")
 
 
 @dataclass(frozen=True)
@@ -72,15 +76,14 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     Raises:
         PlopError: A setting that cannot be, no usable episode, or an unstable engine.
     """
-    _check(config)
+    check(config, {})
+    check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    names = recordings.names if config.split == "all" else getattr(recordings, config.split)
+    names = _names(recordings, config)
     episodes, left_out = tracked_episodes(recordings, inputs["init"].path, inputs["tracks"].path, names,
                                           seed=config.seed)  # fmt: skip
-    material = Material(**{key: getattr(config, key) for key in asdict(Material()) if hasattr(config, key)})
-    material = replace(material, law=ElasticLaw.NEO_HOOKEAN)
     spacing = config.spacing_m or spacing_for(episodes)
-    base = EngineBase(material, spacing, True, config.table_cone)
+    base = EngineBase(_material(config), spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
     base = replace(base, settled=settled)
     odd = outliers(episodes, base, config.jobs)
@@ -100,14 +103,44 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     return _summary(base, found, len(episodes), left_out)
 
 
-def _check(config: IdentifyConfig) -> None:
+def check(config: IdentifyConfig, given: Mapping[str, str | Path]) -> None:
+    """Refuse settings out of range, and parameters that cannot be fitted.
+
+    Raises:
+        PlopError: One of them, by name.
+    """
     check_jobs(config, "identify")
+    check_choices(config, "identify", {"start": STARTS, "split": ("train", "test", "all"), "table_cone": CONES})
     check_ranges(config, "identify", {"iterations": (0, inf), "spacing_m": (0, 0.1)})
-    unknown = [name for name in config.fit if name not in PARAMETERS]
-    if unknown or not config.fit or config.start not in STARTS or config.split not in ("train", "test", "all"):
-        raise PlopError("A setting of identify makes no sense.", where="identify.fit, identify.start, identify.split",
-                        expected=f"some of {', '.join(PARAMETERS)}; {', '.join(STARTS)}; train, test, all",
-                        found=f"{', '.join(config.fit)}; {config.start}; {config.split}")  # fmt: skip
+    for name in config.fit:
+        one_of(name, PARAMETERS, "parameter to fit", where="identify.fit")
+    if not config.fit:
+        raise PlopError("There is nothing to fit.", where="identify.fit", expected=f"some of {', '.join(PARAMETERS)}",
+                        found="none", fix="Leave --fit out for the usual ones.")  # fmt: skip
+    _material(config)
+
+
+def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
+    """Refuse recordings without an episode to fit to before anything is tracked.
+
+    Raises:
+        PlopError: The split holds none.
+    """
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    if not _names(recordings, config):
+        raise PlopError("There is no episode to fit the engine to.", where=recordings.folder,
+                        expected=f"an episode of split {config.split}", found="none",
+                        fix="Change --split.")  # fmt: skip
+
+
+def _names(recordings: RecordingSet, config: IdentifyConfig) -> list[str]:
+    return recordings.names if config.split == "all" else list(getattr(recordings, config.split))
+
+
+def _material(config: IdentifyConfig) -> Material:
+    """First guess of the material; its ranges are the engine's."""
+    given = {key: getattr(config, key) for key in asdict(Material()) if hasattr(config, key)}
+    return replace(Material(**given), law=ElasticLaw.NEO_HOOKEAN)
 
 
 def _estimate(estimate: Any) -> dict[str, Any]:
@@ -150,4 +183,6 @@ STAGE = Stage(
         "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
     },
     run=run,
+    check=check,
+    check_inputs=check_inputs,
 )

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.manifest import Manifest, read_manifest
 from plop.errors import PlopError
 from plop.reporting.compared import Made
@@ -29,6 +30,23 @@ def provenance(inputs: Inputs) -> list[Made]:
         if item.manifest is not None:
             _add(found, item.manifest, item.path, roles)
     return list(found.values())
+
+
+def this_report(inputs: Inputs, config: dict[str, Any]) -> Made | None:
+    """Say how the report itself is made again from the same inputs; None where one of them has no address.
+
+    An optional input that it had not is named as left out: else the latest that fits would be taken.
+    """
+    given: dict[str, list[str]] = {}
+    for name, item in inputs.items():
+        if item.manifest is None:
+            return None
+        given.setdefault(name.partition(".")[0], []).append(item.manifest.address)
+    absent = {name: [LEFT_OUT] for name, spec in stage_ref("report").load().inputs.items()
+              if spec.optional and name not in given}  # fmt: skip
+    sources = {name: ",".join(addresses) for name, addresses in (given | absent).items()}
+    config = json.loads(json.dumps(config))
+    return Made("this report", "report", "report", config, sources, {}, "", None, "", _settings("report", config))
 
 
 def _add(found: dict[str, Made], manifest: Manifest, path: Path, roles: dict[str, str]) -> None:

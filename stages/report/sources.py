@@ -11,6 +11,7 @@ import numpy as np
 from plop.artifacts.lineage import made_from
 from plop.diagnosis.field_file import StoredField, read_field
 from plop.errors import PlopError
+from plop.models import trained_on
 from plop.recordings.set import RecordingSet
 from plop.reporting.colours import MODELS
 from plop.reporting.compared import Compared
@@ -37,6 +38,16 @@ def read_json(folder: Path, name: str) -> dict[str, Any]:
     return facts
 
 
+def read_diagnosis(item: Input) -> dict[str, Any]:
+    """Read diagnosis.json; "sensors" becomes None where the diagnosis was told not to look for faults.
+
+    Raises:
+        PlopError: It is missing or damaged.
+    """
+    looked = item.manifest is None or item.manifest.config.get("sensors", True)
+    return read_json(item.path, "diagnosis.json") | ({} if looked else {"sensors": None})
+
+
 def model_key(item: Input) -> str:
     """Fingerprint of the model that an artifact was made with; empty when it is not known."""
     source = item.manifest.inputs.get("model", {}) if item.manifest is not None else {}
@@ -53,7 +64,8 @@ def labels_of(inputs: Inputs, labels: tuple[str, ...]) -> list[str]:
     if labels:
         if len(labels) != len(comparisons) or len(set(labels)) != len(labels):
             raise PlopError("The labels do not fit the comparisons.", where="report.labels",
-                            expected=f"{len(comparisons)} different labels", found=", ".join(labels))  # fmt: skip
+                            expected=f"{len(comparisons)} different labels", found=", ".join(labels),
+                            fix="Give one label for each model, in their order, or none.")  # fmt: skip
         return list(labels)
     found = []
     for number, item in enumerate(comparisons):
@@ -61,6 +73,23 @@ def labels_of(inputs: Inputs, labels: tuple[str, ...]) -> list[str]:
         known = "fingerprint" in source
         found.append(f"{source['stage']}@{source['fingerprint'][:8]}" if known else f"model {number + 1}")
     return found
+
+
+def check_models(inputs: Inputs) -> None:
+    """Refuse one model in two comparisons, and what was diagnosed of a model that was not compared.
+
+    Raises:
+        PlopError: One of the two, as far as the artifacts tell.
+    """
+    models = [key for item in several(inputs, "comparisons") if (key := model_key(item))]
+    if len(set(models)) < len(models):
+        raise PlopError("One model is compared twice.", where="report.comparisons", expected="different models",
+                        found=", ".join(key[:8] for key in models), fix="Name each model once.")  # fmt: skip
+    for item in several(inputs, "diagnoses"):
+        if models and model_key(item) and model_key(item) not in models and item.manifest is not None:
+            raise PlopError("A diagnosis is of a model that is not in the report.", where=item.manifest.address,
+                            expected=", ".join(key[:8] for key in models), found=model_key(item)[:8],
+                            fix="Leave it out, or compare its model, too.")  # fmt: skip
 
 
 def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -> list[Compared]:
@@ -112,18 +141,28 @@ def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
 
 
 def fitted_episodes(inputs: Inputs) -> list[str]:
-    """Episodes that the models' effects were fitted to.
+    """Episodes that a model or an effect of one was fitted to.
 
-    A diagnosis counts when one of the models was made from it, or when that cannot be told.
+    A diagnosis counts when one of the models was made from it, or when that cannot be told; a model when it was made
+    from these recordings themselves.
     """
     models = [item.manifest for item in several(inputs, "models") if item.manifest is not None]
-    made_from = {m.inputs["diagnosis"]["fingerprint"] for m in models if "diagnosis" in m.inputs}
+    acted_on = {m.inputs["diagnosis"]["fingerprint"] for m in models if "diagnosis" in m.inputs}
     names: list[str] = []
     for item in several(inputs, "diagnoses"):
         known = item.manifest is not None and bool(models)
-        if not known or (item.manifest is not None and item.manifest.fingerprint in made_from):
+        if not known or (item.manifest is not None and item.manifest.fingerprint in acted_on):
             names += read_json(item.path, "diagnosis.json").get("episodes", [])
+    own = inputs["recordings"].manifest
+    for item in several(inputs, "models"):
+        if own is not None and item.manifest is not None and "recordings" in item.manifest.inputs:
+            names += _learned_from(item.path) if made_from(item.manifest, "recordings", own) else []
     return sorted(set(names))
+
+
+def _learned_from(model: Path) -> list[str]:
+    """Episodes that a model itself was fitted to or trained on."""
+    return [*read_json(model, "model.json").get("training", {}).get("episodes", []), *trained_on(model)]
 
 
 def fit_is_known(inputs: Inputs) -> bool:

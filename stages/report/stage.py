@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plop.artifacts.whole_file import write_text
+from plop.checked_settings import check_ranges
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.compared import ReportFacts
@@ -16,13 +20,15 @@ from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
 from plop.reporting.verdict_section import closed_gap, error_over, judged_on
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
-from stages.report.made import provenance
+from stages.report.made import provenance, this_report
 from stages.report.sources import (
+    check_models,
     fit_is_known,
     fitted_episodes,
     labels_of,
     model_key,
     read_compared,
+    read_diagnosis,
     read_fields,
     read_json,
     several,
@@ -56,7 +62,11 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     Raises:
         PlopError: No comparison, results of different recordings or points, or labels that do not fit.
     """
-    _check(inputs, config)
+    check(config, {})
+    check_models(inputs)
+    if not several(inputs, "comparisons"):
+        raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
+                        found="none", fix="Run `plop compare`.")  # fmt: skip
     recordings = RecordingSet.load(inputs["recordings"].path)
     labels = labels_of(inputs, config.labels)
     facts = _facts(inputs, config, recordings, labels)
@@ -71,19 +81,18 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 
-def _check(inputs: Inputs, config: ReportConfig) -> None:
-    if not several(inputs, "comparisons"):
-        raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
-                        found="none", fix="Run `plop compare`.")  # fmt: skip
-    if config.frames < 2 or config.episodes < 1 or config.difference_mm <= 0:
-        raise PlopError("A setting of report makes no sense.", where="report.frames, report.episodes, "
-                        "report.difference_mm", expected="2 or more, 1 or more, above 0",
-                        found=f"{config.frames}, {config.episodes}, {config.difference_mm:g}")  # fmt: skip
+def check(config: ReportConfig, given: Mapping[str, str | Path]) -> None:
+    """Refuse settings out of range.
+
+    Raises:
+        PlopError: One of them, by name.
+    """
+    check_ranges(config, "report", {"frames": (2, inf), "episodes": (1, inf), "difference_mm": (1e-3, inf)})
 
 
 def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
     keys = {model_key(item): label for item, label in zip(several(inputs, "comparisons"), labels, strict=True)}
-    diagnoses = [(keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_json(item.path, "diagnosis.json"))
+    diagnoses = [(keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_diagnosis(item))
                  for k, item in enumerate(several(inputs, "diagnoses"))]  # fmt: skip
     diagnoses.sort(key=lambda pair: labels.index(pair[0]))
     evals = several(inputs, "evals")
@@ -95,6 +104,7 @@ def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, label
     return ReportFacts(
         config.title or f"{recordings.environment}: model and measurement", read_compared(inputs, labels, recordings),
         diagnoses, scores, held, fitted, provenance(inputs), manifest.address if manifest else recordings.environment,
+        this_report(inputs, asdict(config)),
     )  # fmt: skip
 
 
@@ -155,7 +165,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
 
 STAGE = Stage(
     name="report",
-    version=8,
+    version=9,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={
@@ -168,4 +178,5 @@ STAGE = Stage(
         "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
     },
     run=run,
+    check=check,
 )  # fmt: skip

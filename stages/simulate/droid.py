@@ -48,7 +48,8 @@ def write_droid(
     ring = cameras_of(sequence, settings)
     if len(ring) < 2:
         raise PlopError("DROID episodes need two exterior cameras.", where="simulate.cameras", expected="2 or more",
-                        found=str(len(ring)))  # fmt: skip
+                        found=str(len(ring)),
+                        fix="Set simulate.cameras to 2 or more, or leave --droid out.")  # fmt: skip
     end = float(sequence.times[-1])
     slow = resampled(sequence, np.arange(0, end + STEP_MS / 2000, STEP_MS / 1000))
     chosen = [ring[0], ring[len(ring) // 2]]

@@ -15,7 +15,7 @@ from plop.errors import PlopError
 from plop.models import effects_of, load_model
 from plop.physics.augmented import AugmentedModel
 from plop.physics.filled_model import FilledEngineModel
-from stages.augment.stage import AugmentConfig, run
+from stages.augment.stage import STAGE, AugmentConfig, run
 from stages.contract import Input, Output
 from tests.tracked_set import write_engine
 
@@ -113,14 +113,23 @@ def test_a_users_effect_travels_with_the_model(engine, tmp_path):
 
 @pytest.mark.parametrize("value, where", [
     (("viscosity_pa_s=1e9",), "viscosity.viscosity_pa_s"), (("viscosity_pa_s=-1",), "viscosity.viscosity_pa_s"),
-    (("viscosity_pa_s=nan",), "viscosity.viscosity_pa_s"), (("viscosity=3",), "viscosity"),
-    (("viscosity_pa_s=much",), "--value"), (("viscosity_pa_s",), "--value"),
+    (("viscosity_pa_s=nan",), "viscosity.viscosity_pa_s"), (("viscosity=3",), "viscosity.viscosity"),
+    (("viscosity_pa_s=much",), "--value"), (("viscosity_pa_s",), "--value"), (("=1",), "--value"),
+    (("viscosity_pa_s=0",), "viscosity"),
 ])  # fmt: skip
 def test_values_that_cannot_be_are_refused(engine, tmp_path, value, where):
     with pytest.raises(PlopError) as caught:
         run({"model": engine}, AugmentConfig("viscosity", value), out(tmp_path / "a"))
-    assert caught.value.where == where
+    assert caught.value.where == where and caught.value.fix
     assert not (tmp_path / "a" / "model.json").exists()
+
+
+def test_a_wrong_value_is_told_before_a_diagnosis_is_made():
+    with pytest.raises(PlopError, match="out of range"):
+        STAGE.check(AugmentConfig("viscosity", ("viscosity_pa_s=1e9",)), {})
+    with pytest.raises(PlopError, match="no such effect") as caught:
+        STAGE.check(AugmentConfig("viscocity"), {})
+    assert caught.value.fix == "Did you mean viscosity?"
 
 
 def test_nothing_to_add_is_said(engine, tmp_path):

@@ -55,6 +55,15 @@ def test_help_of_a_stage_shows_types_defaults_and_units(workspace: Path, capsys:
         assert part in text
 
 
+def test_help_says_what_an_input_is_and_what_is_made_on_the_way(monkeypatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["diagnose", "--help"]) == 0
+    shown = {line.split()[1]: line for line in capsys.readouterr().out.splitlines() if "--" in line}
+    assert "the filter's states. Address of an artifact of filter. [default: (made on the way)]" in shown["--tracks"]
+    assert "(made on the way, or none)" in shown["--reference-tracks"]
+    assert "(the latest that fits)" in shown["--model"]
+
+
 def test_run_skip_and_json(workspace: Path, capsys: pytest.CaptureFixture[str]):
     command = ["ingest", "mesh", str(workspace / "blocks"), "--pieces", "3", "--name", "base"]
     assert main(command) == 0

@@ -8,17 +8,19 @@ from pathlib import Path
 
 import pytest
 
+from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
+from plop_cli import stage_command
 from plop_cli.app import main
 from plop_cli.console import Console
 from plop_cli.execute import execute
-from plop_cli.inputs import LEFT_OUT
 from plop_cli.prepare import Preparation, takes_model_instead, wants_preparation
+from plop_cli.prepare_report import report_inputs
 from stages import stage_ref
-from stages.contract import InputSpec, Stage
+from stages.contract import Inputs, InputSpec, Stage
 from tests.pipeline import fake_stages as fake
 
 DIAGNOSE = stage_ref("diagnose").load()
@@ -65,6 +67,43 @@ def test_several_recordings_and_none_named_is_a_question(store):
     assert caught.value.expected == "--recordings NAME" and caught.value.found.count("ingest@") == 2
 
 
+def test_a_stage_refuses_what_is_there_before_anything_is_made(store):
+    def refuse(inputs: Inputs, config: fake.PiecesConfig) -> None:
+        seen.append((sorted(inputs), config))
+        raise PlopError("Not these.")
+
+    seen: list[tuple] = []
+    specs = {**DIAGNOSE.inputs, "recordings": InputSpec(("ingest",), "")}
+    asked = replace(DIAGNOSE, inputs=specs, config=fake.PiecesConfig, check_inputs=refuse)
+    blocks = recordings(store, "blocks")
+    base = made(store, "identify", recordings=blocks)
+    named = {"model": base.address, "recordings": blocks.address, "effect_file": "mine.py"}
+    with pytest.raises(PlopError, match="Not these"):
+        preparation(store).inputs(asked, named, None, fake.PiecesConfig(seed=3))
+    assert seen == [(["model", "recordings"], fake.PiecesConfig(seed=3))]
+    assert store.artifacts("fuse", "fit-init") == []
+
+
+def test_what_cannot_be_an_input_is_told_before_anything_is_made(store):
+    blocks = recordings(store, "blocks")
+    base = made(store, "identify", recordings=blocks)
+    for command, given in (("identify", {"recordings": base.address}),
+                           ("diagnose", {"model": blocks.address, "recordings": blocks.address})):  # fmt: skip
+        with pytest.raises(PlopError, match=f"cannot be the (model|recordings) of `{command}`"):
+            preparation(store).inputs(stage_ref(command).load(), given, None)
+    with pytest.raises(PlopError, match="What shall be reported"):
+        report_inputs(preparation(store), {"models": " ", "recordings": blocks.address})
+    assert store.artifacts("fuse", "fit-init") == []
+
+
+def test_a_model_that_is_reported_twice_is_refused_before_anything_is_made(store):
+    blocks = recordings(store, "blocks")
+    base = made(store, "identify", recordings=blocks)
+    with pytest.raises(PlopError, match="named twice"):
+        report_inputs(preparation(store), {"models": f"{base.address}, {base.address}", "recordings": blocks.address})
+    assert store.artifacts("fuse", "fit-init", "compare") == []
+
+
 def test_the_source_of_a_model_is_what_its_base_was_made_from(store):
     plain, mystery = recordings(store, "blocks"), recordings(store, "blocks", pieces=5)
     base = made(store, "identify", recordings=plain)
@@ -95,7 +134,7 @@ def test_tracks_are_made_from_the_fit_that_is_given_and_a_fit_is_that_of_the_giv
     plain = recordings(store, "blocks")
     mine = made(store, "fit-init", 7, recordings=plain)
     given = {"recordings": plain.address, "init": mine.address}
-    identify = stage_ref("identify").load()
+    identify = replace(stage_ref("identify").load(), check_inputs=None)  # these recordings have no episodes
     assert preparation(store).inputs(identify, given, None)["init"] == mine.address
     assert asked["filter"]["init"] == mine.address and "fit-init" not in asked
     tracks = made(store, "filter", 7, recordings=plain, init=mine)
@@ -129,8 +168,17 @@ def test_wrong_settings_are_told_before_anything_is_made_on_the_way(store, monke
         raise AssertionError("inputs were made for settings that cannot be used")
 
     monkeypatch.setattr(Preparation, "inputs", made_too_soon)
-    for words, told in ((["--effects", "tilf"], "Did you mean tilt?"), (["--shams", "3"], "Too few shams")):
-        assert main(["diagnose", "--model", "m", "--recordings", "r", "-w", str(store.workspace), *words]) == 1
+    monkeypatch.setattr(stage_command, "report_inputs", made_too_soon)
+    monkeypatch.setattr(stage_command, "augment_inputs", made_too_soon)
+    named = {"diagnose": ["--model", "m", "--recordings", "r"], "compare": ["--model", "m", "--recordings", "r"],
+             "identify": ["--recordings", "r"], "report": ["--models", "m", "--recordings", "r"],
+             "augment": ["--model", "m", "--fit", "r"]}  # fmt: skip
+    for command, *words, told in (
+        ("diagnose", "--effects", "tilf", "Did you mean tilt?"), ("diagnose", "--shams", "3", "Too few shams"),
+        ("compare", "--split", "tset", "train or test or all"), ("identify", "--fit", "poison", "mean poisson?"),
+        ("report", "--frames", "-1", "2 or more"), ("augment", "--effect", "tilf", "Did you mean tilt?"),
+    ):  # fmt: skip
+        assert main([command, *named[command], "-w", str(store.workspace), *words]) == 1
         assert told in capsys.readouterr().err
 
 
@@ -140,6 +188,7 @@ def test_a_dry_run_names_what_would_be_made_on_the_way_and_makes_nothing(store, 
     fit = made(store, "fit-init", recordings=plain)
     tracks = made(store, "filter", recordings=plain, init=fit)  # of other recordings than those that are compared
     before = {a.key for a in store.artifacts()}
+    monkeypatch.setattr(Preparation, "_check_inputs", lambda *_: None)  # these recordings have no episodes
     command = ["compare", "--model", base.address, "--recordings", mystery.address, "--dry-run", "-w",
                str(store.workspace)]  # fmt: skip
     assert main([*command, "--json"]) == 0

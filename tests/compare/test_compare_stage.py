@@ -73,6 +73,14 @@ def test_another_object_is_refused_unless_asked_for(inputs, sinking, tmp_path):
         run(other, CompareConfig(jobs=1, frames=0, pictures=False, other_object=True), Output(tmp_path))
 
 
+def test_what_recordings_and_model_tell_is_refused_before_anything_is_tracked(inputs):
+    there = {name: inputs[name] for name in ("recordings", "model")}
+    stage.STAGE.check_inputs(there, CompareConfig())
+    with pytest.raises(PlopError, match="No episode is chosen") as caught:
+        stage.STAGE.check_inputs(there, CompareConfig(episodes="ball_*"))
+    assert "box_000" in str(caught.value.found) and caught.value.fix
+
+
 def test_unlike_conventions_are_refused(inputs, sinking, tmp_path):
     broken = make_inputs(tmp_path / "set", names=("box_000",))
     with h5py.File(broken["recordings"].path / "episodes" / "box_000.h5", "r+") as file:

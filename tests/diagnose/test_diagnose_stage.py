@@ -243,6 +243,19 @@ def test_fewer_than_four_episodes_are_too_few(inputs, tmp_path):
     assert error.expected == "at least 4" and "3" in error.found
 
 
+@pytest.mark.parametrize(("change", "environment", "problem"), [
+    ({"exclude": ("cam_99",)}, "block", "no such camera"), ({}, "ball", "different objects"),
+    ({"split": "train"}, "block", "too few episodes"),
+])  # fmt: skip
+def test_what_recordings_and_model_tell_is_refused_before_anything_is_tracked(
+    inputs, tmp_path, change, environment, problem
+):
+    there = {"recordings": inputs["recordings"], "model": write_engine(tmp_path / "model", environment)}
+    with pytest.raises(PlopError, match=problem):
+        stage.check_inputs(there, replace(CONFIG, **change))
+    assert stage.STAGE.check_inputs is stage.check_inputs
+
+
 def test_model_and_recordings_of_different_objects(inputs, tmp_path):
     error = refused({**inputs, "model": write_engine(tmp_path / "model", "ball")}, tmp_path)
     assert (error.expected, error.found) == ("ball", "block")

@@ -10,7 +10,7 @@ import pytest
 from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import Finding
-from plop.diagnosis.verdict import Verdict, first_of, judge, judge_pair
+from plop.diagnosis.verdict import Verdict, among, first_of, judge, judge_pair
 
 CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
 
@@ -99,6 +99,23 @@ def test_an_error_in_few_episodes_stands_out_by_permutation():
     facts = {**FACTS, "excess": 2.3}
     assert told([finding(**WEAK)], [], None, [], **facts).kind == "NOTHING DETECTABLE"
     assert told([finding(**WEAK)], [], None, [], **facts, excess_p=0.003).kind == "NONE OF THESE"
+
+
+def test_an_error_that_just_misses_is_told_with_what_is_asked_for():
+    size: dict[str, Any] = {**FACTS, "excess": 2.3, "excess_p": 0.0067}
+    lone = finding(steady=0.0, helps="block_001")
+    for laws in ([finding(**WEAK)], [lone]):
+        verdict = told(laws, [], None, [], **size)
+        assert verdict.kind == "NOTHING DETECTABLE"
+        for words in ("5 times that of the reference", "p = 0.0067", "p <= 0.005", "3 standard errors instead of 2.3",
+                      "Record more episodes"):  # fmt: skip
+            assert words in verdict.text, words
+    some = among(told([finding(**WEAK)], [], None, [], **size), ["tilt", "fibres"])
+    assert "were tried can be detected in these recordings: tilt, fibres. But the mean" in some.text
+    refused = told([finding(gain=0.25)], [], None, [], error=3.2, floor=1.2, left=2.4, excess=2.0, excess_p=0.04)
+    assert refused.kind == "NOTHING DETECTABLE" and "2.67 times" in refused.text
+    for quiet in (QUIET | {"excess_p": 0.01}, size | {"excess_p": 0.3}, size | {"floor": None}):
+        assert told([finding(**WEAK)], [], None, [], **quiet).text.count(".") == 1
 
 
 def test_what_the_reference_shows_as_well_does_not_stand_in_the_way():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,9 @@ from plop.physics.calibrate import Calibration, Estimate, hardly_told
 from plop.physics.fill import fill_surface
 from plop.physics.filled import EngineBase
 from plop.physics.filled_model import FilledEngineModel
-from stages.contract import Output
-from stages.identify.stage import IdentifyConfig, _summary, run
+from plop.recordings.set import RecordingSet
+from stages.contract import Input, Output
+from stages.identify.stage import STAGE, IdentifyConfig, _summary, run
 from tests.coarse_episodes import BASE, MATERIAL, coarse_episode
 from tests.tracked_set import write_recordings
 
@@ -52,11 +52,23 @@ def test_stiffness_is_recovered_from_the_engines_own_motion():
     assert fitted.material.youngs_modulus_pa == pytest.approx(1.5e4, rel=0.04)
 
 
-@pytest.mark.parametrize("change", [{"fit": ("hardness",)}, {"fit": ()}, {"start": "warm"}, {"split": "tset"}])
-def test_settings_that_make_no_sense(inputs, tmp_path, change):
-    with pytest.raises(PlopError, match="makes no sense") as caught:
-        run(inputs, replace(IdentifyConfig(), **change), Output(Path(tmp_path)))
-    assert "youngs_modulus_pa" in caught.value.expected
+@pytest.mark.parametrize(("change", "expected"), [
+    ({"fit": ("hardness",)}, "youngs_modulus_pa"), ({"fit": ()}, "youngs_modulus_pa"), ({"start": "warm"}, "settled"),
+    ({"split": "tset"}, "train"), ({"table_cone": "square"}, "pyramid"), ({"iterations": -1}, "0 or more"),
+    ({"table_friction": -1.0}, "0 to 10"),
+])  # fmt: skip
+def test_settings_that_make_no_sense_are_told_before_anything_is_read(change, expected):
+    with pytest.raises(PlopError) as caught:
+        STAGE.check(replace(IdentifyConfig(), **change), {})
+    name = next(iter(change))
+    assert str(caught.value.where).endswith(name) and expected in str(caught.value.expected) and caught.value.fix
+
+
+def test_a_split_without_an_episode_is_told_before_anything_is_tracked(tmp_path):
+    RecordingSet(tmp_path, "block", ["block_000"], []).save()
+    with pytest.raises(PlopError, match="no episode") as caught:
+        STAGE.check_inputs({"recordings": Input(tmp_path)}, IdentifyConfig(split="test"))
+    assert caught.value.expected == "an episode of split test"
 
 
 def test_no_episode_is_said():

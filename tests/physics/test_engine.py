@@ -11,6 +11,7 @@ from plop.physics.engine import Engine, UnstableStepError
 from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
+from plop.physics.time_step import LEAST_STEP_S
 
 TIMES = np.array([0, 0.02, 0.04])
 
@@ -85,6 +86,17 @@ def test_too_long_a_step_names_the_parameter_and_gives_no_nan(block):
     with pytest.raises(PlopError, match="unstable") as caught:
         simulate(body, stiff, None, np.array([0, 0.2]), EngineConfig(dx_m=0.01, dt_s=2e-3))
     assert "dt_s" in str(caught.value.where)
+
+
+@pytest.mark.parametrize(("name", "value"), [("viscosity_pa_s", 9e4), ("youngs_modulus_pa", 1e10)])
+def test_endless_time_steps_are_refused_with_the_value_that_would_do(block, name, value):
+    body, config = block((0.04, 0.03, 0.03), 0.005), EngineConfig(dx_m=0.01)
+    with pytest.raises(PlopError, match="too many time steps") as caught:
+        simulate(body, Material(**{name: value}), None, TIMES, config)
+    assert str(caught.value.where) == f"{name} = {value:g}" and "for each second" in str(caught.value.found)
+    most = float(str(caught.value.fix).partition("up to ")[2].split()[0])
+    assert Engine(body, Material(**{name: 0.9 * most}), None, config).longest_step_s >= LEAST_STEP_S
+    assert most < value
 
 
 def test_an_unstable_frame_is_repeated_with_half_the_step(block, monkeypatch):

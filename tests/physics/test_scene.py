@@ -196,6 +196,14 @@ def test_a_motion_that_never_touches_is_refused():
         simulate_episode(outside, 0)
 
 
+@pytest.mark.parametrize("change", [{"youngs_modulus_pa": 60.0}, {"density_kg_m3": 30000.0}])
+def test_an_object_that_collapses_is_told_from_a_tool_that_misses_it(change):
+    soft = replace(COARSE, motions=("press",), material=replace(COARSE.material, **change))
+    with pytest.raises(PlopError, match="collapses under its own weight") as caught:
+        simulate_episode(soft, 0)
+    assert "mm high" in str(caught.value.found) and "[material]" in str(caught.value.fix)
+
+
 def test_an_unstable_run_names_the_episode_and_the_parameter(monkeypatch):
     monkeypatch.setattr(scene_module, "EngineConfig", lambda dx_m: EngineConfig(dx_m=dx_m, dt_s=0.02))
     with pytest.raises(PlopError, match="unstable") as caught:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from plop.artifacts.manifest import Manifest
+from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from stages.compare import stage as compare_stage
 from stages.compare.stage import CompareConfig
@@ -54,7 +56,8 @@ def with_manifest(path: Path, stage: str, mark: str, **sources: str) -> Input:
 def inputs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     measured = make_inputs(folder)
-    found = {"recordings": with_manifest(measured["recordings"].path, "simulate", "rec"), "init": measured["init"]}
+    found = {"recordings": with_manifest(measured["recordings"].path, "simulate", "rec"),
+             "init": with_manifest(measured["init"].path, "fit-init", "ini", recordings="rec")}  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         for k, share in enumerate((1.0, 0.2)):
 
@@ -118,6 +121,67 @@ def test_nothing_is_called_held_out_when_the_fit_is_not_known(inputs, tmp_path):
     assert "held out" not in table and "Way to the floor: share" in table and "way to the floor" in table
 
 
+def test_the_page_says_which_episodes_were_held_out_of_the_fit(page, inputs, tmp_path):
+    assert "Held out of every fit: box_001; fitted to: box_000." in visible(page)
+    (tmp_path / "diagnosis.json").write_text(json.dumps(DIAGNOSIS | {"episodes": ["box_000", "box_001"]}))
+    every = with_manifest(tmp_path, "diagnose", "diag", model="model0")
+    summary = run({**inputs, "diagnoses.0": every}, ReportConfig(frames=2), Output(tmp_path))
+    assert {row["over"] for row in summary.table} == {"all episodes, none held out"}
+    said = visible(tmp_path / "report.html")
+    assert "None of these episodes was held out: all of them took part in a fit" in said and "Held out of" not in said
+
+
+def test_what_the_base_was_fitted_to_is_not_held_out(inputs, tmp_path):
+    (tmp_path / "model.json").write_text(json.dumps({"schema": MODEL_SCHEMA, "kind": "engine",
+                                                     "training": {"episodes": ["box_001"]}}))  # fmt: skip
+    for source, over in (("rec", "all episodes, none held out"), ("other", "held-out episodes")):
+        base = with_manifest(tmp_path, "identify", "model0", recordings=source)
+        summary = run({**inputs, "models.0": base}, ReportConfig(frames=2), Output(tmp_path))
+        assert {row["over"] for row in summary.table} == {over}
+
+
+def test_a_base_parameter_is_not_told_with_the_share_of_some_effect(inputs, tmp_path):
+    base = ranked("stiffness", 0.6, 0.005, [], "base")
+    for named, told in (([], True), (["stiffness"], False)):
+        verdict = {"kind": "BASE PARAMETER" if named else "NONE OF THESE", "named": named, "text": "It differs."}
+        facts = DIAGNOSIS | {"verdict": verdict, "base": base, "closed_share": 0.02}
+        (tmp_path / "diagnosis.json").write_text(json.dumps(facts))
+        given = with_manifest(tmp_path, "diagnose", "diag", model="model0")
+        run({**inputs, "diagnoses.0": given}, ReportConfig(frames=2), Output(tmp_path))
+        said = visible(tmp_path / "report.html")
+        assert ("The best effect closes 2 %" in said) == told
+        assert ("60 ± 5 % of the held-out error explained" in said) == bool(named)
+
+
+def test_sensors_that_were_not_looked_for_are_not_called_sound(page, inputs, tmp_path):
+    assert "No sensor fault was found." in visible(page)
+    diagnosis = inputs["diagnoses.0"]
+    blind = Input(diagnosis.path, replace(diagnosis.manifest, config={"sensors": False}))
+    run({**inputs, "diagnoses.0": blind}, ReportConfig(frames=2), Output(tmp_path))
+    said = visible(tmp_path / "report.html")
+    assert "Sensor faults were not looked for." in said and "No sensor fault" not in said
+
+
+def test_the_commands_to_repeat_it_end_with_the_report_itself(page):
+    commands = re.search(r"To repeat it.*?<pre>(.*?)</pre>", page.read_text(), re.S)
+    last = unescape(commands[1]).splitlines()[-1]
+    assert last.startswith("plop report --recordings simulate@rec --init fit-init@ini")
+    for part in ("--comparisons compare@cmp0,compare@cmp1", "--models augment@model0,augment@model1", "--evals none",
+                 "--diagnoses diagnose@diag", "--set 'labels=[\"base\"", "# this report"):  # fmt: skip
+        assert part in last, part
+
+
+@pytest.mark.parametrize("change", [
+    {"comparisons.1": ("compare", "model0")}, {"diagnoses.0": ("diagnose", "model9")},
+])  # fmt: skip
+def test_one_model_twice_and_a_diagnosis_of_another_are_refused(inputs, tmp_path, change):
+    [(name, (stage, model))] = change.items()
+    other = with_manifest(inputs[name].path, stage, "x", recordings="rec", model=model)
+    with pytest.raises(PlopError, match=r"compared twice|not in the report") as caught:
+        run({**inputs, name: other}, ReportConfig(), Output(tmp_path))
+    assert caught.value.fix
+
+
 def test_nothing_can_leave_the_page(page):
     html = page.read_text()
     assert "Content-Security-Policy" in html and "default-src 'none'" in html
@@ -153,7 +217,7 @@ def test_results_of_other_recordings_are_refused(inputs, tmp_path):
 
 
 @pytest.mark.parametrize("config", [ReportConfig(labels=("one",)), ReportConfig(labels=("a", "a")),
-                                    ReportConfig(frames=1), ReportConfig(difference_mm=0)])  # fmt: skip
+                                    ReportConfig(frames=1), ReportConfig(difference_mm=float("nan"))])  # fmt: skip
 def test_settings_without_sense_are_named(inputs, tmp_path, config):
     with pytest.raises(PlopError) as caught:
         run(inputs, config, Output(tmp_path))

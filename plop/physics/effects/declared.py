@@ -6,6 +6,7 @@ import ast
 import inspect
 from collections.abc import Iterator
 from difflib import get_close_matches
+from numbers import Real
 from pathlib import Path
 from typing import Any, get_args
 
@@ -43,6 +44,8 @@ def _mistakes(effect: type[Effect]) -> Iterator[Mistake]:
         text = getattr(effect, name, None)
         if not (isinstance(text, str) and text.strip()):
             yield name, "some text", _seen(text)
+    if not effect.name.replace("-", "_").isidentifier():
+        yield "name", "letters, digits, - and _, not beginning with a digit", _seen(effect.name)
     if effect.kind not in get_args(Kind):
         yield "kind", " or ".join(get_args(Kind)), _seen(effect.kind)
     yield from _mistaken_parameters(effect, "amplitudes", least=1)
@@ -64,17 +67,33 @@ def _mistaken_parameters(effect: type[Effect], name: str, *, least: int) -> Iter
 def _mistaken_values(effect: type[Effect]) -> Iterator[Mistake]:
     seen: set[str] = set()
     for group, one in [(g, p) for g in ("amplitudes", "shapes") for p in getattr(effect, g)]:
+        for expected, found in _mistaken_number(one, amplitude=group == "amplitudes"):
+            yield group, expected, found
         if one.name in seen:
             yield group, "a name once", f"{one.name} twice"
         seen.add(one.name)
-        if not one.low < one.high:
-            yield group, f"{one.name}: low < high", f"{one.low:g} and {one.high:g}"
-        if not one.low <= one.default <= one.high:
-            yield group, f"{one.name}: a default in its range, {one.low:g} to {one.high:g}", f"{one.default:g}"
-        if group == "amplitudes" and one.default != 0:
-            yield group, f"{one.name}: default 0, which means absent", f"{one.default:g}"
-        if group == "amplitudes" and not (np.isfinite(one.step) and one.step != 0):
-            yield group, f"{one.name}: a small amplitude as step, not 0", f"{one.step:g}"
+
+
+def _mistaken_number(one: Parameter, *, amplitude: bool) -> Iterator[tuple[str, str]]:
+    """Give what is expected of one parameter, and what was found instead."""
+    if not (isinstance(one.name, str) and one.name.isidentifier()):
+        yield "a parameter's name of letters, digits and _, not beginning with a digit", _seen(one.name)
+    if not (isinstance(one.unit, str) and one.unit.strip()):
+        yield f'{one.name}: a unit, such as "Pa"; "-" for a pure number', _seen(one.unit)
+    given = {name: getattr(one, name) for name in ("low", "high", "step", "default", "typical")}
+    for name, value in given.items():
+        if not (isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(float(value))):
+            yield f"{one.name}: a finite number as {name}", _seen(value)
+    if not one.low < one.high:
+        yield f"{one.name}: low < high", f"{one.low:g} and {one.high:g}"
+    if amplitude and one.default != 0:
+        yield f"{one.name}: default 0, which means absent", f"{one.default:g}"
+    if amplitude and not one.low <= 0 <= one.high:
+        yield f"{one.name}: a range that holds 0, which means absent", f"{one.low:g} to {one.high:g}"
+    if not one.low <= one.default <= one.high:
+        yield f"{one.name}: a default in its range, {one.low:g} to {one.high:g}", f"{one.default:g}"
+    if amplitude and not (one.step != 0 and one.low <= one.step <= one.high):
+        yield f"{one.name}: a small amplitude in its range as step, not 0", f"{one.step:g}"
 
 
 def _mistaken_variants(effect: type[Effect]) -> Iterator[Mistake]:

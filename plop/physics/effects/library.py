@@ -80,7 +80,8 @@ def load_effect_file(path: Path) -> list[EffectType]:
         PlopError: No such file, an error in it or in what an effect declares (its line is named), or no effect.
     """
     if not path.is_file():
-        raise PlopError("There is no such effect file.", where=path, expected="a Python file", found="no file")
+        raise PlopError("There is no such effect file.", where=path, expected="a Python file", found="no file",
+                        fix="Check the path of --effect-file; docs/effects.md has a template.")  # fmt: skip
     spec = importlib.util.spec_from_file_location(f"plop_user_effect_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -218,6 +218,19 @@ def test_an_unstable_run_lists_the_effects_that_act(block):
     assert "tilt(gx_m_s2=1" in str(caught.value.found)
 
 
+def test_an_unstable_run_blames_the_effect_and_not_the_material(run_user_file):
+    with pytest.raises(PlopError, match="unstable") as caught:
+        run_user_file(BEFORE, "body.v *= 1 + 1e5 * dt")
+    assert str(caught.value.where).startswith("effect mine") and "youngs" not in str(caught.value)
+    assert "mine(a=0.5)" in str(caught.value.found) and "smaller amplitude" in str(caught.value.fix)
+
+
+def test_an_effect_that_needs_endless_time_steps_is_refused(run_user_file):
+    with pytest.raises(PlopError, match="too many time steps") as caught:
+        run_user_file("def slowest_step_s(self, material, config):", "return 1e-9")
+    assert caught.value.where == "effect mine(a=0.5)" and "1000.0 million steps" in str(caught.value.found)
+
+
 def test_effects_that_are_absent_are_not_in_the_engine(block):
     engine = Engine(block((0.02, 0.02, 0.02), 0.005), Material(), None, EngineConfig(), [EFFECTS["drag"]()])
     assert not engine.effects and engine.extra.shape == (0, 6)
