@@ -72,6 +72,33 @@ def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
     ]
 
 
+def check_layers(layers: Layers, commands: Sequence[str]) -> None:
+    """Refuse settings that no stage of a chain takes, before any of them runs.
+
+    Args:
+        layers: From `layers_of`.
+        commands: The commands of the chain.
+
+    Raises:
+        PlopError: `--set` names a stage that is not among them, or a setting is unknown or out of range.
+    """
+    given = layers[-1][1]
+    for command in given.keys() - set(commands):
+        raise PlopError("--set names a stage that does not run here.", where=f"--set {command.replace(' ', '.')}...",
+                        expected=", ".join(name.replace(" ", ".") for name in commands),
+                        found=", ".join(given[command]), fix="Correct the stage, or leave it out.")  # fmt: skip
+    for command in commands:
+        stage = stage_ref(command).load()
+        config = _resolved(stage, command, layers)
+        if stage.check is not None:
+            stage.check(config, {})
+
+
+def _resolved(stage: Stage, command: str, layers: Layers, extra: Mapping[str, Any] | None = None) -> Any:
+    overrides = [(source, settings.get(command, {})) for source, settings in layers]
+    return resolve(stage.config, command, *overrides, ("plop", dict(extra or {})))
+
+
 def run_step(
     command: str,
     *,
@@ -98,8 +125,7 @@ def run_step(
         title: What to write before the command, e.g. the environment.
     """
     stage = stage_ref(command).load()
-    overrides = [(source, settings.get(command, {})) for source, settings in layers]
-    config = resolve(stage.config, command, *overrides, ("plop", dict(extra or {})))
+    config = _resolved(stage, command, layers, extra)
     with console.progress(f"{title} {command}".strip()) as progress:
         outcome = execute(
             stage,
