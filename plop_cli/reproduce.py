@@ -123,10 +123,11 @@ def _picture(environment: str, folder: Path) -> dict[str, Path]:
 
 def _choose(data: Path, wanted: list[str]) -> list[str]:
     from plop.recordings.disect import list_disect
+    from plop.recordings.side_file import known_environments
 
     if not data.is_dir():
         raise PlopError("There is no such folder.", where=data, fix="Give the folder of DiSECt recordings.")
-    known = sorted({entry.environment for entry in list_disect(data)})
+    known = known_environments(list_disect(data))
     unknown = [name for name in wanted if name not in known]
     if unknown or not known:
         raise PlopError("The folder holds no such environment.", where=data, expected=", ".join(known) or "recordings",

@@ -10,10 +10,8 @@ Source: NVlabs/DiSECt, `dflex/render.py` and the side file written with each rec
 
 from __future__ import annotations
 
-import json
 import re
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
 from plop.recordings.mesh_sequence import MeshSequence, check_mesh_sequence
+from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation that takes (x, y, z) with y up to (x, -z, y) with z up."""
@@ -35,24 +34,11 @@ _ARRAYS = (
 _SAME_TIME_S = 1e-4
 _SAME_PLACE_M = 1e-4
 _LEAST_QUATERNION = 1e-6
+_COPY_AGAIN = "Copy this recording again: .usd, .npz and .json belong together."
 
 
-@dataclass(frozen=True)
-class DisectEntry:
-    """One recording in a folder, not read yet."""
-
-    name: str
-    environment: str
-    """Shape and material, e.g. "prism-jelly"."""
-    path: Path
-    """Path of the USD file."""
-
-
-def list_disect(folder: Path) -> list[DisectEntry]:
+def list_disect(folder: Path) -> list[RawEpisode]:
     """List the recordings of a folder by name, reading only their JSON files.
-
-    A recording whose JSON is missing or damaged is listed under the environment that its name
-    tells, so that reading it, and nothing else, fails.
 
     Raises:
         PlopError: There are none.
@@ -61,14 +47,11 @@ def list_disect(folder: Path) -> list[DisectEntry]:
     if not names:
         raise PlopError("There are no DiSECt recordings here.", where=folder, expected="<name>.usd, .npz and .json",
                         found="no .usd file", fix="Give the folder that holds the .usd files.")  # fmt: skip
-    return [DisectEntry(name, _environment_of(folder / f"{name}.json"), folder / f"{name}.usd") for name in names]
+    return [raw_episode(folder / f"{name}.usd", _read_side, _guess_environment) for name in names]
 
 
-def _environment_of(path: Path) -> str:
-    try:
-        return str(_read_side(path)["environment"])
-    except PlopError:
-        return re.sub(r"(_part)?_\d+$", "", path.stem).replace("_", "-")
+def _guess_environment(name: str) -> str:
+    return re.sub(r"(_part)?_\d+$", "", name).replace("_", "-")
 
 
 def read_disect(path: str | Path) -> MeshSequence:
@@ -136,16 +119,11 @@ def _knife_poses(position: np.ndarray, quaternion_xyzw: np.ndarray) -> np.ndarra
 
 
 def _read_side(path: Path) -> dict[str, Any]:
-    try:
-        side = json.loads(path.read_text())
-        if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording that hides its settings
-            side["environment"] = f"{side['shape']}-{side['material']}"
-        if not isinstance(side["environment"], str):
-            raise TypeError("environment is not a text")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PlopError("The recording's JSON file is missing or damaged.", where=path,
-                        expected='JSON with "environment" and "units"', found=f"{type(error).__name__}: {error}",
-                        fix="Copy this recording again: .usd, .npz and .json belong together.") from error  # fmt: skip
+    texts = dict.fromkeys(("environment", "shape", "material"), str)
+    side = read_side_file(path, {**texts, "units": dict, "settings": dict}, fix=_COPY_AGAIN)
+    if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording that hides its settings
+        side["environment"] = f"{side['shape']}-{side['material']}"
+    check_has_environment(side, path, fix=_COPY_AGAIN)
     units = side.get("units", {})
     if (units.get("length", "m"), units.get("up", "y")) != ("m", "y"):
         raise PlopError("The recording has other units.", where=path, expected="metres, y up",
@@ -162,7 +140,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
         raise PlopError("The recording's npz file is missing or damaged.", where=path, expected="a complete npz file",
                         found=f"{type(error).__name__}: {error}",
-                        fix="Copy this recording again: .usd, .npz and .json belong together.") from error  # fmt: skip
+                        fix=_COPY_AGAIN) from error  # fmt: skip
     if missing:
         raise PlopError("The recording's npz file is incomplete.", where=path, expected=", ".join(_ARRAYS),
                         found=f"no {', '.join(missing)}", fix="Export the recording again.")  # fmt: skip
@@ -191,7 +169,7 @@ def _read_usd(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                         fix='Install the extra: pip install "plop[disect]".') from error  # fmt: skip
     damaged = PlopError("The USD file is missing or damaged.", where=path, expected="a complete USD file",
                         found=f"{path.stat().st_size} bytes" if path.is_file() else "no file",
-                        fix="Copy this recording again: .usd, .npz and .json belong together.")  # fmt: skip
+                        fix=_COPY_AGAIN)  # fmt: skip
     if not path.is_file():
         raise damaged
     try:

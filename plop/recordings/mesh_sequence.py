@@ -11,7 +11,6 @@ World frame: metres, right-handed, z up. Faces are counter-clockwise seen from o
 
 from __future__ import annotations
 
-import json
 import re
 import zipfile
 from dataclasses import dataclass, field, replace
@@ -23,6 +22,7 @@ import numpy as np
 from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
+from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 MESH_SEQUENCE_SCHEMA = 1
 _TRUTH = "truth_"
@@ -109,21 +109,8 @@ def write_mesh_sequence(folder: str | Path, sequence: MeshSequence) -> Path:
     return path
 
 
-@dataclass(frozen=True)
-class MeshSequenceEntry:
-    """One mesh sequence in a folder, not read yet."""
-
-    name: str
-    environment: str
-    path: Path
-    """Path of the npz file."""
-
-
-def list_mesh_sequences(folder: Path) -> list[MeshSequenceEntry]:
+def list_mesh_sequences(folder: Path) -> list[RawEpisode]:
     """List the mesh sequences of a folder by name, reading only their JSON files.
-
-    One whose JSON is missing or damaged is listed under the environment that its name tells, so
-    that reading it, and nothing else, fails.
 
     Raises:
         PlopError: There are none.
@@ -132,14 +119,7 @@ def list_mesh_sequences(folder: Path) -> list[MeshSequenceEntry]:
     if not paths:
         raise PlopError("There are no mesh sequences here.", where=folder, expected="<name>.npz and <name>.json",
                         found="no .npz file", fix="Give the folder that the simulator wrote.")  # fmt: skip
-    return [MeshSequenceEntry(path.stem, _environment_of(path.with_suffix(".json")), path) for path in paths]
-
-
-def _environment_of(path: Path) -> str:
-    try:
-        return str(_read_side(path)["environment"])
-    except PlopError:
-        return re.sub(r"_\d+$", "", path.stem)
+    return [raw_episode(path, _read_side, lambda name: re.sub(r"_\d+$", "", name)) for path in paths]
 
 
 def read_mesh_sequence(path: str | Path) -> MeshSequence:
@@ -210,23 +190,18 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
 
 
 def _read_side(path: Path) -> dict[str, Any]:
-    try:
-        side = json.loads(path.read_text())
-        if not isinstance(side["environment"], str):
-            raise TypeError("environment is not a text")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PlopError("The episode's JSON file is missing or unreadable.", where=path,
-                        expected='{"environment": ..., "table_z_m": ...}', found=str(error),
-                        fix="Record or export this episode again.") from error  # fmt: skip
+    fix = "Record or export this episode again."
+    side = read_side_file(path, {"environment": str, "schema": int, "source": str, "facts": dict}, fix=fix)
+    if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
+        raise PlopError("The episode comes from a newer version.", where=path,
+                        expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",
+                        fix="Update plop.")  # fmt: skip
+    check_has_environment(side, path, fix=fix)
     height = side.get("table_z_m")
     if height is not None and (type(height) not in (int, float) or not np.isfinite(height)):
         raise PlopError("The height of the table is not a number.", where=f"{path}: table_z_m",
                         expected="metres without quotes, or null where there is no table", found=repr(height),
                         fix="Correct the JSON file.")  # fmt: skip
-    if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
-        raise PlopError("The episode comes from a newer version.", where=path,
-                        expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",
-                        fix="Update plop.")  # fmt: skip
     return side
 
 

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from plop.errors import PlopError
 from plop.recordings.disect import list_disect, read_disect
 from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest, list_mesh_sequences, read_mesh_sequence
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, split_names
+from plop.recordings.side_file import RawEpisode
 from plop.render.recorder import record
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.checks import check_contact, check_plausible
-from stages.ingest.selection import Entry, select
+from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
 
 def _run(
-    list_entries: Callable[[Path], list[Any]],
+    list_entries: Callable[[Path], list[RawEpisode]],
     read: Callable[[Path], MeshSequence],
     inputs: Inputs,
     config: SimulatedConfig,
@@ -42,19 +42,24 @@ def _run(
                 raise
             skipped[entry.name] = error.problem
             warnings.append(f"{entry.name} was left out: {error.problem} ({error.found})")
-    names = [entry.name for entry in entries if entry.name not in skipped]
-    if not names:
+    usable = [entry for entry in entries if entry.name not in skipped]
+    if not usable:
         raise PlopError("No episode can be used.", where=raw, expected="at least one good episode",
                         found="; ".join(f"{name}: {why}" for name, why in skipped.items()))  # fmt: skip
-    train, test = split_names(names, config.test)
-    recordings = RecordingSet(out.path, entries[0].environment, train, test, skipped)
+    train, test = split_names([entry.name for entry in usable], config.test)
+    recordings = RecordingSet(out.path, usable[0].environment, train, test, skipped)
     recordings.save()
     figures, table, seen = overview(recordings)
     return Summary(figures=figures, table=table, warnings=warnings + seen)
 
 
 def _ingest_one(
-    entry: Entry, read: Callable[[Path], MeshSequence], config: SimulatedConfig, out: Output, index: int, total: int
+    entry: RawEpisode,
+    read: Callable[[Path], MeshSequence],
+    config: SimulatedConfig,
+    out: Output,
+    index: int,
+    total: int,
 ) -> None:
     """Write one recording unless it is there."""
     sequence = begun_at_rest(read(entry.path)) if config.from_rest else read(entry.path)
@@ -70,7 +75,7 @@ def _ingest_one(
 
 
 def _raw_files(
-    list_entries: Callable[[Path], list[Any]], suffixes: tuple[str, ...], raw: Path, config: SimulatedConfig
+    list_entries: Callable[[Path], list[RawEpisode]], suffixes: tuple[str, ...], raw: Path, config: SimulatedConfig
 ) -> list[Path]:
     chosen = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
     paths = [entry.path.with_suffix(suffix) for entry in chosen for suffix in suffixes]

@@ -142,6 +142,24 @@ def test_several_environments_need_a_choice(tmp_path: Path) -> None:
     assert [path.name for path in files] == ["b_0.npz", "b_0.json"]
 
 
+@pytest.mark.parametrize(
+    ("content", "problem", "found"),
+    [("{", "missing or damaged", "JSONDecodeError"), ('{"environment": "box", "schema": 99}', "newer", "schema 99")],
+)
+def test_an_episode_with_an_unreadable_side_file_is_told_not_dropped(
+    tmp_path: Path, content: str, problem: str, found: str
+) -> None:
+    raw = raw_folder(tmp_path / "raw", *[box_sequence(f"cut-{index}") for index in range(3)])
+    (raw / "cut-0.json").write_text(content)
+    for environment in ("", "box"):  # its name tells neither
+        with pytest.raises(PlopError, match=problem) as caught:
+            ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, environment=environment))
+        assert str(caught.value.where) == str(raw / "cut-0.json") and found in str(caught.value.found)
+    summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, skip_bad=True))
+    assert RecordingSet.load(tmp_path / "out").environment == "box"
+    assert any("cut-0 was left out" in text and problem in text for text in summary.warnings)
+
+
 def _scaled(factor: float) -> MeshSequence:
     box = box_sequence()
     return dataclasses.replace(box, vertices=box.vertices * factor, rest_vertices=box.rest * factor)

@@ -86,6 +86,22 @@ def test_missing_and_truncated_files_are_named(tmp_path: Path, harm: Callable[[P
     assert caught.value.fix and path.stem in str(caught.value.where)
 
 
+@pytest.mark.parametrize(
+    ("change", "where", "found"),
+    [([], "", "a list: []"), ({"units": "m"}, ": units", 'a text: "m"'), ({"settings": []}, ": settings", "a list: []"),
+     ({"environment": ["jelly"]}, ": environment", 'a list: ["jelly"]'),
+     ({"shape": 1, "material": "jelly"}, ": shape", "a whole number: 1")],
+)  # fmt: skip
+def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: object, where: str, found: str) -> None:
+    path = sample.write_sample(tmp_path)
+    side = path.with_suffix(".json")
+    side.write_text(json.dumps({**json.loads(side.read_text()), **change} if isinstance(change, dict) else change))
+    with pytest.raises(PlopError, match="something else") as caught:
+        read_disect(path)
+    assert (caught.value.where, caught.value.found) == (f"{side}{where}", found) and caught.value.expected
+    assert [entry.guessed for entry in list_disect(tmp_path)] == [True]
+
+
 def test_files_of_different_recordings_are_refused(tmp_path: Path) -> None:
     with pytest.raises(PlopError, match="belong together") as caught:
         read_disect(sample.write_sample(tmp_path, times=sample.TIMES[:2]))
