@@ -179,8 +179,9 @@ def _setting_option(setting: Setting) -> Any:
     plain_kind = PLAIN.get(setting.kind)
     choices = "" if kind is not str or setting.kind is str or plain_kind else f" ({describe(setting.kind)})"
     choices = " May be repeated." if several else choices
+    name = _option(setting.key)
     option = typer.Option(
-        _option(setting.key),
+        f"{name}/--no-{name[2:]}" if kind is bool else name,  # off, too: it may be on by itself, or in plop.toml
         help=escape(setting.help + choices),
         show_default=escape(shown) or "empty",
         metavar="TEXT" if several else plain_kind,

@@ -63,7 +63,7 @@ def read_side_file(path: Path, kinds: Mapping[str, type], *, fix: str) -> dict[s
     except (OSError, ValueError) as error:
         raise PlopError("The episode's JSON file is missing or damaged.", where=path, expected="a JSON object",
                         found=f"{type(error).__name__}: {error}", fix=fix) from error  # fmt: skip
-    held = {str(path): (side, dict)}
+    held: dict[str, tuple[object, type]] = {str(path): (side, dict)}
     if isinstance(side, dict):
         held |= {f"{path}: {key}": (side[key], kind) for key, kind in kinds.items() if key in side}
     for where, (value, kind) in held.items():

@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import WORKSPACE_M
-from plop.recordings.set import RecordingSet
+from plop.recordings.set import RecordingSet, check_patterns
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
@@ -84,7 +84,10 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
     """
     _check(config)
     root = inputs["raw"].path
-    chosen = _chosen(find_episodes(root.resolve()), config, root)
+    found = find_episodes(root.resolve())
+    chosen = _chosen(found, config, root)
+    unfit = check_patterns([folder.name for folder in found], config.episodes, option="--episodes", where=root)
+    unfit += check_patterns([folder.name for folder in chosen], config.test, option="--test", where=root)
     options = _droid_options(inputs, config, root)
     reports: dict[str, dict[str, Any]] = {}
     for number, folder in enumerate(chosen):
@@ -95,7 +98,8 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
             out.mark_done(folder.name)
         reports[folder.name] = json.loads(report_path.read_text())
         out.progress(number + 1, len(chosen), folder.name)
-    return _finish(reports, config, chosen, out, root)
+    summary = _finish(reports, config, chosen, out, root)
+    return replace(summary, warnings=unfit + summary.warnings)
 
 
 def _check(config: DroidConfig) -> None:
@@ -192,6 +196,8 @@ def _finish(
     warnings = [f"{name} is skipped: {reason}" for name, reason in skipped.items()]
     warnings += [text for name in usable for text in reports[name]["warnings"]]
     warnings += moved_cameras({name: reports[name] for name in usable})
+    if config.test and not test:
+        warnings.append("no usable episode is a test episode")
     if not train:
         warnings.append("no episode is left for training: all usable ones are test episodes")
     columns = ("frames", "scan_frames", "depth", "object_px", "table_z_m", "closest_touch_mm")

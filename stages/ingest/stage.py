@@ -10,7 +10,7 @@ from plop.errors import PlopError
 from plop.recordings.disect import list_disect, read_disect
 from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest, list_mesh_sequences, read_mesh_sequence
 from plop.recordings.overview import overview
-from plop.recordings.set import RecordingSet, split_names
+from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.recordings.side_file import RawEpisode
 from plop.render.recorder import record
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary
@@ -32,8 +32,9 @@ def _run(
         raise PlopError("There is no such folder.", where=raw, expected="a folder of raw recordings", found="nothing",
                         fix="Correct the path.")  # fmt: skip
     entries = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
+    given = () if config.test == type(config)().test else config.test  # the defaults need not fit every folder
+    warnings = check_patterns([entry.name for entry in entries], given, option="--test", where=raw)
     skipped: dict[str, str] = {}
-    warnings: list[str] = []
     for index, entry in enumerate(entries):
         try:
             _ingest_one(entry, read, config, out, index, len(entries))

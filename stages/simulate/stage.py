@@ -15,7 +15,7 @@ from plop.physics.scenes import find_scene
 from plop.physics.sealed import seal_answer
 from plop.physics.wish import Wish, parse_hidden
 from plop.recordings.overview import overview
-from plop.recordings.set import RecordingSet, split_names
+from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.render.recorder import Disturbances, record
 from plop.render.rig import camera_names
 from plop.render.settings import CameraSettings, check_cameras
@@ -81,6 +81,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     wishes = parse_hidden(config.hide, effects)
     faults = parse_faults(config.fault, camera_names(config.cameras))
     pieces = Pieces(out, scene)
+    unfit = check_patterns(pieces.names, config.test, option="--test", where=inputs["scene"].path)
     hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
     work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
     every_piece(work, pieces.names, out, jobs=config.jobs)
@@ -93,7 +94,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     })  # fmt: skip
     figures, table, warnings = overview(recordings)
     rows = [{**row, "motion": scene.motion_plan(pieces.names.index(row["episode"])).kind} for row in table]
-    return Summary(figures=figures, table=rows, warnings=warnings)
+    return Summary(figures=figures, table=rows, warnings=unfit + warnings)
 
 
 def read_scene(path: Path, config: SimulateConfig) -> Scene:

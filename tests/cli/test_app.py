@@ -79,6 +79,14 @@ def test_settings_from_file_set_and_option(workspace: Path, capsys: pytest.Captu
     assert not (workspace / "artifacts" / "ingest").exists()
 
 
+def test_what_is_on_can_be_turned_off(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
+    (workspace / "plop.toml").write_text("[calibrate]\nupper = true\n")
+    for extra, expected in (([], True), (["--no-upper"], False), (["--upper"], True)):
+        assert main(["calibrate", "--dry-run", "--json", *extra]) == 0
+        assert json.loads(capsys.readouterr().out)["config"]["upper"] is expected
+
+
 @pytest.mark.parametrize(("arguments", "code", "words"), [
     (["calibrate"], 1, ["needs the input", "plop ingest"]),
     (["calibrate", "--set", "uper=1"], 1, ["no setting 'uper'", "upper"]),

@@ -126,6 +126,15 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
     assert payload(out) == payload(tmp_path / "whole")
 
 
+def test_a_test_episode_that_is_none_is_told_before_anything_is_rendered(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw")
+    with pytest.raises(PlopError, match="no episode of this name") as caught:
+        ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("box_03",)))
+    assert "box_003" in str(caught.value.fix) and payload(tmp_path / "out") == {}
+    summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("*_003", "ball*")))
+    assert summary.warnings == ["--test ball* fits no episode"]
+
+
 def test_several_environments_need_a_choice(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", box_sequence("a_0", environment="a"), box_sequence("b_0", environment="b"))
     with pytest.raises(PlopError, match="several environments") as caught:
@@ -192,12 +201,14 @@ def in_millimetres(poses: np.ndarray) -> np.ndarray:
     ("sequence", "key", "found"),
     [
         (dataclasses.replace(BOX, times=BOX.times * 1000), "box_000.npz: times", "milliseconds"),
+        (dataclasses.replace(BOX, times=BOX.times[:1], vertices=BOX.vertices[:1], truth={},
+                             world_from_tool=BOX.world_from_tool[:1]), "box_000.npz: times", "1 frame"),
         (dataclasses.replace(BOX, world_from_tool=in_millimetres(BOX.world_from_tool)), "box_000.npz: world_from_tool",
          "m away"),
         (dataclasses.replace(BOX, table_z_m=1.0), "box_000.json: table_z_m", "z = 0 to 0.03 m"),
     ],
 )  # fmt: skip
-def test_numbers_in_other_units_are_refused_by_file_and_key(
+def test_what_cannot_be_an_episode_is_refused_by_file_and_key(
     tmp_path: Path, sequence: MeshSequence, key: str, found: str
 ) -> None:
     with pytest.raises(PlopError) as caught:
