@@ -142,10 +142,17 @@ def run_step(
     return outcome
 
 
-def show_times(console: Console, times: Mapping[str, float]) -> None:
-    """Print how long each stage took; what was there already took nothing."""
-    rows = [{"stage": stage, "time": format_seconds(seconds)} for stage, seconds in times.items()]
-    console.table([*rows, {"stage": "all", "time": format_seconds(sum(times.values()))}], title="time")
+def show_times(console: Console, outcomes: Mapping[str, Outcome]) -> None:
+    """Print how long each stage took, and of those that were there already how long they took when they were made."""
+    rows = [{"stage": stage, "time": _time(outcome)} for stage, outcome in outcomes.items()]
+    whole = sum(outcome.seconds for outcome in outcomes.values())
+    console.table([*rows, {"stage": "all", "time": format_seconds(whole)}], title="time")
+
+
+def _time(outcome: Outcome) -> str:
+    if not outcome.skipped:
+        return format_seconds(outcome.seconds)
+    return f"kept (took {format_seconds(float(outcome.artifact.manifest.provenance.get('seconds', 0.0)))})"
 
 
 def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict[str, str | Path]:

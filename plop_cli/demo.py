@@ -20,19 +20,19 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
     check_layers(layers, commands)
     raw = _simulate(store.workspace, console, seed)
     made: dict[str, Outcome] = {}
-    times: dict[str, float] = {}
+    done: dict[str, Outcome] = {}
     for command in commands:
         outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=raw)
         made[outcome.artifact.manifest.stage] = outcome
-        times[command] = outcome.seconds
+        done[command] = outcome
     scores = made["eval"].artifact
     videos = sorted(made["rollout"].artifact.path.glob("*/video.mp4"))
     console.table(scores.manifest.summary.get("table", []), title="scores")
-    show_times(console, times)
+    show_times(console, done)
     for video in videos:
         console.say(f"video (measured | predicted | difference): {_shown(video)}")
     console.say(f"scores: {_shown(scores.path / 'scores.json')}")
-    console.result(_facts(scores.manifest.summary, videos, times))
+    console.result(_facts(scores.manifest.summary, videos, {name: outcome.seconds for name, outcome in done.items()}))
 
 
 def _facts(summary: dict[str, Any], videos: list[Path], times: dict[str, float]) -> dict[str, Any]:

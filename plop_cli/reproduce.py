@@ -139,15 +139,14 @@ def _one_environment(
     store: Store, console: Console, data: Path, name: str, profile: Profile, layers: Layers
 ) -> list[Path]:
     made: dict[str, Outcome] = {}
-    times: dict[str, float] = {}
-
+    done: dict[str, Outcome] = {}
     named: dict[str, Outcome] = {}
 
     def step(command: str, label: str, **extra: object) -> Outcome:
         outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=data,
                            named=named if command == "train" else {}, extra=extra, title=name)  # fmt: skip
         made[outcome.artifact.manifest.stage] = outcome
-        times[label] = outcome.seconds
+        done[label] = outcome
         return outcome
 
     commands = commands_of(profile)
@@ -164,5 +163,5 @@ def _one_environment(
         step("train", f"train{label}", seed=seed)
         step("rollout", f"rollout{label}", seed=seed)
         found.append(step("eval", f"eval{label}").artifact.path / "scores.json")
-    show_times(console, times)
+    show_times(console, done)
     return found

@@ -138,7 +138,7 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
             progress=progress,
             on_wait=lambda pid: console.warn(f"another run (process {pid}) is making this artifact; waiting for it"),
         )
-    report(console, store, outcome)
+    report(console, store, outcome, values["name"])
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:

@@ -15,8 +15,15 @@ from plop.geometry.rigid import check_rigid
 FARTHEST_M = 100.0
 """Farthest distance of a camera from the world's origin along an axis that can be metres [m]."""
 
-_OF_FILE = ("frames/time_s", "cameras", "tool/world_from_tool", "tool/mesh/vertices", "tool/mesh/faces")
-_OF_CAMERA = ("rgb", "depth_m", "mask", "intrinsics", "world_from_cam")
+_OF_FILE: dict[str, tuple[int | None, ...]] = {
+    "frames/time_s": (None,), "tool/world_from_tool": (None, 4, 4),
+    "tool/mesh/vertices": (None, 3), "tool/mesh/faces": (None, 3),
+}  # fmt: skip
+_OF_CAMERA: dict[str, tuple[int | None, ...]] = {
+    "rgb": (None, None, None, 3), "depth_m": (None, None, None), "mask": (None, None, None), "intrinsics": (3, 3),
+    "world_from_cam": (None, 4, 4),
+}  # fmt: skip
+"""Shape of each part; None is any length."""
 
 Refuse = Callable[..., NoReturn]
 """`refuse(problem, key, expected, found)` raises the PlopError."""
@@ -42,30 +49,35 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
     for name in ("name", "environment"):
         if name not in file.attrs:
             refuse("The recording is incomplete.", "", f"the attribute {name}", "nothing")
-    _check_there(file, "", _OF_FILE, refuse)
-    if not len(file["cameras"]):
+    if not isinstance(file.get("cameras"), h5py.Group) or not len(file["cameras"]):
         refuse("The recording has no camera.", "cameras", "at least one", "none")
     cameras = [f"{group}/{name}" for group in ("cameras", "scan") for name in file.get(group, {})]
-    for key in cameras:
-        _check_there(file, f"{key}/", _OF_CAMERA, refuse)
+    parts = _OF_FILE | {f"{key}/{part}": shape for key in cameras for part, shape in _OF_CAMERA.items()}
+    for key, shape in parts.items():
+        _check_there(file.get(key), key, shape, refuse)
     _check_lengths(file, refuse)
     _check_times(file["frames/time_s"][:], refuse)
-    check_rigid(_poses(file, "tool/world_from_tool", refuse), f"{path}:/tool/world_from_tool", what="tool")
+    check_rigid(file["tool/world_from_tool"][:], f"{path}:/tool/world_from_tool", what="tool")
     for key in cameras:
         _check_sizes(file, key, refuse)
         _check_intrinsics(file[f"{key}/intrinsics"][:], f"{key}/intrinsics", refuse)
-        poses = _poses(file, f"{key}/world_from_cam", refuse)
+        poses = file[f"{key}/world_from_cam"][:]
         check_rigid(poses, f"{path}:/{key}/world_from_cam", what="camera")
-        if np.abs(poses[:, :3, 3]).max() > FARTHEST_M:
+        if np.abs(poses[:, :3, 3]).max(initial=0) > FARTHEST_M:
             refuse("A camera stands too far away to be true.", f"{key}/world_from_cam", "metres",
                    f"{np.abs(poses[:, :3, 3]).max():.0f}: millimetres?")  # fmt: skip
 
 
-def _check_there(file: h5py.File, prefix: str, keys: tuple[str, ...], refuse: Refuse) -> None:
-    for key in keys:
-        kind = h5py.Group if key == "cameras" else h5py.Dataset
-        if not isinstance(file.get(prefix + key), kind):
-            refuse("The recording is incomplete.", prefix + key, "this key", "nothing")
+def _check_there(node: object, key: str, shape: tuple[int | None, ...], refuse: Refuse) -> None:
+    """Refuse a part that is missing, holds no numbers, or is not of its shape."""
+    if not isinstance(node, h5py.Dataset):
+        refuse("The recording is incomplete.", key, "this part", "nothing" if node is None else "something else")
+    found = node.shape or ()
+    fits = len(found) == len(shape) and all(want in (None, have) for want, have in zip(shape, found, strict=True))
+    if not fits or node.dtype.kind not in "buif":
+        refuse("A part of the recording has another shape or type than it should.", key,
+               f"numbers, {' x '.join('n' if want is None else str(want) for want in shape)}",
+               f"{node.dtype}, {' x '.join(map(str, found)) or 'a single value'}")  # fmt: skip
 
 
 def _check_lengths(file: h5py.File, refuse: Refuse) -> None:
@@ -91,9 +103,6 @@ def _check_times(times: np.ndarray, refuse: Refuse) -> None:
 
 def _check_sizes(file: h5py.File, key: str, refuse: Refuse) -> None:
     shape = file[f"{key}/rgb"].shape
-    if len(shape) != 4 or shape[3] != 3:
-        refuse("Pictures have another shape than they should.", f"{key}/rgb", "frames x height x width x 3",
-               " x ".join(map(str, shape)))  # fmt: skip
     for part in ("depth_m", "mask"):
         found = file[f"{key}/{part}"].shape
         if found != shape[:3]:
@@ -106,21 +115,11 @@ def _check_sizes(file: h5py.File, key: str, refuse: Refuse) -> None:
 
 
 def _check_intrinsics(matrix: np.ndarray, key: str, refuse: Refuse) -> None:
-    if matrix.shape != (3, 3):
-        refuse("A camera's intrinsics are no matrix K.", key, "3 x 3", " x ".join(map(str, matrix.shape)))
     if not np.isfinite(matrix).all():
         refuse("A camera's intrinsics have values that are no numbers.", key, "finite numbers", "NaN or infinity")
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         refuse("A camera's focal length is not positive.", key, "fx, fy > 0",
                f"fx {matrix[0, 0]:.3f}, fy {matrix[1, 1]:.3f}")  # fmt: skip
-
-
-def _poses(file: h5py.File, key: str, refuse: Refuse) -> np.ndarray:
-    shape = file[key].shape
-    if len(shape) != 3 or shape[1:] != (4, 4):
-        refuse("Poses have another shape than they should.", key, "frames x 4 x 4", " x ".join(map(str, shape)))
-    poses: np.ndarray = file[key][:]
-    return poses
 
 
 def _sizes(*shape: int) -> str:

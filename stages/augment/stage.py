@@ -16,7 +16,7 @@ from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
 from plop.physics.base_io import base_to_dict
 from plop.physics.effects.library import effect_type, library
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,10 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
     return name, parameters
 
 
+def _check(config: AugmentConfig) -> None:
+    _values(config.value)
+
+
 def _values(texts: tuple[str, ...]) -> dict[str, float]:
     found = {}
     for text in texts:
@@ -169,4 +173,5 @@ STAGE = Stage(
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,
+    check=settings_only(_check),
 )

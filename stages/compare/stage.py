@@ -13,7 +13,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_jobs, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.camera_errors import camera_rows, camera_table
 from plop.diagnosis.episode import Episode
@@ -26,7 +26,7 @@ from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
 from stages.compare.checks import CONVENTIONS, check_conventions
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 COMPARE_SCHEMA = 1
 
@@ -57,8 +57,7 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     Raises:
         PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
     """
-    check_jobs(config, "compare")
-    check_ranges(config, "compare", {"frames": (0, inf)})
+    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_conventions(inputs, recordings)
     names = _names(recordings, config)
@@ -87,6 +86,12 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     return _summary(fields, found, left_out)
 
 
+def _check(config: CompareConfig) -> None:
+    check_jobs(config, "compare")
+    check_choices(config, "compare", {"split": ("train", "test", "all")})
+    check_ranges(config, "compare", {"frames": (0, inf)})
+
+
 def _compare(
     model: Path, recording: Path, fit: Path, episode: Episode, config: CompareConfig, folder: Path
 ) -> tuple[ErrorField, list[dict[str, Any]]]:
@@ -103,11 +108,6 @@ def _compare(
 
 def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
     pools = {"all": recordings.names, "train": recordings.train, "test": recordings.test}
-    if config.split not in pools:
-        raise PlopError("Unknown split.", where="compare.split", expected="train, test, all", found=config.split)
-    if config.frames < 0:
-        raise PlopError("A number of frames is negative.", where="compare.frames", expected="0 or more",
-                        found=str(config.frames))  # fmt: skip
     names = [name for name in pools[config.split] if fnmatchcase(name, config.episodes)]
     if not names:
         raise PlopError("No episode is chosen.", where=recordings.folder,
@@ -202,4 +202,5 @@ STAGE = Stage(
         "model": InputSpec(("train", "identify", "augment"), "the model to compare"),
     },
     run=run,
+    check=settings_only(_check),
 )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.whole_file import write_json
-from plop.checked_settings import check_jobs, check_ranges
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.same_object import size_m
 from plop.diagnosis.sets import tracked_episodes
@@ -21,7 +21,7 @@ from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, hardly_tol
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 STARTS = ("auto", "settled", "unloaded")
 
@@ -77,8 +77,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     names = recordings.names if config.split == "all" else getattr(recordings, config.split)
     episodes, left_out = tracked_episodes(recordings, inputs["init"].path, inputs["tracks"].path, names,
                                           seed=config.seed)  # fmt: skip
-    material = Material(**{key: getattr(config, key) for key in asdict(Material()) if hasattr(config, key)})
-    material = replace(material, law=ElasticLaw.NEO_HOOKEAN)
+    material = replace(_material(config), law=ElasticLaw.NEO_HOOKEAN)
     spacing = config.spacing_m or spacing_for(episodes)
     base = EngineBase(material, spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
@@ -100,8 +99,14 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     return _summary(base, found, len(episodes), left_out)
 
 
+def _material(config: IdentifyConfig) -> Material:
+    return Material(**{key: getattr(config, key) for key in asdict(Material()) if hasattr(config, key)})
+
+
 def _check(config: IdentifyConfig) -> None:
     check_jobs(config, "identify")
+    check_choices(config, "identify", {"table_cone": ("round", "pyramid")})
+    _material(config)  # made only to refuse values out of range
     check_ranges(config, "identify", {"iterations": (0, inf), "spacing_m": (0, 0.1)})
     unknown = [name for name in config.fit if name not in PARAMETERS]
     if unknown or not config.fit or config.start not in STARTS or config.split not in ("train", "test", "all"):
@@ -150,4 +155,5 @@ STAGE = Stage(
         "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
     },
     run=run,
+    check=settings_only(_check),
 )

@@ -13,20 +13,21 @@ from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.recordings.side_file import RawEpisode
 from plop.render.recorder import record
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
 
 def _run(
+    command: str,
     list_entries: Callable[[Path], list[RawEpisode]],
     read: Callable[[Path], MeshSequence],
     inputs: Inputs,
     config: SimulatedConfig,
     out: Output,
 ) -> Summary:
-    check_config(config)
+    check_config(command, config)
     raw = inputs["raw"].path
     if not raw.is_dir():
         raise PlopError("There is no such folder.", where=raw, expected="a folder of raw recordings", found="nothing",
@@ -89,7 +90,8 @@ INGEST_DISECT = Stage(
     help="Render DiSECt recordings (USD, npz, JSON) into multi-view RGB-D recordings.",
     config=DisectConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.usd, <name>.npz and <name>.json.")},
-    run=partial(_run, list_disect, read_disect),
+    run=partial(_run, "ingest disect", list_disect, read_disect),
+    check=settings_only(partial(check_config, "ingest disect")),
     raw_files=partial(_raw_files, list_disect, (".usd", ".npz", ".json")),
 )
 
@@ -99,6 +101,7 @@ INGEST_MESH = Stage(
     help="Render mesh sequences of a simulator (npz, JSON) into multi-view RGB-D recordings.",
     config=MeshConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.npz and <name>.json.")},
-    run=partial(_run, list_mesh_sequences, read_mesh_sequence),
+    run=partial(_run, "ingest mesh", list_mesh_sequences, read_mesh_sequence),
+    check=settings_only(partial(check_config, "ingest mesh")),
     raw_files=partial(_raw_files, list_mesh_sequences, (".npz", ".json")),
 )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from plop.artifacts.whole_file import write_text
+from plop.checked_settings import check_ranges
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.compared import ReportFacts
@@ -15,7 +17,7 @@ from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
 from plop.reporting.verdict_section import closed_gap, error_over, judged_on
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.report.made import provenance
 from stages.report.sources import (
     fit_is_known,
@@ -56,7 +58,10 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     Raises:
         PlopError: No comparison, results of different recordings or points, or labels that do not fit.
     """
-    _check(inputs, config)
+    _check(config)
+    if not several(inputs, "comparisons"):
+        raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
+                        found="none", fix="Run `plop compare`.")  # fmt: skip
     recordings = RecordingSet.load(inputs["recordings"].path)
     labels = labels_of(inputs, config.labels)
     facts = _facts(inputs, config, recordings, labels)
@@ -71,14 +76,8 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 
-def _check(inputs: Inputs, config: ReportConfig) -> None:
-    if not several(inputs, "comparisons"):
-        raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
-                        found="none", fix="Run `plop compare`.")  # fmt: skip
-    if config.frames < 2 or config.episodes < 1 or config.difference_mm <= 0:
-        raise PlopError("A setting of report makes no sense.", where="report.frames, report.episodes, "
-                        "report.difference_mm", expected="2 or more, 1 or more, above 0",
-                        found=f"{config.frames}, {config.episodes}, {config.difference_mm:g}")  # fmt: skip
+def _check(config: ReportConfig) -> None:
+    check_ranges(config, "report", {"frames": (2, inf), "episodes": (1, inf), "difference_mm": (1e-6, inf)})
 
 
 def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
@@ -168,4 +167,5 @@ STAGE = Stage(
         "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
     },
     run=run,
+    check=settings_only(_check),
 )  # fmt: skip

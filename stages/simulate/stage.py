@@ -21,7 +21,7 @@ from plop.render.rig import camera_names
 from plop.render.settings import CameraSettings, check_cameras
 from plop.sensors.faults import Faults, parse_faults
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 
@@ -70,11 +70,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     Raises:
         PlopError: A scene, effect or fault that cannot be used, a tool that never touches, or an unstable run.
     """
-    check_jobs(config, "simulate")
-    check_cameras(config, "simulate")
-    check_ranges(
-        config, "simulate", {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)}
-    )
+    _check(config)
     scene = read_scene(inputs["scene"].path, config)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     effects = library(files)
@@ -95,6 +91,14 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     figures, table, warnings = overview(recordings)
     rows = [{**row, "motion": scene.motion_plan(pieces.names.index(row["episode"])).kind} for row in table]
     return Summary(figures=figures, table=rows, warnings=unfit + warnings)
+
+
+def _check(config: SimulateConfig) -> None:
+    check_jobs(config, "simulate")
+    check_cameras(config, "simulate")
+    check_ranges(
+        config, "simulate", {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)}
+    )
 
 
 def read_scene(path: Path, config: SimulateConfig) -> Scene:
@@ -149,5 +153,6 @@ STAGE = Stage(
         "effect_file": InputSpec((), "Python file with effects of your own.", optional=True),
     },
     run=run,
+    check=settings_only(_check),
     find_raw=_find_raw,
 )  # fmt: skip

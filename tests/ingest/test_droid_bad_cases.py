@@ -305,7 +305,7 @@ def test_a_setting_out_of_range_is_refused_with_its_range(tmp_path, change, expe
     settings = {"mask": MaskRules(**{name.removeprefix("mask."): value})} if name.startswith("mask.") else change
     with pytest.raises(PlopError) as caught:
         ingest(tmp_path / "raw", tmp_path / "out", **settings)
-    assert f"ingest.{name}" in str(caught.value.where) and expected in str(caught.value.expected)
+    assert f"ingest.droid.{name}" in str(caught.value.where) and expected in str(caught.value.expected)
 
 
 def test_errors_name_files_as_seen_from_a_relative_raw_folder(raw, tmp_path, monkeypatch):

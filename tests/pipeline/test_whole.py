@@ -39,6 +39,9 @@ def test_demo_ends_with_scores_a_video_and_times(
     shown = capsys.readouterr().out
     for word in ("plop", "persistence", "rigid", "video.mp4", "scores.json", "rollout", "all "):
         assert word in shown
+    assert "kept" not in shown
+    assert main(command) == 0
+    assert capsys.readouterr().out.count("kept (took ") == 7
     assert main([*command, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert set(facts["seconds"].values()) == {0.0}
