@@ -11,7 +11,6 @@ Source: NVlabs/DiSECt, `dflex/render.py` and the side file written with each rec
 from __future__ import annotations
 
 import re
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
 from plop.recordings.mesh_sequence import MeshSequence, check_mesh_sequence
+from plop.recordings.npz_file import Part, read_npz
 from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -27,10 +27,15 @@ Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 _NODES = "/root/particle_instancer.positions"
 _KNIFE = "/root/body_3"
-_ARRAYS = (
-    "times", "knife_position", "knife_quaternion_xyzw", "knife_vertices", "knife_faces", "points_rest", "tets",
-    "surface_clean", "cut_edge_indices", "cut_edge_coords", "virtual_nodes",
-)  # fmt: skip
+_WHOLE = "ui"
+_ARRAYS = {
+    "times": Part((None,)), "knife_position": Part((None, 3)), "knife_quaternion_xyzw": Part((None, 4)),
+    "knife_vertices": Part((None, 3)), "knife_faces": Part((None, 3), _WHOLE), "points_rest": Part((None, 3)),
+    "tets": Part((None, 4), _WHOLE), "surface_clean": Part((None, 3), _WHOLE),
+    "cut_edge_indices": Part((None, 2), _WHOLE), "cut_edge_coords": Part((None,)),
+    "virtual_nodes": Part((None,), _WHOLE),
+}  # fmt: skip
+_MAY_BE_EMPTY = ("cut_edge_indices", "cut_edge_coords", "virtual_nodes")
 _SAME_TIME_S = 1e-4
 _SAME_PLACE_M = 1e-4
 _LEAST_QUATERNION = 1e-6
@@ -133,17 +138,8 @@ def _read_side(path: Path) -> dict[str, Any]:
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [key for key in _ARRAYS if key not in file.files]
-            arrays = {key: file[key] for key in _ARRAYS if key not in missing}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise PlopError("The recording's npz file is missing or damaged.", where=path, expected="a complete npz file",
-                        found=f"{type(error).__name__}: {error}",
-                        fix=_COPY_AGAIN) from error  # fmt: skip
-    if missing:
-        raise PlopError("The recording's npz file is incomplete.", where=path, expected=", ".join(_ARRAYS),
-                        found=f"no {', '.join(missing)}", fix="Export the recording again.")  # fmt: skip
+    arrays = read_npz(path, _ARRAYS, may_be_empty=_MAY_BE_EMPTY, fix=_COPY_AGAIN)
+    arrays = {key: arrays[key] for key in _ARRAYS}
     for key, value in arrays.items():
         if not np.isfinite(value).all():
             raise PlopError("The recording holds NaN or infinite values.", where=f"{path}: {key}",
@@ -217,5 +213,9 @@ def _check_against_side_file(
     if gap > _SAME_PLACE_M:
         refuse("knife", "the knife at the same place", f"up to {gap:.4f} m away")
     vertices = len(arrays["points_rest"]) + len(arrays["cut_edge_indices"])
-    if len(arrays["cut_edge_coords"]) != len(arrays["cut_edge_indices"]) or arrays["surface_clean"].max() >= vertices:
-        refuse("surface_clean", f"indices below {vertices}", f"{arrays['surface_clean'].max()}")
+    edges = arrays["cut_edge_indices"]
+    if edges.min(initial=0) < 0 or edges.max(initial=0) >= len(arrays["points_rest"]):
+        refuse("cut_edge_indices", f"indices 0..{len(arrays['points_rest']) - 1}", f"{edges.min()}..{edges.max()}")
+    surface = arrays["surface_clean"]
+    if len(arrays["cut_edge_coords"]) != len(edges) or surface.min() < 0 or surface.max() >= vertices:
+        refuse("surface_clean", f"indices 0..{vertices - 1}", f"{surface.min()}..{surface.max()}")

@@ -11,19 +11,20 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
+from plop.recordings.npz_file import Part
 
 FARTHEST_M = 100.0
 """Farthest distance of a camera from the world's origin along an axis that can be metres [m]."""
 
-_OF_FILE: dict[str, tuple[int | None, ...]] = {
-    "frames/time_s": (None,), "tool/world_from_tool": (None, 4, 4),
-    "tool/mesh/vertices": (None, 3), "tool/mesh/faces": (None, 3),
+_OF_FILE = {
+    "frames/time_s": Part((None,)), "tool/world_from_tool": Part((None, 4, 4)), "tool/mesh/vertices": Part((None, 3)),
+    "tool/mesh/faces": Part((None, 3), "ui"),
 }  # fmt: skip
-_OF_CAMERA: dict[str, tuple[int | None, ...]] = {
-    "rgb": (None, None, None, 3), "depth_m": (None, None, None), "mask": (None, None, None), "intrinsics": (3, 3),
-    "world_from_cam": (None, 4, 4),
+_PICTURES = (None, None, None)
+_OF_CAMERA = {
+    "rgb": Part((*_PICTURES, 3)), "depth_m": Part(_PICTURES), "mask": Part(_PICTURES), "intrinsics": Part((3, 3)),
+    "world_from_cam": Part((None, 4, 4)),
 }  # fmt: skip
-"""Shape of each part; None is any length."""
 
 Refuse = Callable[..., NoReturn]
 """`refuse(problem, key, expected, found)` raises the PlopError."""
@@ -52,9 +53,9 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
     if not isinstance(file.get("cameras"), h5py.Group) or not len(file["cameras"]):
         refuse("The recording has no camera.", "cameras", "at least one", "none")
     cameras = [f"{group}/{name}" for group in ("cameras", "scan") for name in file.get(group, {})]
-    parts = _OF_FILE | {f"{key}/{part}": shape for key in cameras for part, shape in _OF_CAMERA.items()}
-    for key, shape in parts.items():
-        _check_there(file.get(key), key, shape, refuse)
+    parts = _OF_FILE | {f"{key}/{name}": part for key in cameras for name, part in _OF_CAMERA.items()}
+    for key, part in parts.items():
+        _check_there(file.get(key), key, part, refuse)
     _check_lengths(file, refuse)
     _check_times(file["frames/time_s"][:], refuse)
     check_rigid(file["tool/world_from_tool"][:], f"{path}:/tool/world_from_tool", what="tool")
@@ -68,16 +69,12 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
                    f"{np.abs(poses[:, :3, 3]).max():.0f}: millimetres?")  # fmt: skip
 
 
-def _check_there(node: object, key: str, shape: tuple[int | None, ...], refuse: Refuse) -> None:
-    """Refuse a part that is missing, holds no numbers, or is not of its shape."""
+def _check_there(node: object, key: str, part: Part, refuse: Refuse) -> None:
     if not isinstance(node, h5py.Dataset):
         refuse("The recording is incomplete.", key, "this part", "nothing" if node is None else "something else")
-    found = node.shape or ()
-    fits = len(found) == len(shape) and all(want in (None, have) for want, have in zip(shape, found, strict=True))
-    if not fits or node.dtype.kind not in "buif":
-        refuse("A part of the recording has another shape or type than it should.", key,
-               f"numbers, {' x '.join('n' if want is None else str(want) for want in shape)}",
-               f"{node.dtype}, {' x '.join(map(str, found)) or 'a single value'}")  # fmt: skip
+    wrong = part.misfit(node)
+    if wrong is not None:
+        refuse("A part of the recording has another shape or type than it should.", key, *wrong)
 
 
 def _check_lengths(file: h5py.File, refuse: Refuse) -> None:

@@ -102,6 +102,24 @@ def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: obj
     assert [entry.guessed for entry in list_disect(tmp_path)] == [True]
 
 
+@pytest.mark.parametrize(
+    ("key", "change", "problem"),
+    [("times", lambda array: array[:0], "another shape"), ("knife_vertices", lambda array: array.ravel(), "another"),
+     ("surface_clean", lambda array: array + 0.5, "another shape or type"),
+     ("tets", lambda array: array.astype(str), "another shape or type"),
+     ("surface_clean", lambda array: array - 9, "belong together"),
+     ("cut_edge_indices", lambda array: array + 99, "belong together")],
+)  # fmt: skip
+def test_an_array_of_another_shape_or_kind_is_named(
+    tmp_path: Path, key: str, change: Callable[[np.ndarray], np.ndarray], problem: str
+) -> None:
+    arrays = sample.side_arrays()
+    path = sample.write_sample(tmp_path, arrays={**arrays, key: change(arrays[key])})
+    with pytest.raises(PlopError, match=problem) as caught:
+        read_disect(path)
+    assert str(caught.value.where).endswith(f": {key}") and caught.value.expected and caught.value.found
+
+
 def test_files_of_different_recordings_are_refused(tmp_path: Path) -> None:
     with pytest.raises(PlopError, match="belong together") as caught:
         read_disect(sample.write_sample(tmp_path, times=sample.TIMES[:2]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,27 @@ def test_a_side_file_of_the_wrong_shape_is_named(
     with pytest.raises(PlopError, match="something else") as caught:
         read_mesh_sequence(path)
     assert (caught.value.where, caught.value.expected, caught.value.found) == (f"{side}{where}", expected, found)
+
+
+@pytest.mark.parametrize(
+    ("key", "change", "found"),
+    [
+        ("times", lambda array: array.astype(str), "<U"),
+        ("faces", lambda array: np.float64(1), "float64, a single value"),
+        ("vertices", lambda array: array.reshape(-1), "float32, 144"),
+        ("world_from_tool", lambda array: array[:, :3], "3 x 3 x 4"),
+        ("tool_faces", lambda array: array[:0], "none"),
+    ],
+)
+def test_an_array_of_another_shape_or_kind_is_named(
+    tmp_path: Path, key: str, change: Callable[[np.ndarray], np.ndarray], found: str
+) -> None:
+    path = write_mesh_sequence(tmp_path, box_sequence())
+    arrays = dict(np.load(path))
+    np.savez(path, **{**arrays, key: change(arrays[key])})
+    with pytest.raises(PlopError, match="another shape or type") as caught:
+        read_mesh_sequence(path)
+    assert caught.value.where == f"{path}: {key}" and found in str(caught.value.found)
 
 
 def test_an_episode_that_tells_no_environment_is_named(tmp_path: Path) -> None:
