@@ -56,8 +56,8 @@ def reproduce(
     layers = layers_of(store, chosen, assignments)
     names = _choose(data, environments)
     check_layers(layers, commands_of(chosen))
-    plain = not environments and not any(settings for _, settings in layers[1:])
-    folder = DOCS if out is None and plain else out
+    own = bool(environments or layers[1][1] or layers[2][1])
+    folder = DOCS if out is None and not own else out
     command = _command(profile, environments, assignments, with_file=bool(layers[1][1]))
     scores: dict[str, list[Path]] = {}
     pictures: dict[str, Path] = {}
@@ -76,13 +76,16 @@ def reproduce(
     if scores:
         if folder is not None and _may_replace(console, results, folder, profile):
             written = write_results(folder, results, pictures, profile)
-        console.say(to_markdown(results))
-        console.say(f"written: {', '.join(map(str, written))}")
+        console.say(f"{to_markdown(results)}\nwritten: {', '.join(map(str, written))}")
         console.result(results)
     if failed:
-        details = "\n".join(f"{name}: {error.render()}" for name, error in failed.items())
-        raise PlopError(f"{len(failed)} of {len(names)} environments failed.", found=details,
-                        fix="Run the same command again once that is mended: what is finished is kept.")  # fmt: skip
+        raise _failure(failed, len(names))
+
+
+def _failure(failed: Mapping[str, PlopError], count: int) -> PlopError:
+    details = "\n".join(f"{name}: {error.render()}" for name, error in failed.items())
+    return PlopError(f"{len(failed)} of {count} environments failed.", found=details,
+                     fix="Run the same command again once that is mended: what is finished is kept.")  # fmt: skip
 
 
 def commands_of(profile: Profile) -> tuple[str, ...]:

@@ -24,19 +24,7 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     Older artifacts are shown only with `everything`.
     """
     artifacts = store.artifacts()
-    stages = _imported_stages(artifacts)
-    versions = {name: stage.version for name, stage in stages.items()}
-
-    def raw_digest(artifact: Artifact, name: str, path: Path) -> str | None:
-        command = _command(artifact)
-        stage = stages.get(command)
-        if stage is None:
-            return None
-        config = resolve(stage.config, command, ("manifest", _flat(artifact.manifest.config)))
-        return raw_content(store, stage, path, config)
-
-    reasons = stale_reasons(store, artifacts, versions, raw_digest)
-    store.cache.save()
+    reasons = _stale(store, artifacts)
     shown = artifacts if everything else _latest_lines(artifacts)
     damage = {artifact.key: error for artifact in shown if (error := obvious_damage(artifact)) is not None}
     rows = [_row(store, artifact, reasons, damage) for artifact in sorted(shown, key=_place)]
@@ -64,6 +52,24 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
         "unfinished": ["@".join(key) for key in unfinished(store)],
         "unreadable": [error.as_dict() for error in problems.values()],
     })  # fmt: skip
+
+
+def _stale(store: Store, artifacts: list[Artifact]) -> dict[Key, str]:
+    """Say why artifacts are stale, as far as their stages can be imported here."""
+    stages = _imported_stages(artifacts)
+    versions = {name: stage.version for name, stage in stages.items()}
+
+    def raw_digest(artifact: Artifact, name: str, path: Path) -> str | None:
+        command = _command(artifact)
+        stage = stages.get(command)
+        if stage is None:
+            return None
+        config = resolve(stage.config, command, ("manifest", _flat(artifact.manifest.config)))
+        return raw_content(store, stage, path, config)
+
+    reasons = stale_reasons(store, artifacts, versions, raw_digest)
+    store.cache.save()
+    return reasons
 
 
 def unfinished(store: Store) -> list[Key]:
