@@ -56,9 +56,9 @@ def reproduce(
     layers = layers_of(store, chosen, assignments)
     names = _choose(data, environments)
     check_layers(layers, commands_of(chosen))
-    own = bool(environments or layers[1][1] or layers[2][1])
-    folder = DOCS if out is None and not own else out
-    command = _command(profile, environments, assignments, with_file=bool(layers[1][1]))
+    from_file = any(layers[1][1].get(command) for command in commands_of(chosen))
+    folder = DOCS if out is None and not (environments or assignments or from_file) else out
+    command = _command(profile, environments, assignments, with_file=from_file)
     scores: dict[str, list[Path]] = {}
     pictures: dict[str, Path] = {}
     failed: dict[str, PlopError] = {}
