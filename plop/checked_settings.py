@@ -13,7 +13,7 @@ def check_ranges(config: object, stage: str, ranges: Mapping[str, tuple[float, f
 
     Args:
         config: The settings.
-        stage: Whose they are, for the message.
+        stage: The command whose they are, for the message.
         ranges: Setting -> least and largest value.
 
     Raises:
@@ -23,7 +23,7 @@ def check_ranges(config: object, stage: str, ranges: Mapping[str, tuple[float, f
         value = getattr(config, name)
         if not low <= value <= high:
             expected = f"{low:g} or more" if high == float("inf") else f"{low:g} to {high:g}"
-            raise PlopError("A setting is out of range.", where=f"{stage}.{name}", expected=expected,
+            raise PlopError("A setting is out of range.", where=_key(stage, name), expected=expected,
                             found=str(value), fix=f"`plop {stage} --help` tells unit and default.")  # fmt: skip
 
 
@@ -35,9 +35,14 @@ def check_choices(config: object, stage: str, choices: Mapping[str, Sequence[str
     """
     for name, known in choices.items():
         if getattr(config, name) not in known:
-            raise PlopError("This setting is unknown.", where=f"{stage}.{name}", expected=" or ".join(known),
+            raise PlopError("This setting is unknown.", where=_key(stage, name), expected=" or ".join(known),
                             found=str(getattr(config, name)),
-                            fix=f"`plop {stage} --help` tells the default.")  # fmt: skip
+                            fix=f"`plop {stage} --help` tells what each does.")  # fmt: skip
+
+
+def _key(stage: str, name: str) -> str:
+    """Name a setting as `--set` takes it."""
+    return f"{stage.replace(' ', '.')}.{name}"
 
 
 class HasJobs(Protocol):

@@ -30,5 +30,5 @@ def chosen_device(wanted: str) -> torch.device:
     if index >= count:
         raise PlopError("There is no such CUDA device.", expected=f"{wanted}, number {index}",
                         found=f"{count} CUDA devices",
-                        fix="Set the stage's device to cpu; `plop doctor` tells what torch sees.")  # fmt: skip
+                        fix="Give --device cpu, or leave it out; `plop doctor` tells what torch sees.")  # fmt: skip
     return torch.device("cuda", index)

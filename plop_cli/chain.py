@@ -73,6 +73,33 @@ def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
     ]
 
 
+def check_layers(layers: Layers, commands: Sequence[str]) -> None:
+    """Refuse settings that no stage of a chain takes, before any of them runs.
+
+    Args:
+        layers: From `layers_of`.
+        commands: The commands of the chain.
+
+    Raises:
+        PlopError: `--set` names a stage that is not among them, or a setting is unknown or out of range.
+    """
+    given = layers[-1][1]
+    for command in given.keys() - set(commands):
+        raise PlopError("--set names a stage that does not run here.", where=f"--set {command.replace(' ', '.')}...",
+                        expected=", ".join(name.replace(" ", ".") for name in commands),
+                        found=", ".join(given[command]), fix="Correct the stage, or leave it out.")  # fmt: skip
+    for command in commands:
+        stage = stage_ref(command).load()
+        config = _resolved(stage, command, layers)
+        if stage.check is not None:
+            stage.check(config, {})
+
+
+def _resolved(stage: Stage, command: str, layers: Layers, extra: Mapping[str, Any] | None = None) -> Any:
+    overrides = [(source, settings.get(command, {})) for source, settings in layers]
+    return resolve(stage.config, command, *overrides, ("plop", dict(extra or {})))
+
+
 def run_step(
     command: str,
     *,
@@ -99,8 +126,7 @@ def run_step(
         title: What to write before the command, e.g. the environment.
     """
     stage = stage_ref(command).load()
-    overrides = [(source, settings.get(command, {})) for source, settings in layers]
-    config = resolve(stage.config, command, *overrides, ("plop", dict(extra or {})))
+    config = _resolved(stage, command, layers, extra)
     with console.progress(f"{title} {command}".strip()) as progress:
         outcome = execute(
             stage,
@@ -117,10 +143,17 @@ def run_step(
     return outcome
 
 
-def show_times(console: Console, times: Mapping[str, float]) -> None:
-    """Print how long each stage took; what was there already took nothing."""
-    rows = [{"stage": stage, "time": format_seconds(seconds)} for stage, seconds in times.items()]
-    console.table([*rows, {"stage": "all", "time": format_seconds(sum(times.values()))}], title="time")
+def show_times(console: Console, outcomes: Mapping[str, Outcome]) -> None:
+    """Print how long each stage took, and of those that were there already how long they took when they were made."""
+    rows = [{"stage": stage, "time": _time(outcome)} for stage, outcome in outcomes.items()]
+    whole = sum(outcome.seconds for outcome in outcomes.values())
+    console.table([*rows, {"stage": "all", "time": format_seconds(whole)}], title="time")
+
+
+def _time(outcome: Outcome) -> str:
+    if not outcome.skipped:
+        return format_seconds(outcome.seconds)
+    return f"kept (took {format_seconds(float(outcome.artifact.manifest.provenance.get('seconds', 0.0)))})"
 
 
 def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict[str, str | Path]:

@@ -54,7 +54,9 @@ def reproduce(
     profile: Annotated[str, typer.Option(help="cpu: 2 cores; cpu-recordings: without episodes that an engine makes up; "
                                               "paper: the paper's schedule, for a GPU.")] = "cpu",
     env: Annotated[list[str] | None, typer.Option(help="Only this environment; may be repeated.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder with results.md and results/.")] = Path("docs"),
+    out: Annotated[Path | None, typer.Option(
+        help="Folder with results.md and results/.",
+        show_default="docs; the workspace with --env, --set or a plop.toml")] = None,
     workspace: Workspace = Path("reproduce"), set_: Assignments = None, quiet: Quiet = False,
     as_json: AsJson = False, debug: Debug = False,
 ) -> None:  # fmt: skip

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.store import Store
-from plop_cli.chain import AFTER_INGEST, layers_of, read_profile, run_step, show_times
+from plop_cli.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step, show_times
 from plop_cli.console import Console
 from plop_cli.execute import Outcome
 
@@ -16,21 +16,23 @@ from plop_cli.execute import Outcome
 def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str]) -> None:
     """Run the demo; what an earlier, stopped run finished is kept."""
     layers = layers_of(store, read_profile("demo"), assignments)
+    commands = ("ingest mesh", *AFTER_INGEST)
+    check_layers(layers, commands)
     raw = _simulate(store.workspace, console, seed)
     made: dict[str, Outcome] = {}
-    times: dict[str, float] = {}
-    for command in ("ingest mesh", *AFTER_INGEST):
+    done: dict[str, Outcome] = {}
+    for command in commands:
         outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=raw)
         made[outcome.artifact.manifest.stage] = outcome
-        times[command] = outcome.seconds
+        done[command] = outcome
     scores = made["eval"].artifact
     videos = sorted(made["rollout"].artifact.path.glob("*/video.mp4"))
     console.table(scores.manifest.summary.get("table", []), title="scores")
-    show_times(console, times)
+    show_times(console, done)
     for video in videos:
         console.say(f"video (measured | predicted | difference): {_shown(video)}")
     console.say(f"scores: {_shown(scores.path / 'scores.json')}")
-    console.result(_facts(scores.manifest.summary, videos, times))
+    console.result(_facts(scores.manifest.summary, videos, {name: outcome.seconds for name, outcome in done.items()}))
 
 
 def _facts(summary: dict[str, Any], videos: list[Path], times: dict[str, float]) -> dict[str, Any]:

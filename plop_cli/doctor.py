@@ -39,7 +39,7 @@ def examine(store: Store) -> list[Finding]:
         ("disk", lambda: _disk(store.workspace)), ("numba", _numba), ("open3d", _open3d), ("opencv", _opencv),
         ("pycolmap", lambda: _package("pycolmap", "pycolmap", "pip install pycolmap", needed=True)),
         ("ffmpeg", _ffmpeg), ("usd-core", _usd), ("Blender", _blender), ("LPIPS backbone", _lpips),
-        ("ZED SDK", _zed), ("rerun-sdk", lambda: _package("rerun-sdk", "rerun", "pip install 'plop[view]'")),
+        ("ZED SDK", _zed), ("rerun-sdk", lambda: _package("rerun-sdk", "rerun", "pip install -e '.[view]'")),
     ]  # fmt: skip
     found = []
     for part, check in checks:
@@ -83,7 +83,7 @@ def _cuda() -> Finding:
 
 def _gsplat() -> Finding:
     if importlib.util.find_spec("gsplat") is None:
-        return Finding("gsplat", "absent", "the renderer on CUDA; the CPU has its own", "pip install 'plop[cuda]'")
+        return Finding("gsplat", "absent", "the renderer on CUDA; the CPU has its own", "pip install -e '.[cuda]'")
     return Finding("gsplat", "ok", f"{metadata.version('gsplat')} (compiled on first use, on CUDA only)")
 
 
@@ -137,7 +137,7 @@ def _ffmpeg() -> Finding:
 
 def _usd() -> Finding:
     if importlib.util.find_spec("pxr") is None:
-        return Finding("usd-core", "absent", "needed by `plop ingest disect` only", "pip install 'plop[disect]'")
+        return Finding("usd-core", "absent", "needed by `plop ingest disect` only", "pip install -e '.[disect]'")
     return Finding("usd-core", "ok", metadata.version("usd-core"))
 
 

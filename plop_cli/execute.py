@@ -52,6 +52,8 @@ class Outcome:
     skipped: bool
     seconds: float
     warnings: list[str] = field(default_factory=list)
+    name_from: str | None = None
+    """Full address of another artifact that bore the name until now."""
 
 
 def execute(
@@ -86,9 +88,9 @@ def execute(
         check_name(name)
     settings = stage.config() if config is None else config
     planned = plan(stage, store=store, config=settings, inputs=inputs or {}, environment=environment, force=force)
-    if planned.existing is not None:
-        return _already_there(store, planned.existing, name)
     try:
+        if planned.existing is not None:
+            return _already_there(store, planned.existing, name)
         if not is_first_process():
             return _run_beside(store, planned, progress)
         with locked(store.lock_path(stage.name, planned.fingerprint), on_wait):
@@ -143,9 +145,8 @@ def _already_there(store: Store, artifact: Artifact, name: str | None) -> Outcom
     verify(artifact, store.cache)
     store.cache.save()
     store.record(artifact, None)
-    if name is not None:
-        store.set_name(name, artifact)
-    return Outcome(artifact, skipped=True, seconds=0.0)
+    moved = None if name is None else store.set_name(name, artifact)
+    return Outcome(artifact, skipped=True, seconds=0.0, name_from=moved)
 
 
 def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: Progress) -> Outcome:
@@ -156,9 +157,8 @@ def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: P
     seconds = time.perf_counter() - started
     artifact = store.commit(scratch, _manifest(store, planned, summary, seconds))
     store.record(artifact, seconds)
-    if name is not None:
-        store.set_name(name, artifact)
-    return Outcome(artifact, skipped=False, seconds=seconds, warnings=list(summary.warnings))
+    moved = None if name is None else store.set_name(name, artifact)
+    return Outcome(artifact, skipped=False, seconds=seconds, warnings=list(summary.warnings), name_from=moved)
 
 
 def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:

@@ -14,14 +14,17 @@ from plop_cli.execute import Outcome, Plan
 from stages.contract import Stage
 
 
-def report(console: Console, store: Store, outcome: Outcome) -> None:
-    """Show what a run made."""
+def report(console: Console, store: Store, outcome: Outcome, name: str | None = None) -> None:
+    """Show what a run made; `name`: what it was called by --name."""
     manifest = outcome.artifact.manifest
     path = outcome.artifact.path.relative_to(store.workspace)
     for text in manifest.summary.get("warnings", []):
         console.warn(text)
     state = "already there, nothing to do" if outcome.skipped else f"done in {format_seconds(outcome.seconds)}"
     console.say(f"{outcome.artifact.address}  {state}  ({path})")
+    if outcome.name_from is not None:
+        stage, _, mark = outcome.name_from.partition("@")
+        console.say(f"the name {name} moved: {stage}@{mark[:8]} -> {outcome.artifact.address}")
     console.table([{"figure": k, "value": v} for k, v in manifest.summary.get("figures", {}).items()])
     console.table(manifest.summary.get("table", []))
     console.result(outcome_facts(outcome))
@@ -37,6 +40,7 @@ def outcome_facts(outcome: Outcome) -> dict[str, Any]:
         "path": str(outcome.artifact.path),
         "environment": manifest.environment,
         "skipped": outcome.skipped,
+        "name_moved_from": outcome.name_from,
         "seconds": round(outcome.seconds, 3),
         "config": manifest.config,
         "inputs": manifest.inputs,

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop_cli.chain import AFTER_INGEST, Layers, Profile, layers_of, read_profile, run_step, show_times
+from plop_cli.chain import AFTER_INGEST, Layers, Profile, check_layers, layers_of, read_profile, run_step, show_times
 from plop_cli.console import Console
 from plop_cli.execute import Outcome, versions
+from plop_cli.settings_file import SETTINGS_FILE
 
 PROFILES = ("cpu", "cpu-recordings", "paper")
 """Which of the shipped profiles are for this; the others are of the demos."""
+
+DOCS = Path("docs")
+"""Where the results of all environments go."""
 
 
 def reproduce(
@@ -22,9 +29,11 @@ def reproduce(
     profile: str,
     environments: list[str],
     assignments: list[str],
-    out: Path,
+    out: Path | None,
 ) -> None:
     """Run all stages on every environment and seed, and write the table; what is finished is skipped.
+
+    Results lie in the workspace from the first environment on, and go to the documentation at the end.
 
     Args:
         store: The workspace.
@@ -33,7 +42,8 @@ def reproduce(
         profile: One of `PROFILES`.
         environments: Which ones; empty takes all.
         assignments: `--set` options, `stage.key=value`.
-        out: Folder of the documentation; see `results_page`.
+        out: Folder of the documentation, see `results_page`; None takes `docs` for all environments with the
+            profile's own settings, and otherwise leaves the results in the workspace.
 
     Raises:
         PlopError: No recordings, an unknown environment or profile, or whatever a stage reports. One environment
@@ -45,6 +55,10 @@ def reproduce(
     chosen = read_profile(profile, PROFILES)
     layers = layers_of(store, chosen, assignments)
     names = _choose(data, environments)
+    check_layers(layers, commands_of(chosen))
+    from_file = any(layers[1][1].get(command) for command in commands_of(chosen))
+    folder = DOCS if out is None and not (environments or assignments or from_file) else out
+    command = _command(profile, environments, assignments, with_file=from_file)
     scores: dict[str, list[Path]] = {}
     pictures: dict[str, Path] = {}
     failed: dict[str, PlopError] = {}
@@ -57,17 +71,49 @@ def reproduce(
             console.warn(f"{name} is left out of the table: {error.problem}")
             failed[name] = error
         if scores:
-            command = f"make reproduce DATA=<folder> PROFILE={profile}"
             results = gathered(scores, command=command, versions=versions(), seeds=chosen.seeds)
-            written = write_results(out, results, pictures, profile)
+            written = write_results(store.workspace, results, pictures, profile)
     if scores:
-        console.say(to_markdown(results))
-        console.say(f"written: {', '.join(map(str, written))}")
+        if folder is not None and _may_replace(console, results, folder, profile):
+            written = write_results(folder, results, pictures, profile)
+        console.say(f"{to_markdown(results)}\nwritten: {', '.join(map(str, written))}")
         console.result(results)
     if failed:
-        details = "\n".join(f"{name}: {error.render()}" for name, error in failed.items())
-        raise PlopError(f"{len(failed)} of {len(names)} environments failed.", found=details,
-                        fix="Run the same command again once that is mended: what is finished is kept.")  # fmt: skip
+        raise _failure(failed, len(names))
+
+
+def _failure(failed: Mapping[str, PlopError], count: int) -> PlopError:
+    details = "\n".join(f"{name}: {error.render()}" for name, error in failed.items())
+    return PlopError(f"{len(failed)} of {count} environments failed.", found=details,
+                     fix="Run the same command again once that is mended: what is finished is kept.")  # fmt: skip
+
+
+def commands_of(profile: Profile) -> tuple[str, ...]:
+    """Give the commands that run on an environment, in order."""
+    until = AFTER_INGEST.index("train")
+    engine = ("filter", "identify") if profile.engine else ()
+    return ("ingest disect", *AFTER_INGEST[:until], *engine, *AFTER_INGEST[until:])
+
+
+def _command(profile: str, environments: list[str], assignments: list[str], *, with_file: bool) -> str:
+    """Give the command that was typed: the short one only where it gives the same results."""
+    file = f" (with {SETTINGS_FILE})" if with_file else ""
+    if not environments and not assignments:
+        return f"make reproduce DATA=<folder> PROFILE={profile}{file}"
+    options = [part for name in environments for part in ("--env", name)]
+    options += [part for text in assignments for part in ("--set", text)]
+    return f"plop reproduce <folder> --profile {profile} {shlex.join(options)}{file}"
+
+
+def _may_replace(console: Console, results: Mapping[str, Any], folder: Path, profile: str) -> bool:
+    """Tell whether results hold all environments of those in the documentation, which stay otherwise."""
+    from plop_cli.results_page import missing_in
+
+    lacking = missing_in(results, folder, profile)
+    if lacking:
+        console.warn(f"the results in {folder} also hold {', '.join(lacking)}, which this run lacks: they stay, "
+                     "and those of this run are in the workspace")  # fmt: skip
+    return not lacking
 
 
 def _picture(environment: str, folder: Path) -> dict[str, Path]:
@@ -80,10 +126,11 @@ def _picture(environment: str, folder: Path) -> dict[str, Path]:
 
 def _choose(data: Path, wanted: list[str]) -> list[str]:
     from plop.recordings.disect import list_disect
+    from plop.recordings.side_file import known_environments
 
     if not data.is_dir():
         raise PlopError("There is no such folder.", where=data, fix="Give the folder of DiSECt recordings.")
-    known = sorted({entry.environment for entry in list_disect(data)})
+    known = known_environments(list_disect(data))
     unknown = [name for name in wanted if name not in known]
     if unknown or not known:
         raise PlopError("The folder holds no such environment.", where=data, expected=", ".join(known) or "recordings",
@@ -95,24 +142,22 @@ def _one_environment(
     store: Store, console: Console, data: Path, name: str, profile: Profile, layers: Layers
 ) -> list[Path]:
     made: dict[str, Outcome] = {}
-    times: dict[str, float] = {}
-
+    done: dict[str, Outcome] = {}
     named: dict[str, Outcome] = {}
 
     def step(command: str, label: str, **extra: object) -> Outcome:
         outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=data,
                            named=named if command == "train" else {}, extra=extra, title=name)  # fmt: skip
         made[outcome.artifact.manifest.stage] = outcome
-        times[label] = outcome.seconds
+        done[label] = outcome
         return outcome
 
-    step("ingest disect", "ingest", environment=name)
+    commands = commands_of(profile)
+    step(commands[0], "ingest", environment=name)
     found = []
-    for command in AFTER_INGEST[: AFTER_INGEST.index("train")]:
+    for command in commands[1 : commands.index("train")]:
         step(command, command)
     if profile.engine:
-        for command in ("filter", "identify"):
-            step(command, command)
         # an engine is a model, too, and its tracks are of no use to the learned one: both are left out from here on
         named["engine"] = made.pop("identify")
         del made["filter"]
@@ -121,5 +166,5 @@ def _one_environment(
         step("train", f"train{label}", seed=seed)
         step("rollout", f"rollout{label}", seed=seed)
         found.append(step("eval", f"eval{label}").artifact.path / "scores.json")
-    show_times(console, times)
+    show_times(console, done)
     return found

@@ -54,7 +54,7 @@ def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str,
     Returns:
         The files that were written.
     """
-    stem = "disect" if profile == MAIN else f"disect-{profile}"
+    stem = _stem(profile)
     shown = "pictures" if profile == MAIN else f"pictures-{profile}"
     written = [docs / "results" / f"{stem}.json"]
     write_text(written[0], json.dumps(results, indent=1) + "\n")
@@ -74,6 +74,19 @@ def write_results(docs: Path, results: Mapping[str, Any], pictures: Mapping[str,
         write_text(page, text)
         written.append(page)
     return written
+
+
+def missing_in(results: Mapping[str, Any], docs: Path, profile: str) -> list[str]:
+    """List the environments of the results that are there already which the new ones lack."""
+    try:
+        there = json.loads((docs / "results" / f"{_stem(profile)}.json").read_text(encoding="utf-8"))["environments"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+    return sorted(there.keys() - results["environments"].keys())
+
+
+def _stem(profile: str) -> str:
+    return "disect" if profile == MAIN else f"disect-{profile}"
 
 
 def _tables(results: Mapping[str, Any]) -> dict[str, str]:

@@ -141,12 +141,14 @@ def _build(config: type, values: Mapping[str, Any]) -> Any:
     return config(**own)
 
 
-def unknown_key(key: str, known: Mapping[str, Any] | list[str], *, where: str, owner: str) -> PlopError:
-    """Describe an unknown key, with the nearest known ones."""
+def unknown_key(
+    key: str, known: Mapping[str, Any] | list[str], *, where: str, owner: str, lister: str | None = None
+) -> PlopError:
+    """Describe an unknown key, with the nearest known ones; `lister`: the command that lists them, if not the owner."""
     close = get_close_matches(key, list(known), n=3, cutoff=0.5)
     return PlopError(
         f"{owner} has no setting {key!r}.",
         where=where,
         expected=", ".join(known),
-        fix=f"Did you mean {' or '.join(close)}?" if close else f"`plop {owner} --help` lists them.",
+        fix=f"Did you mean {' or '.join(close)}?" if close else f"`plop {lister or f'{owner} --help'}` lists them.",
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ def settings_by_command(tables: Mapping[str, Any], commands: list[str], *, where
     found: dict[str, dict[str, Any]] = {}
     for command, value in _flatten(tables, commands):
         if command not in commands or not isinstance(value, Mapping):
-            raise unknown_key(command, commands, where=where, owner=SETTINGS_FILE)
+            raise unknown_key(command, commands, where=where, owner=SETTINGS_FILE, lister="--help")
         found[command] = dict(_flat_values(value))
     return found
 
@@ -77,13 +78,17 @@ def parse_assignments(assignments: list[str], commands: list[str], own: str | No
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals:
-            raise PlopError("--set takes key=value.", where=text, expected="KEY=VALUE", found=text,
+            raise PlopError("--set takes key=value.", where=text, found=text,
+                            expected="KEY=VALUE" if own else "STAGE.KEY=VALUE",
                             fix=f"For example --set {own or 'train'}.seed=1.")  # fmt: skip
         prefixes = {command.replace(" ", ".") + ".": command for command in commands}
         owner = next((prefix for prefix in prefixes if key.startswith(prefix)), None)
         if owner is None and own is None:
-            raise PlopError("--set needs to know the stage.", where=text, expected=", ".join(commands),
-                            fix=f"For example --set train.{key}={value}.")  # fmt: skip
+            stage, _, setting = key.rpartition(".")
+            stages = [prefix.rstrip(".") for prefix in prefixes]
+            close = get_close_matches(stage, stages, n=1)
+            fix = f"Did you mean --set {close[0]}.{setting}={value}?" if close else "Write --set STAGE.KEY=VALUE."
+            raise PlopError("--set needs to know the stage.", where=text, expected=", ".join(stages), fix=fix)
         command = prefixes[owner] if owner is not None else str(own)
         found.setdefault(command, {})[key.removeprefix(owner or "").strip().replace("-", "_")] = value.strip()
     return found

@@ -95,17 +95,7 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     first = is_first_process()
     console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
     store = Store(values["workspace"], warn=console.warn if first else None)
-    options = {s.key: values.get(_variable(s.key)) for s in settings}
-    # a repeated option and one with commas mean the same
-    given = {key: ",".join(value) if isinstance(value, list) else value for key, value in options.items()
-             if value is not None and value != []}  # fmt: skip
-    config = resolve(
-        stage.config,
-        ref.command,
-        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS).get(ref.command, {})),
-        ("--set", own_assignments(values["set_"] or [], ref.command, COMMANDS)),
-        ("command line", given),
-    )
+    config = _config(ref, stage, settings, values, store)
     names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
     if stage.check is not None:
@@ -138,7 +128,21 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
             progress=progress,
             on_wait=lambda pid: console.warn(f"another run (process {pid}) is making this artifact; waiting for it"),
         )
-    report(console, store, outcome)
+    report(console, store, outcome, values["name"])
+
+
+def _config(ref: StageRef, stage: Stage, settings: list[Setting], values: dict[str, Any], store: Store) -> Any:
+    options = {s.key: values.get(_variable(s.key)) for s in settings}
+    # a repeated option and one with commas mean the same
+    given = {key: ",".join(value) if isinstance(value, list) else value for key, value in options.items()
+             if value is not None and value != []}  # fmt: skip
+    return resolve(
+        stage.config,
+        ref.command,
+        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS).get(ref.command, {})),
+        ("--set", own_assignments(values["set_"] or [], ref.command, COMMANDS)),
+        ("command line", given),
+    )
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
@@ -180,8 +184,9 @@ def _setting_option(setting: Setting) -> Any:
     plain_kind = PLAIN.get(setting.kind)
     choices = "" if kind is not str or setting.kind is str or plain_kind else f" ({describe(setting.kind)})"
     choices = " May be repeated." if several else choices
+    name = _option(setting.key)
     option = typer.Option(
-        _option(setting.key),
+        f"{name}/--no-{name[2:]}" if kind is bool else name,  # off, too: it may be on by itself, or in plop.toml
         help=escape(setting.help + choices),
         show_default=escape(shown) or "empty",
         metavar="TEXT" if several else plain_kind,

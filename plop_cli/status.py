@@ -8,7 +8,7 @@ from typing import Any
 
 from plop.artifacts.lineage import Key, first_difference, parents, stale_reasons
 from plop.artifacts.store import Artifact, Store
-from plop.artifacts.verify import verify
+from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError
 from plop_cli.console import Console, format_seconds
 from plop_cli.execute import raw_content
@@ -19,26 +19,15 @@ from stages.contract import Stage
 
 
 def show_status(store: Store, console: Console, *, everything: bool) -> None:
-    """Print a table for each environment, one row an artifact in the order of the pipeline, then why some are stale.
+    """Print a table for each environment, one row an artifact in the order of the pipeline, then what is amiss.
 
     Older artifacts are shown only with `everything`.
     """
     artifacts = store.artifacts()
-    stages = _imported_stages(artifacts)
-    versions = {name: stage.version for name, stage in stages.items()}
-
-    def raw_digest(artifact: Artifact, name: str, path: Path) -> str | None:
-        command = _command(artifact)
-        stage = stages.get(command)
-        if stage is None:
-            return None
-        config = resolve(stage.config, command, ("manifest", _flat(artifact.manifest.config)))
-        return raw_content(store, stage, path, config)
-
-    reasons = stale_reasons(store, artifacts, versions, raw_digest)
-    store.cache.save()
+    reasons = _stale(store, artifacts)
     shown = artifacts if everything else _latest_lines(artifacts)
-    rows = [_row(store, artifact, reasons) for artifact in sorted(shown, key=_place)]
+    damage = {artifact.key: error for artifact in shown if (error := obvious_damage(artifact)) is not None}
+    rows = [_row(store, artifact, reasons, damage) for artifact in sorted(shown, key=_place)]
     for environment, group in groupby(rows, key=lambda row: row["environment"]):
         console.table([{**row, "environment": "", "state": row["state"].partition(":")[0]} for row in group],
                       title=environment)  # fmt: skip
@@ -47,6 +36,8 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
         reason = reasons.get(artifact.key, "is stale")
         if not reason.endswith("is stale"):  # what only follows from another one is said there
             console.say(f"stale: {artifact.address}: {reason}")
+    for error in damage.values():
+        console.warn(error.render())
     if len(shown) < len(artifacts):
         console.say(f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them")
     for stage, fingerprint in unfinished(store):
@@ -61,6 +52,24 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
         "unfinished": ["@".join(key) for key in unfinished(store)],
         "unreadable": [error.as_dict() for error in problems.values()],
     })  # fmt: skip
+
+
+def _stale(store: Store, artifacts: list[Artifact]) -> dict[Key, str]:
+    """Say why artifacts are stale, as far as their stages can be imported here."""
+    stages = _imported_stages(artifacts)
+    versions = {name: stage.version for name, stage in stages.items()}
+
+    def raw_digest(artifact: Artifact, name: str, path: Path) -> str | None:
+        command = _command(artifact)
+        stage = stages.get(command)
+        if stage is None:
+            return None
+        config = resolve(stage.config, command, ("manifest", _flat(artifact.manifest.config)))
+        return raw_content(store, stage, path, config)
+
+    reasons = stale_reasons(store, artifacts, versions, raw_digest)
+    store.cache.save()
+    return reasons
 
 
 def unfinished(store: Store) -> list[Key]:
@@ -89,12 +98,15 @@ def _place(artifact: Artifact) -> tuple[str, int]:
     return artifact.manifest.environment, ORDER.get(artifact.manifest.stage, len(ORDER))
 
 
-def _row(store: Store, artifact: Artifact, reasons: dict[Key, str]) -> dict[str, Any]:
+def _row(store: Store, artifact: Artifact, reasons: dict[Key, str], damage: dict[Key, PlopError]) -> dict[str, Any]:
     manifest = artifact.manifest
     full = "@".join(artifact.key)
     names = [name for name, address in store.names().items() if address == full]
     sources = [f"{stage}@{mark[:6]}" for stage, mark in parents(artifact).values()]
     sources += [str(facts["name"]) for facts in manifest.inputs.values() if "name" in facts]
+    state = f"stale: {reasons[artifact.key]}" if artifact.key in reasons else "current"
+    if artifact.key in damage:
+        state = f"damaged: {damage[artifact.key].where}"
     return {
         "environment": manifest.environment,
         "artifact": artifact.address,
@@ -102,7 +114,7 @@ def _row(store: Store, artifact: Artifact, reasons: dict[Key, str]) -> dict[str,
         "from": ", ".join(sources),
         "took": format_seconds(float(manifest.provenance.get("seconds", 0.0))),
         "MB": round(sum(manifest.sizes.values()) / 1e6, 1),
-        "state": f"stale: {reasons[artifact.key]}" if artifact.key in reasons else "current",
+        "state": state,
     }
 
 

@@ -95,6 +95,15 @@ class Summary:
     warnings: list[str] = field(default_factory=list)
 
 
+Check = Callable[[Any, Mapping[str, "str | Path"]], None]
+"""`check(config, given)`: refuses, with a PlopError, settings and raw inputs that are wrong by themselves."""
+
+
+def settings_only(check: Callable[[Any], None]) -> Check:
+    """Make a stage's check of one that looks at the settings and at no input."""
+    return lambda config, given: check(config)
+
+
 @dataclass(frozen=True)
 class Stage:
     """One verb of the pipeline."""
@@ -109,9 +118,8 @@ class Stage:
     """Frozen dataclass with a default for every field; a docstring under each field says meaning and unit."""
     inputs: Mapping[str, InputSpec]
     run: Callable[[Inputs, Any, Output], Summary]
-    check: Callable[[Any, Mapping[str, str | Path]], None] | None = None
-    """`check(config, given)`: refuse, with a PlopError, what is wrong with settings and raw inputs by themselves,
-    before any input is made on the way."""
+    check: Check | None = None
+    """Called before any input is made on the way, and before a dry run."""
     check_inputs: Callable[[Inputs, Any], None] | None = None
     """`check_inputs(inputs, config)`: refuse, with a PlopError, what the inputs that are there already tell, before
     others are made from them on the way, which may take minutes. Those that are made later are absent."""

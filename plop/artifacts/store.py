@@ -156,8 +156,10 @@ class Store:
             known = self.artifacts(stage)
             if not known:
                 raise self.passed_over(stage) or PlopError(
-                    f"There is no artifact of `{stage}` in this workspace.", where=self.root,
-                    fix=f"Run `plop {stage}` first, or choose the workspace with -w.")  # fmt: skip
+                    f"There is no artifact of `{stage}` in this workspace.",
+                    where=self.root,
+                    fix="`plop status` lists what is there, `plop --help` the commands; -w chooses a workspace.",
+                )
             self.warn_passed_over(stage, taken=known[-1])
             return known[-1]
         fits = [folder for folder in self._folders((stage,)) if prefix and folder.name.startswith(prefix)]
@@ -189,12 +191,18 @@ class Store:
             raise PlopError("The names of artifacts cannot be read.", where=path, found=str(error),
                             fix="Remove the file; artifacts stay and can be named again.") from error  # fmt: skip
 
-    def set_name(self, name: str, artifact: Artifact) -> None:
-        """Name an artifact; a name that was used before moves to the new one."""
+    def set_name(self, name: str, artifact: Artifact) -> str | None:
+        """Name an artifact; a name that was used before moves to the new one.
+
+        Returns:
+            Full address of the artifact that bore the name until now; None when there was no other.
+        """
         check_name(name)
         with locked(self.root / ".locks" / "names"):
-            names = self.names() | {name: "@".join(artifact.key)}
-            write_json(self.root / "names.json", names)
+            names, address = self.names(), "@".join(artifact.key)
+            write_json(self.root / "names.json", names | {name: address})
+        before = names.get(name, address)
+        return None if before == address else before
 
     def scratch(self, stage: str, fingerprint: str, *, fresh: bool = False) -> Path:
         """Give the scratch folder of a fingerprint, with what a killed run left unless `fresh`. Hold its lock."""

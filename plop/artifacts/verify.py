@@ -19,24 +19,41 @@ def verify(artifact: Artifact, cache: DigestCache, *, fresh: bool = False) -> No
         PlopError: A file is missing, or has another size or content.
     """
     for name, expected in artifact.manifest.files.items():
-        path = artifact.path / name
-        size = artifact.manifest.sizes.get(name)
+        _check_size(artifact, name)
         try:
-            found_size = path.stat().st_size
-            if size is not None and found_size != size:
-                raise _corrupted(artifact, name, f"{size} bytes", f"{found_size} bytes")
-            found = cache.digest(path, fresh=fresh)
+            found = cache.digest(artifact.path / name, fresh=fresh)
         except OSError as error:
             raise _corrupted(artifact, name, "a readable file", error.strerror or str(error)) from error
         if found != expected:
             raise _corrupted(artifact, name, f"sha256 {expected[:12]}...", f"sha256 {found[:12]}...")
 
 
+def obvious_damage(artifact: Artifact) -> PlopError | None:
+    """Tell what is wrong with a payload as far as it is seen without reading: a file is missing or of another size."""
+    try:
+        for name in artifact.manifest.files:
+            _check_size(artifact, name)
+    except PlopError as error:
+        return error
+    return None
+
+
+def _check_size(artifact: Artifact, name: str) -> None:
+    try:
+        found = (artifact.path / name).stat().st_size
+    except OSError as error:
+        raise _corrupted(artifact, name, "a readable file", error.strerror or str(error)) from error
+    size = artifact.manifest.sizes.get(name)
+    if size is not None and found != size:
+        raise _corrupted(artifact, name, f"{size} bytes", f"{found} bytes")
+
+
 def _corrupted(artifact: Artifact, name: str, expected: str, found: str) -> PlopError:
+    command = artifact.manifest.provenance.get("command", artifact.manifest.stage)
     return PlopError(
         f"The payload of {artifact.address} is damaged.",
         where=artifact.path / name,
         expected=expected,
         found=found,
-        fix=f"Run `plop {artifact.manifest.stage} --force` with the same settings to make it again.",
+        fix=f"Run `plop {command}` with --force and otherwise as before to make it again.",
     )

@@ -99,15 +99,7 @@ def diagnose(
     for table in tables:
         table.respond([column for candidate in candidates for column in candidate.columns])
     _check_laws(tables, candidates)
-    state = State(tables, candidates)
-    begins = begun(state, candidates)
-    candidates, state = _started(state, candidates, begins)
-    others = {key: candidate for key, candidate in turned(state).items() if key not in begins}
-    before = {c.key: c for c in candidates}
-    candidates, state = _started(state, candidates, others)
-    heard = {c.key for c in state.screen.candidates}
-    one_way = {key: one_sided(before[key]) for key in others if key not in heard}
-    candidates, state = _started(state, candidates, one_way)
+    candidates, state, begins = _begun_everywhere(State(tables, candidates), candidates)
     screen_s = time.perf_counter() - started
     several = searched(state, candidates)
     candidates = _moved(candidates, several)
@@ -201,6 +193,23 @@ def _affordable(column: Column, base: EngineBase, types: Mapping[str, EffectType
             ends = sorted((value / STEP, -value / STEP))
             return replace(column, low=max(column.low, ends[0]), high=min(column.high, ends[1]))
     return column
+
+
+def _begun_everywhere(state: State, candidates: list[Candidate]) -> tuple[list[Candidate], State, dict[str, Candidate]]:
+    """Try each law from where it leaves least, then the other way where it seems to act that way.
+
+    Returns:
+        The candidates with these amplitudes, the evidence, and the laws that were tried at several amplitudes, by key.
+    """
+    begins = begun(state, candidates)
+    candidates, state = _started(state, candidates, begins)
+    others = {key: candidate for key, candidate in turned(state).items() if key not in begins}
+    before = {c.key: c for c in candidates}
+    candidates, state = _started(state, candidates, others)
+    heard = {c.key for c in state.screen.candidates}
+    one_way = {key: one_sided(before[key]) for key in others if key not in heard}
+    candidates, state = _started(state, candidates, one_way)
+    return candidates, state, begins
 
 
 def _started(

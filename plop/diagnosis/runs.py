@@ -74,8 +74,9 @@ class Runs:
         try:
             from distributed import Client
         except ImportError as error:
-            raise PlopError("A Dask scheduler needs the package distributed.", expected="pip install plop[cluster]",
-                            found=str(error), fix="Install it, or leave --scheduler out.") from error  # fmt: skip
+            raise PlopError("A Dask scheduler needs the package distributed.", expected="distributed", found=str(error),
+                            fix="In plop's folder: pip install -e '.[cluster]'; or leave --scheduler out."
+                            ) from error  # fmt: skip
         try:
             client = Client(self.scheduler, timeout="20s", set_as_default=True)
         except (OSError, TimeoutError, ValueError) as error:

@@ -10,10 +10,7 @@ Source: NVlabs/DiSECt, `dflex/render.py` and the side file written with each rec
 
 from __future__ import annotations
 
-import json
 import re
-import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,37 +19,31 @@ from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
 from plop.recordings.mesh_sequence import MeshSequence, check_mesh_sequence
+from plop.recordings.npz_file import Part, read_npz
+from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation that takes (x, y, z) with y up to (x, -z, y) with z up."""
 
 _NODES = "/root/particle_instancer.positions"
 _KNIFE = "/root/body_3"
-_ARRAYS = (
-    "times", "knife_position", "knife_quaternion_xyzw", "knife_vertices", "knife_faces", "points_rest", "tets",
-    "surface_clean", "cut_edge_indices", "cut_edge_coords", "virtual_nodes",
-)  # fmt: skip
+_WHOLE = "ui"
+_ARRAYS = {
+    "times": Part((None,)), "knife_position": Part((None, 3)), "knife_quaternion_xyzw": Part((None, 4)),
+    "knife_vertices": Part((None, 3)), "knife_faces": Part((None, 3), _WHOLE), "points_rest": Part((None, 3)),
+    "tets": Part((None, 4), _WHOLE), "surface_clean": Part((None, 3), _WHOLE),
+    "cut_edge_indices": Part((None, 2), _WHOLE), "cut_edge_coords": Part((None,)),
+    "virtual_nodes": Part((None,), _WHOLE),
+}  # fmt: skip
+_MAY_BE_EMPTY = ("cut_edge_indices", "cut_edge_coords", "virtual_nodes")
 _SAME_TIME_S = 1e-4
 _SAME_PLACE_M = 1e-4
 _LEAST_QUATERNION = 1e-6
+_COPY_AGAIN = "Copy this recording again: .usd, .npz and .json belong together."
 
 
-@dataclass(frozen=True)
-class DisectEntry:
-    """One recording in a folder, not read yet."""
-
-    name: str
-    environment: str
-    """Shape and material, e.g. "prism-jelly"."""
-    path: Path
-    """Path of the USD file."""
-
-
-def list_disect(folder: Path) -> list[DisectEntry]:
+def list_disect(folder: Path) -> list[RawEpisode]:
     """List the recordings of a folder by name, reading only their JSON files.
-
-    A recording whose JSON is missing or damaged is listed under the environment that its name
-    tells, so that reading it, and nothing else, fails.
 
     Raises:
         PlopError: There are none.
@@ -61,14 +52,11 @@ def list_disect(folder: Path) -> list[DisectEntry]:
     if not names:
         raise PlopError("There are no DiSECt recordings here.", where=folder, expected="<name>.usd, .npz and .json",
                         found="no .usd file", fix="Give the folder that holds the .usd files.")  # fmt: skip
-    return [DisectEntry(name, _environment_of(folder / f"{name}.json"), folder / f"{name}.usd") for name in names]
+    return [raw_episode(folder / f"{name}.usd", _read_side, _guess_environment) for name in names]
 
 
-def _environment_of(path: Path) -> str:
-    try:
-        return str(_read_side(path)["environment"])
-    except PlopError:
-        return re.sub(r"(_part)?_\d+$", "", path.stem).replace("_", "-")
+def _guess_environment(name: str) -> str:
+    return re.sub(r"(_part)?_\d+$", "", name).replace("_", "-")
 
 
 def read_disect(path: str | Path) -> MeshSequence:
@@ -136,16 +124,11 @@ def _knife_poses(position: np.ndarray, quaternion_xyzw: np.ndarray) -> np.ndarra
 
 
 def _read_side(path: Path) -> dict[str, Any]:
-    try:
-        side = json.loads(path.read_text())
-        if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording that hides its settings
-            side["environment"] = f"{side['shape']}-{side['material']}"
-        if not isinstance(side["environment"], str):
-            raise TypeError("environment is not a text")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PlopError("The recording's JSON file is missing or damaged.", where=path,
-                        expected='JSON with "environment" and "units"', found=f"{type(error).__name__}: {error}",
-                        fix="Copy this recording again: .usd, .npz and .json belong together.") from error  # fmt: skip
+    texts = dict.fromkeys(("environment", "shape", "material"), str)
+    side = read_side_file(path, {**texts, "units": dict, "settings": dict}, fix=_COPY_AGAIN)
+    if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording that hides its settings
+        side["environment"] = f"{side['shape']}-{side['material']}"
+    check_has_environment(side, path, fix=_COPY_AGAIN)
     units = side.get("units", {})
     if (units.get("length", "m"), units.get("up", "y")) != ("m", "y"):
         raise PlopError("The recording has other units.", where=path, expected="metres, y up",
@@ -155,17 +138,8 @@ def _read_side(path: Path) -> dict[str, Any]:
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [key for key in _ARRAYS if key not in file.files]
-            arrays = {key: file[key] for key in _ARRAYS if key not in missing}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise PlopError("The recording's npz file is missing or damaged.", where=path, expected="a complete npz file",
-                        found=f"{type(error).__name__}: {error}",
-                        fix="Copy this recording again: .usd, .npz and .json belong together.") from error  # fmt: skip
-    if missing:
-        raise PlopError("The recording's npz file is incomplete.", where=path, expected=", ".join(_ARRAYS),
-                        found=f"no {', '.join(missing)}", fix="Export the recording again.")  # fmt: skip
+    arrays = read_npz(path, _ARRAYS, may_be_empty=_MAY_BE_EMPTY, fix=_COPY_AGAIN)
+    arrays = {key: arrays[key] for key in _ARRAYS}
     for key, value in arrays.items():
         if not np.isfinite(value).all():
             raise PlopError("The recording holds NaN or infinite values.", where=f"{path}: {key}",
@@ -188,10 +162,10 @@ def _read_usd(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     except ImportError as error:
         raise PlopError("Reading USD files needs usd-core, which is not installed.", where=path,
                         expected="the package usd-core", found=str(error),
-                        fix='Install the extra: pip install "plop[disect]".') from error  # fmt: skip
+                        fix='In the folder of plop: pip install -e ".[disect]"') from error  # fmt: skip
     damaged = PlopError("The USD file is missing or damaged.", where=path, expected="a complete USD file",
                         found=f"{path.stat().st_size} bytes" if path.is_file() else "no file",
-                        fix="Copy this recording again: .usd, .npz and .json belong together.")  # fmt: skip
+                        fix=_COPY_AGAIN)  # fmt: skip
     if not path.is_file():
         raise damaged
     try:
@@ -239,5 +213,9 @@ def _check_against_side_file(
     if gap > _SAME_PLACE_M:
         refuse("knife", "the knife at the same place", f"up to {gap:.4f} m away")
     vertices = len(arrays["points_rest"]) + len(arrays["cut_edge_indices"])
-    if len(arrays["cut_edge_coords"]) != len(arrays["cut_edge_indices"]) or arrays["surface_clean"].max() >= vertices:
-        refuse("surface_clean", f"indices below {vertices}", f"{arrays['surface_clean'].max()}")
+    edges = arrays["cut_edge_indices"]
+    if edges.min(initial=0) < 0 or edges.max(initial=0) >= len(arrays["points_rest"]):
+        refuse("cut_edge_indices", f"indices 0..{len(arrays['points_rest']) - 1}", f"{edges.min()}..{edges.max()}")
+    surface = arrays["surface_clean"]
+    if len(arrays["cut_edge_coords"]) != len(edges) or surface.min() < 0 or surface.max() >= vertices:
+        refuse("surface_clean", f"indices 0..{vertices - 1}", f"{surface.min()}..{surface.max()}")

@@ -45,9 +45,11 @@ class ExportedDepth:
         self.folder = folder
         self.missing: list[int] = []
         self.saturated: list[int] = []
+        self.other_size: dict[str, list[int]] = {}
+        """What was found -> frames."""
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:
-        """See DepthSource; a missing picture measures nothing and is remembered in `missing`."""
+        """See DepthSource; a missing picture measures nothing. What `warnings` tells is remembered."""
         path = self.folder / f"{frame:06d}.png"
         if not path.is_file():
             self.missing.append(frame)
@@ -62,13 +64,17 @@ class ExportedDepth:
             raise PlopError("A depth picture has another shape than the video.", where=path,
                             expected=f"the aspect of {left.shape[1]}x{left.shape[0]}",
                             found=f"{picture.shape[1]}x{picture.shape[0]}", fix="Export the left eye.")  # fmt: skip
+        if picture.shape != left.shape[:2]:
+            found = f"{picture.shape[1]}x{picture.shape[0]} px, not the video's {left.shape[1]}x{left.shape[0]}"
+            self.other_size.setdefault(f"{found} (rescaled to the stored pictures, nearest pixel)", []).append(frame)
         if (picture == SATURATED).any():
             self.saturated.append(frame)
         return np.where(picture == SATURATED, 0, picture).astype(np.float32) / 1000
 
     def warnings(self) -> list[str]:
-        """Say which frames had no picture or ran over."""
-        named = (("no depth picture", self.missing), ("65535 (ran over, taken as not measured)", self.saturated))
+        """Say which frames had no picture, ran over, or are of another size than the video."""
+        named = (("no depth picture", self.missing), ("65535 (ran over, taken as not measured)", self.saturated),
+                 *self.other_size.items())  # fmt: skip
         return [f"{self.folder}: {what} for {len(frames)} frames: {', '.join(f'{x:06d}' for x in sorted(frames)[:8])}"
                 for what, frames in named if frames]  # fmt: skip
 

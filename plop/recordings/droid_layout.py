@@ -82,7 +82,7 @@ def find_episodes(root: str | Path) -> list[DroidFolder]:
         raise PlopError("No DROID episode was found.", where=root,
                         expected="<LAB>/{success|failure}/<date>/<time>/trajectory.h5 below this folder",
                         found="no trajectory.h5, metadata_*.json or recordings/",
-                        fix="Point --raw at the folder that holds the labs.")  # fmt: skip
+                        fix="Give the folder that holds the labs.")  # fmt: skip
     return found
 
 

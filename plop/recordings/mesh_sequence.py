@@ -11,9 +11,7 @@ World frame: metres, right-handed, z up. Faces are counter-clockwise seen from o
 
 from __future__ import annotations
 
-import json
 import re
-import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +21,17 @@ import numpy as np
 from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
+from plop.recordings.npz_file import Part, read_npz
+from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 MESH_SEQUENCE_SCHEMA = 1
 _TRUTH = "truth_"
+_EXPORT_AGAIN = "Record or export this episode again."
+_ARRAYS = {
+    "times": Part((None,)), "vertices": Part((None, None, 3)), "faces": Part((None, 3)),
+    "tool_vertices": Part((None, 3)), "tool_faces": Part((None, 3)), "world_from_tool": Part((None, 4, 4)),
+    "rest_vertices": Part((None, 3)), "cut_faces": Part((None,)),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,21 +115,8 @@ def write_mesh_sequence(folder: str | Path, sequence: MeshSequence) -> Path:
     return path
 
 
-@dataclass(frozen=True)
-class MeshSequenceEntry:
-    """One mesh sequence in a folder, not read yet."""
-
-    name: str
-    environment: str
-    path: Path
-    """Path of the npz file."""
-
-
-def list_mesh_sequences(folder: Path) -> list[MeshSequenceEntry]:
+def list_mesh_sequences(folder: Path) -> list[RawEpisode]:
     """List the mesh sequences of a folder by name, reading only their JSON files.
-
-    One whose JSON is missing or damaged is listed under the environment that its name tells, so
-    that reading it, and nothing else, fails.
 
     Raises:
         PlopError: There are none.
@@ -132,14 +125,7 @@ def list_mesh_sequences(folder: Path) -> list[MeshSequenceEntry]:
     if not paths:
         raise PlopError("There are no mesh sequences here.", where=folder, expected="<name>.npz and <name>.json",
                         found="no .npz file", fix="Give the folder that the simulator wrote.")  # fmt: skip
-    return [MeshSequenceEntry(path.stem, _environment_of(path.with_suffix(".json")), path) for path in paths]
-
-
-def _environment_of(path: Path) -> str:
-    try:
-        return str(_read_side(path)["environment"])
-    except PlopError:
-        return re.sub(r"_\d+$", "", path.stem)
+    return [raw_episode(path, _read_side, lambda name: re.sub(r"_\d+$", "", name)) for path in paths]
 
 
 def read_mesh_sequence(path: str | Path) -> MeshSequence:
@@ -154,7 +140,7 @@ def read_mesh_sequence(path: str | Path) -> MeshSequence:
     """
     path = Path(path)
     side = _read_side(path.with_suffix(".json"))
-    arrays = _read_arrays(path)
+    arrays = read_npz(path, _ARRAYS, optional=("rest_vertices", "cut_faces"), fix=_EXPORT_AGAIN)
     truth = {key.removeprefix(_TRUTH): value for key, value in arrays.items() if key.startswith(_TRUTH)}
     sequence = MeshSequence(
         name=path.stem,
@@ -193,7 +179,7 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
         if np.shape(value) != shape or 0 in shape:
             raise PlopError("The arrays of this episode do not fit together.", where=f"{where}: {key}",
                             expected=f"shape {shape}, no dimension empty", found=f"shape {np.shape(value)}",
-                            fix="Record or export this episode again.")  # fmt: skip
+                            fix=_EXPORT_AGAIN)  # fmt: skip
         if not np.isfinite(value).all():
             raise PlopError("This episode holds NaN or infinite values.", where=f"{where}: {key}",
                             expected="finite numbers", found=f"{int((~np.isfinite(value)).sum())} others",
@@ -210,39 +196,19 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
 
 
 def _read_side(path: Path) -> dict[str, Any]:
-    try:
-        side = json.loads(path.read_text())
-        if not isinstance(side["environment"], str):
-            raise TypeError("environment is not a text")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PlopError("The episode's JSON file is missing or unreadable.", where=path,
-                        expected='{"environment": ..., "table_z_m": ...}', found=str(error),
-                        fix="Record or export this episode again.") from error  # fmt: skip
+    kinds = {"environment": str, "schema": int, "source": str, "facts": dict}
+    side = read_side_file(path, kinds, fix=_EXPORT_AGAIN)
+    if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
+        raise PlopError("The episode comes from a newer version.", where=path,
+                        expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",
+                        fix="Update plop.")  # fmt: skip
+    check_has_environment(side, path, fix=_EXPORT_AGAIN)
     height = side.get("table_z_m")
     if height is not None and (type(height) not in (int, float) or not np.isfinite(height)):
         raise PlopError("The height of the table is not a number.", where=f"{path}: table_z_m",
                         expected="metres without quotes, or null where there is no table", found=repr(height),
                         fix="Correct the JSON file.")  # fmt: skip
-    if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
-        raise PlopError("The episode comes from a newer version.", where=path,
-                        expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",
-                        fix="Update plop.")  # fmt: skip
     return side
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise PlopError("The episode's npz file is missing or damaged.", where=path, expected="a complete npz file",
-                        found=str(error), fix="Copy or export this episode again.") from error  # fmt: skip
-    needed = ("times", "vertices", "faces", "tool_vertices", "tool_faces", "world_from_tool")
-    missing = [key for key in needed if key not in arrays]
-    if missing:
-        raise PlopError("The episode's npz file is incomplete.", where=path, expected=", ".join(needed),
-                        found=f"no {', '.join(missing)}", fix="Export this episode again.")  # fmt: skip
-    return arrays
 
 
 def begun_at_rest(sequence: MeshSequence) -> MeshSequence:

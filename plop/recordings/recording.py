@@ -30,6 +30,7 @@ import numpy as np
 from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
+from plop.recordings.recording_checks import check_recording_file
 
 RECORDING_SCHEMA = 1
 
@@ -92,31 +93,7 @@ class Recording(Hdf5Reader):
         super().__init__(path)
 
     def _check(self) -> None:
-        for key in ("frames/time_s", "cameras", "tool/world_from_tool"):
-            if key not in self._file:
-                raise PlopError("The recording is incomplete.", where=f"{self.path}:/{key}", expected="this key",
-                                found="nothing", fix=f"{self.maker} again.")  # fmt: skip
-        frames = len(self._file["frames/time_s"])
-        lengths = {f"cameras/{name}/rgb": len(group["rgb"]) for name, group in self._file["cameras"].items()}
-        lengths["tool/world_from_tool"] = len(self._file["tool/world_from_tool"])
-        for key, length in lengths.items():
-            if length != frames:
-                raise PlopError("The recording's lengths do not match.", where=f"{self.path}:/{key}",
-                                expected=f"{frames} frames, as in /frames/time_s", found=f"{length} frames",
-                                fix=f"{self.maker} again.")  # fmt: skip
-        for group in ("cameras", "scan"):
-            for name, node in self._file.get(group, {}).items():
-                self._check_sizes(f"{group}/{name}", node)
-
-    def _check_sizes(self, key: str, node: h5py.Group) -> None:
-        """Raise PlopError when depth and mask of a camera are not of its image's size."""
-        frames, height, width = node["rgb"].shape[:3]
-        for part in ("depth_m", "mask"):
-            shape = node[part].shape
-            if shape != (frames, height, width):
-                raise PlopError("Depth or mask has another size than the image.", where=f"{self.path}:/{key}/{part}",
-                                expected=f"{_sizes(frames, height, width)}, as /{key}/rgb", found=_sizes(*shape),
-                                fix=f"{self.maker} again.")  # fmt: skip
+        check_recording_file(self._file, self.path, maker=self.maker)
 
     @property
     def name(self) -> str:
@@ -205,7 +182,3 @@ class Recording(Hdf5Reader):
                             found=name)  # fmt: skip
         self._nodes[group, name] = dict(self._file[group][name].items())
         return self._nodes[group, name]
-
-
-def _sizes(*shape: int) -> str:
-    return "frames x height x width = " + " x ".join(str(length) for length in shape)

@@ -7,7 +7,9 @@ episodes.json          {"environment", "train": [names], "test": [names], "skipp
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -71,3 +73,31 @@ def split_names(names: list[str], test: tuple[str, ...]) -> tuple[list[str], lis
         return names[:kept], names[kept:]
     held_out = [name for name in names if any(fnmatchcase(name, pattern) for pattern in test)]
     return [name for name in names if name not in held_out], held_out
+
+
+def check_patterns(names: Sequence[str], patterns: Sequence[str], *, option: str, where: str | Path) -> list[str]:
+    """Look whether the user's patterns of episode names fit any episode.
+
+    Args:
+        names: All episodes, also those that cannot be used.
+        patterns: Globs, or plain names.
+        option: The option that holds them, for messages.
+        where: The folder of the episodes, for messages.
+
+    Returns:
+        A warning for each glob that fits none.
+
+    Raises:
+        PlopError: A plain name is of no episode; tells the nearest ones.
+    """
+    warnings = []
+    for pattern in patterns:
+        if any(fnmatchcase(name, pattern) for name in names):
+            continue
+        if not set("*?[") & set(pattern):
+            close = get_close_matches(pattern, names, n=3)
+            raise PlopError("There is no episode of this name.", where=where, found=f"{option} {pattern}",
+                            expected=", ".join(names[:8]) + (" ..." if len(names) > 8 else ""),
+                            fix=f"Did you mean {' or '.join(close)}?" if close else f"Correct {option}.")  # fmt: skip
+        warnings.append(f"{option} {pattern} fits no episode")
+    return warnings

@@ -25,7 +25,7 @@ class RecordingWriter:
         source: What it was made from, e.g. "disect".
         environment: Name of the environment.
         table_z_m: Height of the table [m]; None when there is none.
-        time_s: Time of every frame, shape [T], strictly increasing [s].
+        time_s: Time of every frame, shape [T], T at least 2, strictly increasing [s].
         tool_mesh: The tool in its own frame.
         world_from_tool: Pose of the tool at every frame, shape [T, 4, 4].
     """
@@ -44,8 +44,8 @@ class RecordingWriter:
     ) -> None:
         self.path = Path(path)
         time_s, poses = np.asarray(time_s, np.float64), np.asarray(world_from_tool, np.float64)
-        if time_s.ndim != 1 or not len(time_s) or not np.isfinite(time_s).all() or (np.diff(time_s) <= 0).any():
-            raise PlopError("Time does not increase.", where=name, expected="finite, strictly increasing seconds",
+        if time_s.ndim != 1 or len(time_s) < 2 or not np.isfinite(time_s).all() or (np.diff(time_s) <= 0).any():
+            raise PlopError("Time does not increase.", where=name, expected="2 or more finite, increasing seconds",
                             found=f"{time_s[:5]}...")  # fmt: skip
         self._check_poses(poses, len(time_s), f"{name}: tool")
         self._written: dict[str, np.ndarray] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ from plop.render.projection import NEAR_M
 from plop.render.sh import TERMS_OF_DEGREE
 
 Backend = Literal["auto", "numba", "torch", "gsplat"]
+BACKENDS: tuple[str, ...] = get_args(Backend)
 
 
 def render(
@@ -92,7 +93,7 @@ def _load(backend: str, means: Tensor) -> Callable[[Gaussians, list[Camera], Ten
         from plop.render.rasterize_gsplat import render_gsplat
 
         return render_gsplat
-    raise PlopError("Unknown rendering backend.", expected="auto, numba, torch or gsplat", found=str(backend))
+    raise PlopError("Unknown rendering backend.", expected=" or ".join(BACKENDS), found=str(backend))
 
 
 def check_gaussians(gaussians: Gaussians) -> None:

@@ -33,12 +33,12 @@ def render_gsplat(gaussians: Gaussians, cameras: list[Camera], background: Tenso
         raise PlopError(
             "gsplat renders on CUDA devices only.",
             found=f"Gaussians on {gaussians.means.device}, CUDA {'' if torch.cuda.is_available() else 'not '}available",
-            fix='Move the Gaussians with .to("cuda"), or use backend="numba".',
+            fix="Choose the backend auto or numba, or a device with CUDA; `plop doctor` tells what torch sees.",
         )
     try:
         from gsplat import rasterization
     except ImportError as error:
-        fix = "Install the extra `cuda`: pip install 'plop[cuda]'; it also needs the CUDA toolkit to compile."
+        fix = 'In the folder of plop: pip install -e ".[cuda]"; it also needs the CUDA toolkit to compile.'
         raise PlopError("gsplat is not installed.", found=str(error), fix=fix) from error
 
     like, (width, height) = gaussians.means, (cameras[0].width, cameras[0].height)

@@ -61,7 +61,7 @@ def render_numba(gaussians: Gaussians, cameras: list[Camera], background: Tensor
     like = gaussians.means
     if like.device.type != "cpu":
         found = f"tensors on {like.device}"
-        raise PlopError("The numba rasterizer runs on the CPU only.", found=found, fix='Use backend="auto".')
+        raise PlopError("The numba rasterizer runs on the CPU only.", found=found, fix="Choose the backend auto.")
     views = np.stack([pack_view(camera, near_m) for camera in cameras])
     fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.sh)
     images = _Rasterize.apply(

@@ -33,7 +33,7 @@ def open_rerun(title: str, save: Path | None) -> Any:
     try:
         rr = importlib.import_module("rerun")
     except ImportError as error:
-        fix = "pip install 'plop[view]'; or look at the PLY and MP4 files of `plop export`."
+        fix = "In the folder of plop: pip install -e '.[view]'; or look at the PLY and MP4 files of `plop export`."
         raise PlopError("The viewer is not installed.", expected="the package rerun-sdk", fix=fix) from error
     rr.init(title, spawn=save is None)
     if save is not None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.errors import PlopError
 from plop.recordings.recording import Recording
 from stages.calibrate.correct import find_correction
 from stages.calibrate.pass_on import Edits
@@ -41,12 +40,9 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
         reprojection_px: Error of board images per camera [px].
 
     Raises:
-        PlopError: Images, times, tool or calibration cannot be what they claim (units, NaN poses), nothing was seen,
-            or there is no camera.
+        PlopError: Images or tool cannot be what they claim (units), or nothing was seen.
     """
     names = recording.camera_names
-    if not names:
-        raise PlopError("The recording has no camera.", where=recording.path, expected="at least one", found="none")
     frames = spread_frames(len(recording), config.check_frames)
     check_recording(recording, frames)
     before = check_episode(recording, frames, config.region_margin_m)

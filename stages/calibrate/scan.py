@@ -10,7 +10,7 @@ import numpy as np
 from plop.errors import PlopError
 from plop.geometry.agreement import disagreement
 from plop.recordings.recording import Recording, View
-from stages.calibrate.verify import MIN_COMPARED, check_camera, depth_views
+from stages.calibrate.verify import MIN_COMPARED, depth_views
 
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
@@ -45,8 +45,6 @@ def check_scan(recording: Recording, name: str, config: CalibrateConfig) -> tupl
     """
     total = recording.scan_length(name)
     views = [_clean(recording.view(name, index, group="scan")) for index in range(total)]
-    for index, view in enumerate(views):
-        check_camera(view.camera, f"{recording.path}:/scan/{name}[{index}]")
     before = scan_disagreement_mm(views, config.region_margin_m)
     fine = before is not None and before <= config.max_disagreement_mm
     if config.refine_scan == "never" or (config.refine_scan == "auto" and (fine or not config.correct)):

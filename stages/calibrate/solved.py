@@ -95,9 +95,6 @@ def board_of(config: CalibrateConfig) -> Board:
 
 def choose(robot: np.ndarray, board: np.ndarray, mount: str, method: str) -> HandEye:
     """Run one method, or all ("auto"; with the robot-world methods for a wrist camera), and keep the best."""
-    if method != "auto" and method not in HAND_EYE_METHODS:
-        raise PlopError("The hand-eye method is unknown.", where="calibrate.hand_eye_method",
-                        expected=", ".join(["auto", *HAND_EYE_METHODS]), found=method)  # fmt: skip
     found = hand_eye(robot, board, mount=mount, methods=tuple(HAND_EYE_METHODS) if method == "auto" else (method,))
     if method != "auto" or mount != "wrist":
         return found

@@ -1,11 +1,10 @@
-"""Can a recording be calibrated at all: its clock, its tool, and whether the cameras saw anything?"""
+"""Can a recording be calibrated at all: is its tool within reach, and did the cameras see anything?"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.rigid import check_rigid
 from plop.geometry.tool_reach import check_tool_reach
 from plop.recordings.recording import Recording, View
 from stages.calibrate.verify import read_views
@@ -15,34 +14,20 @@ def check_recording(recording: Recording, frames: list[int]) -> None:
     """Refuse a recording that later stages could make nothing of.
 
     Args:
-        recording: Open recording with at least one camera.
+        recording: Open recording.
         frames: Frames on which cameras are compared, the first one first.
 
     Raises:
-        PlopError: Times do not increase, the tool has no mesh or poses that cannot be, no camera sees the object at
-            the first frame or none measured depth, or a camera cannot be (see read_views).
+        PlopError: The tool has no mesh or is out of reach, no camera sees the object at the first frame or none
+            measured depth, or depth is no metres (see read_views).
     """
-    _check_times(recording)
     poses_at = f"{recording.path}:/tool/world_from_tool"
     poses, mesh = recording.world_from_tool, recording.tool_mesh
-    check_rigid(poses, poses_at, what="tool")
     views = read_views(recording, frames[0])
     _check_seen(recording, views, frames)
     clouds = [view.camera.back_project(view.depth_m, view.object_mask) for view in views]
     eyes = np.stack([view.camera.world_from_cam[:3, 3] for view in views])
     check_tool_reach(mesh.vertices, poses, np.concatenate([*clouds, eyes]), poses_at)
-
-
-def _check_times(recording: Recording) -> None:
-    steps = np.diff(recording.time_s, prepend=-np.inf)
-    bad = ~(np.isfinite(recording.time_s) & (steps > 0))
-    if bad.any():
-        frame = int(np.argmax(bad))
-        raise PlopError("Time does not increase.", where=f"{recording.path}:/frames/time_s",
-                        expected="finite, strictly increasing seconds",
-                        found=f"{recording.time_s[frame]:g} s at frame {frame}"
-                              + (f" after {recording.time_s[frame - 1]:g} s" if frame else ""),
-                        fix="Correct the clock in the raw data and ingest again.")  # fmt: skip
 
 
 def _check_seen(recording: Recording, views: list[View], frames: list[int]) -> None:

@@ -10,13 +10,14 @@ from pathlib import Path
 from plop.artifacts.whole_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
+from plop.geometry.handeye import HAND_EYE_METHODS
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.calibrate.episode import calibrate_episode
 from stages.calibrate.pass_on import pass_on
-from stages.calibrate.solved import Solved, edits_for, solve
+from stages.calibrate.solved import Solved, board_of, edits_for, solve
 from stages.calibrate.verdict import ORDER
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 
 @dataclass(frozen=True)
@@ -129,12 +130,17 @@ def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateC
 
 
 def _check(config: CalibrateConfig) -> None:
-    check_choices(config, "calibrate", {"refine_scan": ("auto", "always", "never"), "scan_scale": ("poses", "depth")})
+    check_choices(config, "calibrate", {
+        "refine_scan": ("auto", "always", "never"), "scan_scale": ("poses", "depth"),
+        "hand_eye_method": ("auto", *HAND_EYE_METHODS),
+    })  # fmt: skip
     check_ranges(config, "calibrate", {
-        "check_frames": (1, inf), "max_disagreement_mm": (1e-6, inf), "gate_m": (1e-6, inf),
+        "check_frames": (1, inf), "max_disagreement_mm": (1e-6, inf), "gate_m": (1e-6, inf), "region_margin_m": (0, 10),
         "max_reprojection_px": (1e-6, inf), "max_offset_ms": (0, inf), "max_offset_search_ms": (0, inf),
         "board_columns": (2, inf), "board_rows": (2, inf), "max_scan_views": (2, inf),
+        "board_square_m": (1e-6, 1), "board_marker_m": (0, 1), "board_marker_id": (0, inf),
     })  # fmt: skip
+    board_of(config).check()
 
 
 def _worst(rows: dict[str, dict]) -> dict[str, dict]:
@@ -180,4 +186,5 @@ STAGE = Stage(
         "handeye": InputSpec((), "folder with hand-eye poses, one sub-folder per camera", optional=True),
     },
     run=run,
+    check=settings_only(_check),
 )

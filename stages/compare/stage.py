@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import inf
@@ -27,7 +26,7 @@ from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
 from stages.compare.checks import CONVENTIONS, check_conventions
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 COMPARE_SCHEMA = 1
 
@@ -58,7 +57,7 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     Raises:
         PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
     """
-    check(config, {})
+    _check(config)
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_conventions(inputs, recordings)
@@ -98,7 +97,7 @@ def _compare(
     return field, camera_rows(recording, fit, field, shown) if config.frames else []
 
 
-def check(config: CompareConfig, given: Mapping[str, str | Path]) -> None:
+def _check(config: CompareConfig) -> None:
     """Refuse settings out of range.
 
     Raises:
@@ -226,6 +225,6 @@ STAGE = Stage(
         "model": InputSpec(("train", "identify", "augment"), "the model to compare"),
     },
     run=run,
-    check=check,
+    check=settings_only(_check),
     check_inputs=check_inputs,
 )

@@ -13,8 +13,9 @@ from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.recordings.set import RecordingSet
+from plop.render.rasterize import BACKENDS
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import environment_report, summary_table, write_csv
@@ -52,9 +53,7 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     Raises:
         PlopError: The rollouts do not belong to these recordings or fits, or hold nothing.
     """
-    check_choices(config, "eval", {"lpips_net": ("alex", "vgg")})
-    check_jobs(config, "eval")
-    check_ranges(config, "eval", {"emd_every": (0, inf), "threads": (0, 4096)})
+    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
@@ -70,6 +69,12 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     write_csv(out.path / "scores.csv", rows)
     plot_over_time(out.path / "over_time.png", rows, recordings.environment)
     return _summary(report)
+
+
+def _check(config: EvalConfig) -> None:
+    check_choices(config, "eval", {"lpips_net": ("alex", "vgg"), "backend": BACKENDS})
+    check_jobs(config, "eval")
+    check_ranges(config, "eval", {"emd_every": (0, inf), "threads": (0, 4096)})
 
 
 def _lpips(config: EvalConfig) -> Lpips | Unavailable:
@@ -115,4 +120,5 @@ STAGE = Stage(
         "rollouts": InputSpec(("rollout",), "what was predicted", along="recordings"),
     },
     run=run,
+    check=settings_only(_check),
 )

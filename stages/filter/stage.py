@@ -31,7 +31,7 @@ from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     Raises:
         PlopError: The split or an excluded camera is unknown, none is left, or an episode has no fitted Gaussians.
     """
-    check_choices(config, "filter", {"split": ("train", "test", "all")})
-    check_jobs(config, "filter")
-    check_ranges(config, "filter", {
-        "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf), "contact": (0, inf),
-        "depth_weight": (0, inf), "settle": (0, inf),
-    })  # fmt: skip
+    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_excluded(recordings, config.exclude, "filter")
     chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}[config.split]
@@ -95,6 +90,15 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     rows = [{"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))} for name in chosen]
     figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
     return Summary(figures={"episodes": len(rows), **figures}, table=rows)
+
+
+def _check(config: FilterConfig) -> None:
+    check_choices(config, "filter", {"split": ("train", "test", "all")})
+    check_jobs(config, "filter")
+    check_ranges(config, "filter", {
+        "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf), "contact": (0, inf),
+        "depth_weight": (0, inf), "settle": (0, inf),
+    })  # fmt: skip
 
 
 @deterministic()
@@ -158,4 +162,5 @@ STAGE = Stage(
         ),
     },
     run=run,
+    check=settings_only(_check),
 )

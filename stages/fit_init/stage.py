@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import write_splat
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import each_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.fit_init.episode import EpisodeFit, fit_episode
 
 FILLINGS = ("solid", "paper", "none")
@@ -144,7 +145,10 @@ def _check(config: FitInitConfig) -> None:
         "count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
         "held_out": (0, 1000), "virtual_views": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100),
         "depth_unit_m": (1e-6, 1e6),
-        "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6),
+        "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6), "inner_opacity": (0, 1),
+        "densifications": (0, 1000), "prune_opacity": (0, 1), "anisotropy_ratio": (1, inf), "max_scale": (0.01, 100),
+        **{f"{name}_weight": (0, inf) for name in ("ssim", "l1", "depth", "mask", "anisotropy")},
+        **{f"lr_{name}": (0, 1) for name in ("means", "quats", "scales", "opacities", "sh")},
     })  # fmt: skip
 
 
@@ -180,4 +184,5 @@ STAGE = Stage(
         "clouds": InputSpec(("fuse",), "Clouds to start from; without them depth images are used.", optional=True),
     },
     run=run,
+    check=settings_only(_check),
 )

@@ -15,7 +15,7 @@ from plop.errors import PlopError
 from plop.geometry.cloud_ply import write_cloud
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.fuse.episode import EpisodeCloud, fuse_episode
 
 
@@ -99,11 +99,11 @@ def _usable(recording: Recording, config: FuseConfig) -> Recording:
 
 def _check(config: FuseConfig) -> None:
     check_choices(config, "fuse", {"source": ("auto", "first-frame", "scan"), "method": ("auto", "points", "tsdf")})
-    if not 0 < config.voxel_m < 0.1:
-        raise PlopError("The voxel has an impossible size.", where="fuse.voxel_m", expected="metres, below 0.1",
-                        found=str(config.voxel_m), fix="Give metres, not millimetres.")  # fmt: skip
-    check_ranges(config, "fuse", {"frame": (0, inf), "scan_views": (1, inf), "icp_gate_m": (0, 1),
-                                  "outlier_deviations": (0, inf), "min_points": (1, inf)})  # fmt: skip
+    check_ranges(config, "fuse", {
+        "voxel_m": (1e-4, 0.1), "frame": (0, inf), "scan_views": (1, inf), "icp_above_mm": (0, inf),
+        "icp_gate_m": (0, 1), "max_correction_m": (0, 1), "table_margin_m": (0, 1), "below_table_m": (0, 1),
+        "outlier_deviations": (0, inf), "min_points": (1, inf), "max_extent_m": (1e-3, 100),
+    })  # fmt: skip
 
 
 def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
@@ -127,4 +127,5 @@ STAGE = Stage(
     config=FuseConfig,
     inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},
     run=run,
+    check=settings_only(_check),
 )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.physics.names import one_of
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 STARTS = ("auto", "settled", "unloaded")
 CONES = ("round", "pyramid")
@@ -76,7 +74,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     Raises:
         PlopError: A setting that cannot be, no usable episode, or an unstable engine.
     """
-    check(config, {})
+    _check(config)
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = _names(recordings, config)
@@ -103,7 +101,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     return _summary(base, found, len(episodes), left_out)
 
 
-def check(config: IdentifyConfig, given: Mapping[str, str | Path]) -> None:
+def _check(config: IdentifyConfig) -> None:
     """Refuse settings out of range, and parameters that cannot be fitted.
 
     Raises:
@@ -183,6 +181,6 @@ STAGE = Stage(
         "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
     },
     run=run,
-    check=check,
+    check=settings_only(_check),
     check_inputs=check_inputs,
 )

@@ -37,13 +37,17 @@ def check_plausible(sequence: MeshSequence, path: Path, *, workspace_m: float) -
 
 
 def check_clock(sequence: MeshSequence, path: Path) -> None:
-    """Refuse frames so far apart that the times cannot be seconds.
+    """Refuse a single frame, and frames so far apart that the times cannot be seconds.
 
     Raises:
-        PlopError: The median step is too long (milliseconds?).
+        PlopError: Nothing can move, or the median step is too long (milliseconds?).
     """
     steps = np.diff(sequence.times)
-    if len(steps) and np.median(steps) > _LONGEST_STEP_S:
+    if not len(steps):
+        raise PlopError("The episode is too short: nothing moves in it.", where=f"{path}: times",
+                        expected="2 frames or more", found="1 frame",
+                        fix="Record it again, or leave it out with --skip-bad.")  # fmt: skip
+    if np.median(steps) > _LONGEST_STEP_S:
         raise PlopError("The frames are too far apart in time.", where=f"{path}: times",
                         expected=f"seconds, a median step of at most {_LONGEST_STEP_S:g} s",
                         found=f"a median step of {np.median(steps):.4g}: milliseconds?",

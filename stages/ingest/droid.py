@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,11 +22,13 @@ from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import WORKSPACE_M
-from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from plop.recordings.set import RecordingSet, check_patterns
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
 from stages.ingest.masks import MaskRules
+
+COMMAND = "ingest droid"
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,10 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
     """
     _check(config)
     root = inputs["raw"].path
-    chosen = _chosen(find_episodes(root.resolve()), config, root)
+    found = find_episodes(root.resolve())
+    chosen = _chosen(found, config, root)
+    unfit = check_patterns([folder.name for folder in found], config.episodes, option="--episodes", where=root)
+    unfit += check_patterns([folder.name for folder in chosen], config.test, option="--test", where=root)
     options = _droid_options(inputs, config, root)
     reports: dict[str, dict[str, Any]] = {}
     for number, folder in enumerate(chosen):
@@ -95,19 +100,20 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
             out.mark_done(folder.name)
         reports[folder.name] = json.loads(report_path.read_text())
         out.progress(number + 1, len(chosen), folder.name)
-    return _finish(reports, config, chosen, out, root)
+    summary = _finish(reports, config, chosen, out, root)
+    return replace(summary, warnings=unfit + summary.warnings)
 
 
 def _check(config: DroidConfig) -> None:
-    check_choices(config, "ingest", {"outcome": ("any", "success", "failure")})
-    check_ranges(config, "ingest", {
+    check_choices(config, COMMAND, {"outcome": ("any", "success", "failure")})
+    check_ranges(config, COMMAND, {
         "size": (8, 8192), "stride": (1, 1e4), "min_frames": (2, 1e6), "scan_frames": (1, 1e4), "test_every": (2, 1e6),
         "idle_s": (0, 1e6), "idle_m": (0, 1), "touch_m": (0, 1), "exterior_focal_px": (0, 1e5),
         "wrist_focal_px": (0, 1e5), "baseline_m": (0, 1), "match_width": (16, 8192), "nearest_m": (0.01, 100),
         "farthest_m": (config.nearest_m, 1000), "camera_delay_ms": (-1e4, 1e4),
     })  # fmt: skip
     rules = SimpleNamespace(**{f"mask.{key}": value for key, value in asdict(config.mask).items()})
-    check_ranges(rules, "ingest", {
+    check_ranges(rules, COMMAND, {
         "mask.table_clear_m": (0, 0.5), "mask.tool_margin_m": (0, 0.5), "mask.tool_margin_px": (0, 100),
         "mask.hand_radius_m": (0, 1), "mask.hand_from_m": (-2, 2), "mask.hand_to_m": (config.mask.hand_from_m, 2),
         "mask.refine_px": (0, 100), "mask.refine_rounds": (0, 100), "mask.min_area_px": (0, 1e6),
@@ -115,10 +121,10 @@ def _check(config: DroidConfig) -> None:
     corners = {"workspace_min": config.workspace_min, "workspace_max": config.workspace_max}
     for name, corner in corners.items():
         if not np.abs(corner).max() <= WORKSPACE_M:
-            raise PlopError("A setting is out of range.", where=f"ingest.{name}", found=str(corner),
+            raise PlopError("A setting is out of range.", where=f"ingest.droid.{name}", found=str(corner),
                             expected=f"each within {WORKSPACE_M:g} m of the robot's base")  # fmt: skip
     if not (np.array(config.workspace_min) < config.workspace_max).all():
-        raise PlopError("The workspace has no inside.", where="ingest.workspace_min, ingest.workspace_max",
+        raise PlopError("The workspace has no inside.", where="ingest.droid.workspace_min, ingest.droid.workspace_max",
                         expected="min below max on every axis",
                         found=f"{config.workspace_min} .. {config.workspace_max}")  # fmt: skip
 
@@ -192,6 +198,8 @@ def _finish(
     warnings = [f"{name} is skipped: {reason}" for name, reason in skipped.items()]
     warnings += [text for name in usable for text in reports[name]["warnings"]]
     warnings += moved_cameras({name: reports[name] for name in usable})
+    if config.test and not test:
+        warnings.append("no usable episode is a test episode")
     if not train:
         warnings.append("no episode is left for training: all usable ones are test episodes")
     columns = ("frames", "scan_frames", "depth", "object_px", "table_z_m", "closest_touch_mm")
@@ -236,5 +244,6 @@ INGEST_DROID = Stage(
         "extrinsics": InputSpec((), "cam2base_extrinsics.json; default: the raw folder's.", optional=True),
     },
     run=run,
+    check=settings_only(_check),
     raw_files=raw_files,
 )

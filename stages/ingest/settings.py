@@ -43,11 +43,11 @@ class MeshConfig(SimulatedConfig):
     """Settings of `ingest mesh`."""
 
 
-def check_config(config: SimulatedConfig) -> None:
-    """Refuse settings outside their range.
+def check_config(command: str, config: SimulatedConfig) -> None:
+    """Refuse settings of `ingest disect` or `ingest mesh` outside their range.
 
     Raises:
         PlopError: Names the setting.
     """
-    check_cameras(config, "ingest")
-    check_ranges(config, "ingest", {"workspace_m": (1e-3, 100)})
+    check_cameras(config, command)
+    check_ranges(config, command, {"workspace_m": (1e-3, 100)})

@@ -5,35 +5,37 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from plop.errors import PlopError
 from plop.recordings.disect import list_disect, read_disect
 from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest, list_mesh_sequences, read_mesh_sequence
 from plop.recordings.overview import overview
-from plop.recordings.set import RecordingSet, split_names
+from plop.recordings.set import RecordingSet, check_patterns, split_names
+from plop.recordings.side_file import RawEpisode
 from plop.render.recorder import record
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.ingest.checks import check_contact, check_plausible
-from stages.ingest.selection import Entry, select
+from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
 
 
 def _run(
-    list_entries: Callable[[Path], list[Any]],
+    command: str,
+    list_entries: Callable[[Path], list[RawEpisode]],
     read: Callable[[Path], MeshSequence],
     inputs: Inputs,
     config: SimulatedConfig,
     out: Output,
 ) -> Summary:
-    check_config(config)
+    check_config(command, config)
     raw = inputs["raw"].path
     if not raw.is_dir():
         raise PlopError("There is no such folder.", where=raw, expected="a folder of raw recordings", found="nothing",
                         fix="Correct the path.")  # fmt: skip
     entries = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
+    given = () if config.test == type(config)().test else config.test  # the defaults need not fit every folder
+    warnings = check_patterns([entry.name for entry in entries], given, option="--test", where=raw)
     skipped: dict[str, str] = {}
-    warnings: list[str] = []
     for index, entry in enumerate(entries):
         try:
             _ingest_one(entry, read, config, out, index, len(entries))
@@ -42,19 +44,24 @@ def _run(
                 raise
             skipped[entry.name] = error.problem
             warnings.append(f"{entry.name} was left out: {error.problem} ({error.found})")
-    names = [entry.name for entry in entries if entry.name not in skipped]
-    if not names:
+    usable = [entry for entry in entries if entry.name not in skipped]
+    if not usable:
         raise PlopError("No episode can be used.", where=raw, expected="at least one good episode",
                         found="; ".join(f"{name}: {why}" for name, why in skipped.items()))  # fmt: skip
-    train, test = split_names(names, config.test)
-    recordings = RecordingSet(out.path, entries[0].environment, train, test, skipped)
+    train, test = split_names([entry.name for entry in usable], config.test)
+    recordings = RecordingSet(out.path, usable[0].environment, train, test, skipped)
     recordings.save()
     figures, table, seen = overview(recordings)
     return Summary(figures=figures, table=table, warnings=warnings + seen)
 
 
 def _ingest_one(
-    entry: Entry, read: Callable[[Path], MeshSequence], config: SimulatedConfig, out: Output, index: int, total: int
+    entry: RawEpisode,
+    read: Callable[[Path], MeshSequence],
+    config: SimulatedConfig,
+    out: Output,
+    index: int,
+    total: int,
 ) -> None:
     """Write one recording unless it is there."""
     sequence = begun_at_rest(read(entry.path)) if config.from_rest else read(entry.path)
@@ -70,7 +77,7 @@ def _ingest_one(
 
 
 def _raw_files(
-    list_entries: Callable[[Path], list[Any]], suffixes: tuple[str, ...], raw: Path, config: SimulatedConfig
+    list_entries: Callable[[Path], list[RawEpisode]], suffixes: tuple[str, ...], raw: Path, config: SimulatedConfig
 ) -> list[Path]:
     chosen = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
     paths = [entry.path.with_suffix(suffix) for entry in chosen for suffix in suffixes]
@@ -83,7 +90,8 @@ INGEST_DISECT = Stage(
     help="Render DiSECt recordings (USD, npz, JSON) into multi-view RGB-D recordings.",
     config=DisectConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.usd, <name>.npz and <name>.json.")},
-    run=partial(_run, list_disect, read_disect),
+    run=partial(_run, "ingest disect", list_disect, read_disect),
+    check=settings_only(partial(check_config, "ingest disect")),
     raw_files=partial(_raw_files, list_disect, (".usd", ".npz", ".json")),
 )
 
@@ -93,6 +101,7 @@ INGEST_MESH = Stage(
     help="Render mesh sequences of a simulator (npz, JSON) into multi-view RGB-D recordings.",
     config=MeshConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.npz and <name>.json.")},
-    run=partial(_run, list_mesh_sequences, read_mesh_sequence),
+    run=partial(_run, "ingest mesh", list_mesh_sequences, read_mesh_sequence),
+    check=settings_only(partial(check_config, "ingest mesh")),
     raw_files=partial(_raw_files, list_mesh_sequences, (".npz", ".json")),
 )

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,7 @@ from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
 from plop.reporting.verdict_section import closed_gap, error_over, judged_on
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.report.made import provenance, this_report
 from stages.report.sources import (
     check_models,
@@ -62,7 +60,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     Raises:
         PlopError: No comparison, results of different recordings or points, or labels that do not fit.
     """
-    check(config, {})
+    _check(config)
     check_models(inputs)
     if not several(inputs, "comparisons"):
         raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
@@ -81,7 +79,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 
-def check(config: ReportConfig, given: Mapping[str, str | Path]) -> None:
+def _check(config: ReportConfig) -> None:
     """Refuse settings out of range.
 
     Raises:
@@ -178,5 +176,5 @@ STAGE = Stage(
         "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
     },
     run=run,
-    check=check,
+    check=settings_only(_check),
 )  # fmt: skip

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.checked_settings import check_ranges
+from plop.checked_settings import check_choices, check_ranges
 from plop.device import chosen_device
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from plop.render.rasterize import BACKENDS
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.rollout.episode import roll_out
 
 SPLITS = ("test", "train", "all")
@@ -53,7 +54,7 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
         PlopError: Nothing chosen, an episode without a fit, a model or a fit of another object, states that are
             not finite.
     """
-    check_ranges(config, "rollout", {"video_rate_hz": (0, 1000), "min_inside": (0, 1)})
+    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path
@@ -78,14 +79,17 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
     return Summary(figures, table)
 
 
+def _check(config: RolloutConfig) -> None:
+    check_choices(config, "rollout", {"split": SPLITS, "backend": BACKENDS})
+    check_ranges(config, "rollout", {"video_rate_hz": (0, 1000), "min_inside": (0, 1)})
+
+
 def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str]:
     """Pick episodes by split and pattern.
 
     Raises:
-        PlopError: The split is unknown, or nothing is left.
+        PlopError: Nothing is left.
     """
-    if config.split not in SPLITS:
-        raise PlopError("Unknown split.", where="rollout.split", expected=", ".join(SPLITS), found=config.split)
     pool = recordings.names if config.split == "all" else getattr(recordings, config.split)
     names = [name for name in pool if fnmatchcase(name, config.episodes)]
     if not names:
@@ -123,4 +127,5 @@ STAGE = Stage(
         "model": InputSpec(("train", "identify", "augment"), "the dynamics model"),
     },
     run=run,
+    check=settings_only(_check),
 )

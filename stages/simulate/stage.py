@@ -15,13 +15,13 @@ from plop.physics.scenes import find_scene
 from plop.physics.sealed import seal_answer
 from plop.physics.wish import Wish, parse_hidden
 from plop.recordings.overview import overview
-from plop.recordings.set import RecordingSet, split_names
+from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.render.recorder import Disturbances, record
 from plop.render.rig import camera_names
 from plop.render.settings import CameraSettings, check_cameras
 from plop.sensors.faults import Faults, parse_faults
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 
@@ -70,17 +70,14 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     Raises:
         PlopError: A scene, effect or fault that cannot be used, a tool that never touches, or an unstable run.
     """
-    check_jobs(config, "simulate")
-    check_cameras(config, "simulate")
-    check_ranges(
-        config, "simulate", {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)}
-    )
+    _check(config)
     scene = read_scene(inputs["scene"].path, config)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     effects = library(files)
     wishes = parse_hidden(config.hide, effects)
     faults = parse_faults(config.fault, camera_names(config.cameras))
     pieces = Pieces(out, scene)
+    unfit = check_patterns(pieces.names, config.test, option="--test", where=inputs["scene"].path)
     hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
     work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
     every_piece(work, pieces.names, out, jobs=config.jobs)
@@ -93,7 +90,15 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     })  # fmt: skip
     figures, table, warnings = overview(recordings)
     rows = [{**row, "motion": scene.motion_plan(pieces.names.index(row["episode"])).kind} for row in table]
-    return Summary(figures=figures, table=rows, warnings=warnings)
+    return Summary(figures=figures, table=rows, warnings=unfit + warnings)
+
+
+def _check(config: SimulateConfig) -> None:
+    check_jobs(config, "simulate")
+    check_cameras(config, "simulate")
+    check_ranges(
+        config, "simulate", {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)}
+    )
 
 
 def read_scene(path: Path, config: SimulateConfig) -> Scene:
@@ -148,5 +153,6 @@ STAGE = Stage(
         "effect_file": InputSpec((), "Python file with effects of your own.", optional=True),
     },
     run=run,
+    check=settings_only(_check),
     find_raw=_find_raw,
 )  # fmt: skip

@@ -33,7 +33,7 @@ from plop.models import FOLDS
 from plop.physics.varied_motion import VariationRanges
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.train.form import loss_weights, model_config, render_weights
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up
@@ -71,7 +71,7 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     if not recordings.train:
         raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
                         found=f"{len(recordings.test)} test episodes",
-                        fix="Choose the test episodes with `plop ingest --test`.")  # fmt: skip
+                        fix="Choose fewer test episodes where these recordings are made: --test.")  # fmt: skip
     if config.folds == 1 or config.folds > len(recordings.train):
         raise PlopError("The training episodes cannot be dealt out to so many folds.", where="train.folds",
                         expected=f"0, or 2 to {len(recordings.train)}", found=str(config.folds),
@@ -199,4 +199,5 @@ STAGE = Stage(
         ),
     },
     run=run,
+    check=settings_only(check_settings),
 )

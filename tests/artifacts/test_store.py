@@ -9,7 +9,7 @@ import pytest
 
 from plop.artifacts.manifest import Manifest, read_manifest
 from plop.artifacts.store import Artifact, Store
-from plop.artifacts.verify import verify
+from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError
 
 
@@ -133,6 +133,18 @@ def test_moved_workspace_still_works(store: Store, tmp_path: Path):
     moved = tmp_path.with_name(tmp_path.name + "_moved")
     tmp_path.rename(moved)
     verify(Store(moved).find("base"), Store(moved).cache)
+
+
+def test_what_makes_a_damaged_payload_again_is_the_command_that_made_it(store: Store):
+    scratch = store.scratch("ingest", "aa")
+    (scratch / "kept.txt").write_text("kept")
+    artifact = store.commit(scratch, Manifest("ingest", "aa", 1, {}, {}, provenance={"command": "ingest mesh"}))
+    assert obvious_damage(artifact) is None
+    (artifact.path / "kept.txt").write_text("KEPT")  # of the same size: seen by reading only
+    assert obvious_damage(artifact) is None
+    (artifact.path / "kept.txt").unlink()
+    damage = obvious_damage(artifact)
+    assert damage is not None and "`plop ingest mesh` with --force" in str(damage.fix)
 
 
 def test_damaged_journal_only_forgets_the_order(store: Store):

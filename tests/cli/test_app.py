@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -88,6 +89,14 @@ def test_settings_from_file_set_and_option(workspace: Path, capsys: pytest.Captu
     assert not (workspace / "artifacts" / "ingest").exists()
 
 
+def test_what_is_on_can_be_turned_off(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
+    (workspace / "plop.toml").write_text("[calibrate]\nupper = true\n")
+    for extra, expected in (([], True), (["--no-upper"], False), (["--upper"], True)):
+        assert main(["calibrate", "--dry-run", "--json", *extra]) == 0
+        assert json.loads(capsys.readouterr().out)["config"]["upper"] is expected
+
+
 @pytest.mark.parametrize(("arguments", "code", "words"), [
     (["calibrate"], 1, ["needs the input", "plop ingest"]),
     (["calibrate", "--set", "uper=1"], 1, ["no setting 'uper'", "upper"]),
@@ -106,6 +115,11 @@ def test_settings_from_file_set_and_option(workspace: Path, capsys: pytest.Captu
     (["demo", "--seed", "-1"], 1, ["command line: seed", "0 or more"]),
     (["demo-physics", "--seed", "abc"], 1, ["command line: seed", "integer"]),
     (["ingest", "mesh", "nowhere", "--pieces"], 2, ["--pieces"]),
+    (["calibrate", "--set", "upper"], 1, ["KEY=VALUE"]),
+    (["demo", "--set", "fse.voxel_m=1"], 1, ["Did you mean --set fuse.voxel_m=1?"]),
+    (["rollout", "--backend", "gpu", "--dry-run"], 1, ["rollout.backend", "numba", "plop rollout --help"]),
+    (["fit-init", "--lr-means", "-1", "--dry-run"], 1, ["fit-init.lr_means", "0 to 1", "found: -1"]),
+    (["ingest", "disect", "nowhere", "--size", "2", "--dry-run"], 1, ["ingest.disect.size", "ingest disect --help"]),
 ])  # fmt: skip
 def test_mistakes_end_with_a_message_and_no_traceback(
     workspace: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: list[str]
@@ -230,6 +244,31 @@ def test_status_says_why_something_is_stale_where_it_begins(
     assert states == {"ingest": "stale", "calibrate": "stale"}
     reasons = [line for line in lines if line[0] == "stale:"]
     assert len(reasons) == 1 and reasons[0][1].startswith("ingest@"), "what follows from it is not explained again"
+
+
+@pytest.mark.parametrize("harm", [lambda path: path.write_text("x"), Path.unlink])
+def test_status_tells_what_is_damaged(
+    workspace: Path, capsys: pytest.CaptureFixture[str], harm: Callable[[Path], object]
+):
+    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
+    assert main(["calibrate", "-q"]) == 0
+    harm(next((workspace / "artifacts" / "ingest").glob("[!.]*/piece_1.txt")))
+    capsys.readouterr()
+    assert main(["status", "--json"]) == 0
+    seen = capsys.readouterr()
+    states = {row["artifact"].partition("@")[0]: row["state"] for row in json.loads(seen.out)["artifacts"]}
+    assert states["ingest"].startswith("damaged: ") and states["ingest"].endswith("piece_1.txt")
+    assert states["calibrate"] == "current"
+    assert "damaged" in seen.err and "plop ingest" in seen.err and "--force" in seen.err
+
+
+def test_a_name_that_moves_is_said(workspace: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["ingest", "mesh", str(workspace / "blocks"), "--name", "base"]
+    assert main(command) == 0
+    assert "moved" not in capsys.readouterr().out
+    assert main([*command, "--pieces", "5"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "the name base moved" in line)
+    assert line.count("ingest@") == 2 and " -> " in line
 
 
 def test_doctor_explains_every_part(workspace: Path, capsys: pytest.CaptureFixture[str]):

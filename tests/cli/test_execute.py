@@ -151,6 +151,28 @@ def test_full_disk_while_committing_harms_nothing(store: Store, monkeypatch: pyt
     assert not run(store, fake.CALIBRATE).skipped
 
 
+def test_full_disk_while_naming_what_is_there_is_told_alike(store: Store, monkeypatch: pytest.MonkeyPatch):
+    raw = ingest(store).path.parents[2] / "blocks"
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(PlopError, match="disk is full"):
+        patch.setattr("plop.artifacts.store.write_json", full)
+        run(store, fake.INGEST, inputs={"raw": raw}, name="base")
+    assert store.names() == {} and run(store, fake.INGEST, inputs={"raw": raw}, name="base").skipped
+
+
+def test_a_name_that_moves_tells_whose_it_was(store: Store):
+    first, raw = ingest(store), store.workspace / "blocks"
+    assert run(store, fake.INGEST, inputs={"raw": raw}, name="base").name_from is None
+    assert run(store, fake.INGEST, inputs={"raw": raw}, name="base").name_from is None, "it stays"
+    again = run(store, fake.INGEST, config=fake.PiecesConfig(pieces=5), inputs={"raw": raw}, name="base")
+    assert again.name_from == "@".join(first.key) and not again.skipped
+    back = run(store, fake.INGEST, inputs={"raw": raw}, name="base")
+    assert back.name_from == "@".join(again.artifact.key) and back.skipped
+
+
 def test_finished_pieces_survive_a_failure(store: Store, monkeypatch: pytest.MonkeyPatch):
     raw = fake.raw_folder(store.workspace / "blocks")
 

@@ -1,7 +1,8 @@
-"""Every `plop` command that the pages write: the command is there, and so are its options."""
+"""Every `plop` command that pages and messages write: the command is there, and so are its options."""
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 from functools import cache
@@ -79,6 +80,45 @@ def _wrong_options(words: list[str], known: dict[str, bool], *, strict: bool) ->
 def test_commands_on_a_page_can_be_typed(page: Path) -> None:
     found = {line: wrong for line in written(page) if (wrong := faults(line))}
     assert not found
+
+
+def advice(code: str) -> list[str]:
+    """Give the texts of a module's strings, with {} for what is filled in."""
+    return [_text(node) for node in ast.walk(ast.parse(code)) if isinstance(node, (ast.JoinedStr, ast.Constant))]
+
+
+def _text(node: ast.AST) -> str:
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_text(part) for part in node.values)
+    if isinstance(node, ast.FormattedValue):
+        return "{}"
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
+def unknown(text: str) -> list[str]:
+    """Name what cannot be typed of the commands and options that a message tells."""
+    commands = [span for span in re.findall(r"`(plop [^`]*)`", text) if not span.startswith("plop {}")]
+    known = {option for each in options().values() for option in each}
+    alone = re.findall(r"(?<![\w`-])--[a-z][a-z-]*[a-z](?![\w{-])", re.sub(r"`[^`]*`", "", text))
+    return [wrong for span in commands for wrong in faults(span)] + [option for option in alone if option not in known]
+
+
+NOT_OURS = {"blender.py", "blender_scene.py"}
+"""Modules that write command lines of another program."""
+
+
+@pytest.mark.parametrize("floor", ["plop", "stages", "plop_cli"])
+def test_commands_in_messages_can_be_typed(floor: str) -> None:
+    modules = [path for path in sorted((ROOT / floor).rglob("*.py")) if path.name not in NOT_OURS]
+    found = {
+        (path.name, text): wrong for path in modules for text in advice(path.read_text()) if (wrong := unknown(text))
+    }
+    assert not found
+
+
+def test_wrong_messages_are_seen() -> None:
+    (text,) = advice('f"Run `plop ingest --tset` of {x} or --raw, or `plop {x} --help`; -w and --set are fine"')[:1]
+    assert unknown(text) == ["no option --tset", "--raw"]
 
 
 def test_wrong_commands_are_seen() -> None:

@@ -102,6 +102,18 @@ def test_case_03_frames_missing_in_the_middle(raw, tmp_path):
         assert np.allclose(recording.world_from_tool[4], world_from_tool(flange_path(12))[6])
 
 
+def test_depth_of_another_size_is_rescaled_and_said(raw, tmp_path):
+    for path in sorted((episode_of(raw) / "recordings/depth" / EXT1).glob("*.png"))[2:]:
+        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path), cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_NEAREST))
+    summary, _ = ingest(raw, tmp_path / "out")
+    height, width = picture.shape
+    sizes = f"{width // 2}x{height // 2} px, not the video's {width}x{height}"
+    assert said(summary, f"depth/{EXT1}", sizes, "rescaled",
+                "for 10 frames: 000002,")  # fmt: skip
+    assert not said(summary, f"depth/{EXT2}", "rescaled")
+
+
 def test_case_03_missing_frames_without_time_stamps_cost_the_camera(raw, tmp_path):
     _without_frames(raw, EXT1, {4, 5}, stamps=False)
     summary, recordings = ingest(raw, tmp_path / "out")
@@ -293,7 +305,7 @@ def test_a_setting_out_of_range_is_refused_with_its_range(tmp_path, change, expe
     settings = {"mask": MaskRules(**{name.removeprefix("mask."): value})} if name.startswith("mask.") else change
     with pytest.raises(PlopError) as caught:
         ingest(tmp_path / "raw", tmp_path / "out", **settings)
-    assert f"ingest.{name}" in str(caught.value.where) and expected in str(caught.value.expected)
+    assert f"ingest.droid.{name}" in str(caught.value.where) and expected in str(caught.value.expected)
 
 
 def test_errors_name_files_as_seen_from_a_relative_raw_folder(raw, tmp_path, monkeypatch):

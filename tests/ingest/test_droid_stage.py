@@ -196,5 +196,11 @@ def test_split_by_episode(tmp_path):
     assert (len(recordings.train), recordings.test) == (2, ["SIM_2023-08-06-22h-02m-00s"])
     _, recordings = ingest(tmp_path / "raw", tmp_path / "b", test=("*-00m-*",))
     assert recordings.test == ["SIM_2023-08-06-22h-00m-00s"]
+    for setting in ("test", "episodes"):
+        with pytest.raises(PlopError, match="no episode of this name") as caught:
+            ingest(tmp_path / "raw", tmp_path / "c", **{setting: ("SIM_2023-08-06-22h-00m-0s", "*")})
+        assert "SIM_2023-08-06-22h-00m-00s" in caught.value.fix and f"--{setting} " in caught.value.found
+    summary, _ = ingest(tmp_path / "raw", tmp_path / "d", test=("*-07m-*",))
+    assert said(summary, "--test *-07m-* fits no episode") and said(summary, "no usable episode is a test episode")
     with pytest.raises(PlopError, match="No episode is chosen"):
         ingest(tmp_path / "raw", tmp_path / "c", outcome="failure")

@@ -126,6 +126,15 @@ def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
     assert payload(out) == payload(tmp_path / "whole")
 
 
+def test_a_test_episode_that_is_none_is_told_before_anything_is_rendered(tmp_path: Path) -> None:
+    raw = raw_folder(tmp_path / "raw")
+    with pytest.raises(PlopError, match="no episode of this name") as caught:
+        ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("box_03",)))
+    assert "box_003" in str(caught.value.fix) and payload(tmp_path / "out") == {}
+    summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("*_003", "ball*")))
+    assert summary.warnings == ["--test ball* fits no episode"]
+
+
 def test_several_environments_need_a_choice(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", box_sequence("a_0", environment="a"), box_sequence("b_0", environment="b"))
     with pytest.raises(PlopError, match="several environments") as caught:
@@ -140,6 +149,24 @@ def test_several_environments_need_a_choice(tmp_path: Path) -> None:
     assert INGEST_MESH.raw_files is not None
     files = INGEST_MESH.raw_files(raw, dataclasses.replace(SMALL, environment="b"))
     assert [path.name for path in files] == ["b_0.npz", "b_0.json"]
+
+
+@pytest.mark.parametrize(
+    ("content", "problem", "found"),
+    [("{", "missing or damaged", "JSONDecodeError"), ('{"environment": "box", "schema": 99}', "newer", "schema 99")],
+)
+def test_an_episode_with_an_unreadable_side_file_is_told_not_dropped(
+    tmp_path: Path, content: str, problem: str, found: str
+) -> None:
+    raw = raw_folder(tmp_path / "raw", *[box_sequence(f"cut-{index}") for index in range(3)])
+    (raw / "cut-0.json").write_text(content)
+    for environment in ("", "box"):  # its name tells neither
+        with pytest.raises(PlopError, match=problem) as caught:
+            ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, environment=environment))
+        assert str(caught.value.where) == str(raw / "cut-0.json") and found in str(caught.value.found)
+    summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, skip_bad=True))
+    assert RecordingSet.load(tmp_path / "out").environment == "box"
+    assert any("cut-0 was left out" in text and problem in text for text in summary.warnings)
 
 
 def _scaled(factor: float) -> MeshSequence:
@@ -174,12 +201,14 @@ def in_millimetres(poses: np.ndarray) -> np.ndarray:
     ("sequence", "key", "found"),
     [
         (dataclasses.replace(BOX, times=BOX.times * 1000), "box_000.npz: times", "milliseconds"),
+        (dataclasses.replace(BOX, times=BOX.times[:1], vertices=BOX.vertices[:1], truth={},
+                             world_from_tool=BOX.world_from_tool[:1]), "box_000.npz: times", "1 frame"),
         (dataclasses.replace(BOX, world_from_tool=in_millimetres(BOX.world_from_tool)), "box_000.npz: world_from_tool",
          "m away"),
         (dataclasses.replace(BOX, table_z_m=1.0), "box_000.json: table_z_m", "z = 0 to 0.03 m"),
     ],
 )  # fmt: skip
-def test_numbers_in_other_units_are_refused_by_file_and_key(
+def test_what_cannot_be_an_episode_is_refused_by_file_and_key(
     tmp_path: Path, sequence: MeshSequence, key: str, found: str
 ) -> None:
     with pytest.raises(PlopError) as caught:

@@ -39,6 +39,9 @@ def test_demo_ends_with_scores_a_video_and_times(
     shown = capsys.readouterr().out
     for word in ("plop", "persistence", "rigid", "video.mp4", "scores.json", "rollout", "all "):
         assert word in shown
+    assert "kept" not in shown
+    assert main(command) == 0
+    assert capsys.readouterr().out.count("kept (took ") == 7
     assert main([*command, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert set(facts["seconds"].values()) == {0.0}
@@ -60,13 +63,15 @@ def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, t
     command, docs = reproduce_small(shared_data, tmp_path)
     assert main([*command, "-q", "--profile", "paper", *options(["train.track_steps=0"])]) == 0
     results = json.loads((docs / "results" / "disect-paper.json").read_text())
-    assert results["seeds"] == [0, 1, 2] and results["command"].endswith("PROFILE=paper")
+    assert results["seeds"] == [0, 1, 2] and "--profile paper --env prism-jelly --set " in results["command"]
     assert (docs / "results.md").read_text() == (REPOSITORY / "docs" / "results.md").read_text(), "no place for it"
     trained = Store(tmp_path / "work").find("train@latest").manifest.config
     assert (trained["kernel"], trained["features"], trained["resampling_form"]) == ("paper", "paper", "paper")
 
 
-def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_reproduce_writes_the_results(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     command, docs = reproduce_small(shared_data, tmp_path)
     alone = [*command, "--profile", "cpu-recordings"]
     assert main([*alone, "-q"]) == 0
@@ -77,6 +82,8 @@ def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys:
     capsys.readouterr()
     assert main(alone) == 0
     assert capsys.readouterr().out.count("already there") == 7
+    monkeypatch.chdir(tmp_path)  # its docs/ is what a run without --out would write to
+    whole_table_stays(alone, docs, capsys)
     more = ["fit-init.count=300", "filter.iterations=1", "identify.iterations=1", "identify.fit=table_friction",
             "train.made_up=1"]  # fmt: skip
     assert main([*command, *options(more)]) == 0
@@ -89,13 +96,48 @@ def test_reproduce_writes_the_results(shared_data: Path, tmp_path: Path, capsys:
             for profile in ("", "-cpu-recordings")}  # fmt: skip
     for profile, results in both.items():
         assert {"command", "versions", "seeds", "environments"} <= results.keys()
-        assert results["command"].endswith(f"PROFILE={profile.removeprefix('-') or 'cpu'}")
+        typed = f"plop reproduce <folder> --profile {profile.removeprefix('-') or 'cpu'} --env prism-jelly --set "
+        assert results["command"].startswith(typed) and "'ingest.disect.episodes=*_part_00[04]'" in results["command"]
         assert set(results["environments"]["prism-jelly"]) == {"plop", "persistence", "rigid"}
         assert {"mean", "low", "high", "n"} <= results["environments"]["prism-jelly"]["plop"]["cd_mm"].keys()
         assert (docs / "results" / f"pictures{profile}" / "prism-jelly.png").stat().st_size > 0
     assert "| prism-jelly | plop |" in (docs / "results.md").read_text()
     assert main([*command[:2], "--env", "prism-jello", *command[4:]]) == 1
     assert "no such environment" in capsys.readouterr().err
+
+
+def whole_table_stays(command: list[str], docs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Run one environment once more beside a table of two, then without naming a folder for it."""
+    path = docs / "results" / "disect-cpu-recordings.json"
+    results = json.loads(path.read_text())
+    path.write_text(json.dumps(results | {"environments": {**results["environments"], "sphere-foam": {}}}))
+    before = {file: file.read_bytes() for file in docs.rglob("*") if file.is_file()}
+    own = docs.parent / "work" / "results" / path.name
+    for arguments in (command, [part for part in command if part not in ("--out", str(docs))]):
+        own.unlink(missing_ok=True)
+        assert main(arguments) == 0
+        assert json.loads(own.read_text()) == results
+        assert {file: file.read_bytes() for file in docs.rglob("*") if file.is_file()} == before
+        assert ("sphere-foam, which this run lacks" in capsys.readouterr().err) == ("--out" in arguments)
+    path.write_text(json.dumps(results))
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    (["fuse.voxl_m=1"], ["fuse has no setting 'voxl_m'", "voxel_m"]),
+    (["train.horizon=many"], ["train.horizon", "integer"]),
+    (["ingest.droid.size=9"], ["a stage that does not run here", "ingest.droid"]),
+])  # fmt: skip
+def test_a_misspelt_setting_is_found_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: list[str], words: list[str]
+):
+    raw, work = tmp_path / "raw", tmp_path / "work"
+    raw.mkdir()
+    (raw / "prism_jelly_000.npz").touch()
+    for command in (["demo"], ["reproduce", str(raw)]):
+        assert main([*command, "-w", str(work), *options(settings)]) == 1
+        told = capsys.readouterr().err
+        assert all(word in told for word in words)
+        assert not work.exists()
 
 
 @pytest.mark.parametrize("name", ["demo", "cpu", "cpu-recordings", "paper"])

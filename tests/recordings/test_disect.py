@@ -86,6 +86,40 @@ def test_missing_and_truncated_files_are_named(tmp_path: Path, harm: Callable[[P
     assert caught.value.fix and path.stem in str(caught.value.where)
 
 
+@pytest.mark.parametrize(
+    ("change", "where", "found"),
+    [([], "", "a list: []"), ({"units": "m"}, ": units", 'a text: "m"'), ({"settings": []}, ": settings", "a list: []"),
+     ({"environment": ["jelly"]}, ": environment", 'a list: ["jelly"]'),
+     ({"shape": 1, "material": "jelly"}, ": shape", "a whole number: 1")],
+)  # fmt: skip
+def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: object, where: str, found: str) -> None:
+    path = sample.write_sample(tmp_path)
+    side = path.with_suffix(".json")
+    side.write_text(json.dumps({**json.loads(side.read_text()), **change} if isinstance(change, dict) else change))
+    with pytest.raises(PlopError, match="something else") as caught:
+        read_disect(path)
+    assert (caught.value.where, caught.value.found) == (f"{side}{where}", found) and caught.value.expected
+    assert [entry.guessed for entry in list_disect(tmp_path)] == [True]
+
+
+@pytest.mark.parametrize(
+    ("key", "change", "problem"),
+    [("times", lambda array: array[:0], "another shape"), ("knife_vertices", lambda array: array.ravel(), "another"),
+     ("surface_clean", lambda array: array + 0.5, "another shape or type"),
+     ("tets", lambda array: array.astype(str), "another shape or type"),
+     ("surface_clean", lambda array: array - 9, "belong together"),
+     ("cut_edge_indices", lambda array: array + 99, "belong together")],
+)  # fmt: skip
+def test_an_array_of_another_shape_or_kind_is_named(
+    tmp_path: Path, key: str, change: Callable[[np.ndarray], np.ndarray], problem: str
+) -> None:
+    arrays = sample.side_arrays()
+    path = sample.write_sample(tmp_path, arrays={**arrays, key: change(arrays[key])})
+    with pytest.raises(PlopError, match=problem) as caught:
+        read_disect(path)
+    assert str(caught.value.where).endswith(f": {key}") and caught.value.expected and caught.value.found
+
+
 def test_files_of_different_recordings_are_refused(tmp_path: Path) -> None:
     with pytest.raises(PlopError, match="belong together") as caught:
         read_disect(sample.write_sample(tmp_path, times=sample.TIMES[:2]))
@@ -134,7 +168,7 @@ def test_without_usd_core_the_extra_is_named(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(builtins, "__import__", without_pxr)
     with pytest.raises(PlopError, match="usd-core") as caught:
         read_disect(path)
-    assert "plop[disect]" in caught.value.fix
+    assert ".[disect]" in caught.value.fix
 
 
 def test_a_bad_json_does_not_hide_the_other_recordings(tmp_path: Path) -> None:

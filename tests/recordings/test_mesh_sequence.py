@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,54 @@ def test_a_table_that_has_no_height_is_named(tmp_path: Path, height: object, sai
     with pytest.raises(PlopError) as caught:
         read_mesh_sequence(path)
     assert caught.value.where == f"{side}: table_z_m" and caught.value.found == said
+
+
+@pytest.mark.parametrize(
+    ("content", "where", "expected", "found"),
+    [
+        ([], "", "an object", "a list: []"),
+        ({"schema": "1"}, ": schema", "a whole number", 'a text: "1"'),
+        ({"environment": 3}, ": environment", "a text", "a whole number: 3"),
+        ({"environment": None}, ": environment", "a text", "null: null"),
+        ({"facts": []}, ": facts", "an object", "a list: []"),
+        ({"source": {}}, ": source", "a text", "an object: {}"),
+    ],
+)
+def test_a_side_file_of_the_wrong_shape_is_named(
+    tmp_path: Path, content: object, where: str, expected: str, found: str
+) -> None:
+    path = write_mesh_sequence(tmp_path, box_sequence())
+    side = path.with_suffix(".json")
+    side.write_text(json.dumps({"environment": "box", **content} if isinstance(content, dict) else content))
+    with pytest.raises(PlopError, match="something else") as caught:
+        read_mesh_sequence(path)
+    assert (caught.value.where, caught.value.expected, caught.value.found) == (f"{side}{where}", expected, found)
+
+
+@pytest.mark.parametrize(
+    ("key", "change", "found"),
+    [
+        ("times", lambda array: array.astype(str), "<U"),
+        ("faces", lambda array: np.float64(1), "float64, a single value"),
+        ("vertices", lambda array: array.reshape(-1), "float32, 144"),
+        ("world_from_tool", lambda array: array[:, :3], "3 x 3 x 4"),
+        ("tool_faces", lambda array: array[:0], "none"),
+    ],
+)
+def test_an_array_of_another_shape_or_kind_is_named(
+    tmp_path: Path, key: str, change: Callable[[np.ndarray], np.ndarray], found: str
+) -> None:
+    path = write_mesh_sequence(tmp_path, box_sequence())
+    arrays = dict(np.load(path))
+    np.savez(path, **{**arrays, key: change(arrays[key])})
+    with pytest.raises(PlopError, match="another shape or type") as caught:
+        read_mesh_sequence(path)
+    assert caught.value.where == f"{path}: {key}" and found in str(caught.value.found)
+
+
+def test_an_episode_that_tells_no_environment_is_named(tmp_path: Path) -> None:
+    path = write_mesh_sequence(tmp_path, box_sequence())
+    path.with_suffix(".json").write_text("{}")
+    with pytest.raises(PlopError, match="tells no environment"):
+        read_mesh_sequence(path)
+    assert [entry.guessed for entry in list_mesh_sequences(tmp_path)] == [True]

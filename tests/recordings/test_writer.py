@@ -77,19 +77,20 @@ def test_a_failure_keeps_the_older_recording(tmp_path: Path) -> None:
 
 
 def test_nan_and_infinite_depth_become_not_measured(tmp_path: Path) -> None:
-    poses = np.eye(4)[None]
+    poses = np.tile(np.eye(4), (2, 1, 1))
     with RecordingWriter(tmp_path / "n.h5", name="n", source="test", environment="box", table_z_m=0.0,
-                         time_s=np.zeros(1), tool_mesh=TRIANGLE, world_from_tool=poses) as writer:  # fmt: skip
+                         time_s=np.arange(2), tool_mesh=TRIANGLE, world_from_tool=poses) as writer:  # fmt: skip
         writer.add_camera("a", np.eye(3), poses, *SIZE)
         rgb, depth, mask = images(0)
         depth[0, :3] = np.nan, np.inf, -1
-        writer.write_frame("a", 0, rgb, depth, mask)
+        for frame in range(2):
+            writer.write_frame("a", frame, rgb, depth, mask)
     with Recording(tmp_path / "n.h5") as recording:
         assert (recording.view("a", 0).depth_m[0, :3] == 0).all()
         assert (recording.view("a", 0).depth_m[1:] > 0).all()
 
 
-@pytest.mark.parametrize("time", [[0.0, 0.0], [0.0, np.nan], []])
+@pytest.mark.parametrize("time", [[0.0, 0.0], [0.0, np.nan], [0.0], []])
 def test_bad_times_are_refused(tmp_path: Path, time: list[float]) -> None:
     poses = np.tile(np.eye(4), (len(time), 1, 1))
     with pytest.raises(PlopError, match="Time"):

@@ -140,6 +140,7 @@ def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_pa
         ({"hide": ("viscocity=4",)}, "Did you mean viscosity"),
         ({"fault": ("clok=0.02",)}, "Did you mean clock"),
         ({"fault": ("clock=0.02@cam_07",)}, "does not exist"),
+        ({"test": ("gel_99",)}, "no episode of this name"),
         ({"snr": -1.0}, r"simulate\.snr[\s\S]*0 to 1e\+06"),
         ({"size": 2}, r"simulate\.size[\s\S]*8 to 8192"),
         ({"depth_noise_m": 5.0}, r"depth_noise_m[\s\S]*0 to 0.1"),

@@ -1,0 +1,70 @@
+"""Arrays of a raw episode in an npz file, each of the shape and kind that it should have."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from plop.errors import PlopError
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one array should be."""
+
+    shape: tuple[int | None, ...]
+    """None is any length."""
+    kinds: str = "buif"
+    """Kinds of numbers, as in `numpy.dtype.kind`."""
+
+    def misfit(self, array: np.ndarray | h5py.Dataset) -> tuple[str, str] | None:
+        """Tell what is expected and what is there instead; None when it fits. Nothing is read of a dataset."""
+        have = array.shape or ()
+        alike = len(have) == len(self.shape) and all(
+            want in (None, length) for want, length in zip(self.shape, have, strict=True)
+        )
+        if alike and (array.dtype.kind in self.kinds or 0 in have):
+            return None
+        numbers = "numbers" if "f" in self.kinds else "whole numbers"
+        lengths = " x ".join("n" if want is None else str(want) for want in self.shape)
+        return f"{numbers}, {lengths}", f"{array.dtype}, {' x '.join(map(str, have)) or 'a single value'}"
+
+
+def read_npz(
+    path: Path, parts: Mapping[str, Part], *, optional: Container[str] = (), may_be_empty: Container[str] = (), fix: str
+) -> dict[str, np.ndarray]:
+    """Read an npz file; keys that are not among `parts` are given as they are.
+
+    Args:
+        path: The file.
+        parts: What is looked for.
+        optional: Those that may be absent.
+        may_be_empty: Those that may have no elements.
+        fix: What to do about a file that cannot be used.
+
+    Raises:
+        PlopError: It is missing or damaged, or an array is missing or of another shape or kind; names file and key.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+        raise PlopError("The episode's npz file is missing or damaged.", where=path, expected="a complete npz file",
+                        found=f"{type(error).__name__}: {error}", fix=fix) from error  # fmt: skip
+    missing = [key for key in parts if key not in arrays and key not in optional]
+    if missing:
+        raise PlopError("The episode's npz file is incomplete.", where=path, expected=", ".join(parts),
+                        found=f"no {', '.join(missing)}", fix=fix)  # fmt: skip
+    for key, part in parts.items():
+        wrong = part.misfit(arrays[key]) if key in arrays else None
+        if wrong is None and key in arrays and not arrays[key].size and key not in may_be_empty:
+            wrong = ("some elements", "none")
+        if wrong is not None:
+            raise PlopError("An array of this episode has another shape or type than it should.",
+                            where=f"{path}: {key}", expected=wrong[0], found=wrong[1], fix=fix)  # fmt: skip
+    return arrays
