@@ -17,6 +17,7 @@ import importlib.resources
 import json
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,19 +100,21 @@ def _typed(name: str, values: dict[str, float]) -> tuple[str, ...]:
 class Loop(Typed):
     """Makes the runs of the plan in one workspace."""
 
-    def __init__(self, workspace: Path) -> None:
+    def __init__(self, workspace: Path, recorded: tuple[str, ...] = ()) -> None:
+        """Choose the workspace, and how recordings are made besides what a run says, as typed after `simulate`."""
         super().__init__(workspace, (importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text())
+        self.recorded = recorded
 
     def base(self) -> None:
         """Film recordings without anything hidden and fit the engine to them, once."""
-        self.plop("simulate", "block.toml", "--seed", "100", "--name", "plain")
+        self.plop("simulate", "block.toml", "--seed", "100", "--name", "plain", *self.recorded)
         self.plop("identify", "--recordings", "plain", "--name", "base", *FINER)
 
     def carry_out(self, run: Run) -> dict[str, Any]:
         """Hide, diagnose and score; the answer is opened only after the verdict."""
         started = time.perf_counter()
         if not any(self.filmed(run, share * run.snr) for share in _SHARES):
-            hidden = {run.hide[0].split(".")[0]: {}}
+            hidden: dict[str, dict[str, float]] = {run.hide[0].split(".")[0]: {}}
             return {"name": run.name, "set": "unreachable", "seed": run.seed, "hidden": hidden, "snr": 0.0,
                     "wanted": run.snr, "verdict": "-", "named": [], "judged_by": STAGE.version}  # fmt: skip
         found = self.diagnosed(run, "base", run.name)
@@ -122,7 +125,7 @@ class Loop(Typed):
 
     def filmed(self, run: Run, snr: float) -> bool:
         """Make the recordings; False where no amplitude in its range gives the signal."""
-        words = ["simulate", "block.toml", "--seed", str(run.seed), "--name", run.name]
+        words = ["simulate", "block.toml", "--seed", str(run.seed), "--name", run.name, *self.recorded]
         words += [word for text in run.hide for word in ("--hide", text)]
         words += ["--snr", f"{snr:g}"] if snr else []
         words += ["--fault", run.fault] if run.fault else []
@@ -188,13 +191,20 @@ def main() -> None:
         loop = Loop(options.work)
         with locked(options.work / "base.lock"):
             loop.base()
-        for run in shared(planned(), options.share):
-            if not is_judged(run.name, rows, {} if options.again else kept) and time.monotonic() < deadline:
-                row = loop.carry_out(run)
-                (rows / f"{run.name}.json").write_text(json.dumps(row, indent=1))
-                sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
-                sys.stdout.flush()
+        left = [run for run in shared(planned(), options.share)
+                if not is_judged(run.name, rows, {} if options.again else kept)]  # fmt: skip
+        go_on(loop, left, rows, deadline)
     write(newest_rows([run.name for run in planned()], rows, kept), options.out)
+
+
+def go_on(loop: Loop, runs: Iterable[Run], rows: Path, deadline: float) -> None:
+    """Make runs until the deadline [s, of the monotonic clock], and leave their rows in a folder."""
+    for run in runs:
+        if time.monotonic() < deadline:
+            row = loop.carry_out(run)
+            (rows / f"{run.name}.json").write_text(json.dumps(row, indent=1))
+            sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")
+            sys.stdout.flush()
 
 
 def write(rows: list[dict[str, Any]], out: Path) -> None:
