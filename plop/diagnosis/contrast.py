@@ -31,6 +31,8 @@ class Contrast:
     """Chance of such a distance for any effect of the library when none has changed."""
     least: float
     """Smallest change of the first amplitude that would be clear, and would come out so nine times in ten."""
+    least_alone: float = 0.0
+    """The same where the error by itself shows that something is missing: the law is then the only hypothesis."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,10 @@ class _Test:
     unit: float
     """Standard error of the first amplitude's difference."""
     freedom: float
+
+    def least(self, p: float) -> float:
+        """Give the change of the first amplitude that has such a chance, and comes out so nine times in ten."""
+        return float((student.isf(p / 2, self.freedom) + MOSTLY) * self.unit)
 
 
 def contrast_of(
@@ -71,8 +77,8 @@ def contrast_of(
         tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata))
     times = family * len(tests)
     best = min(tests, key=lambda test: (test.p, -test.errors))
-    least = min((student.isf(P_LARGEST / (2 * times), test.freedom) + MOSTLY) * test.unit for test in tests)
-    return Contrast(best.errors, min(1.0, times * best.p), float(least))
+    least, least_alone = (min(test.least(P_LARGEST / number) for test in tests) for number in (times, len(tests)))
+    return Contrast(best.errors, min(1.0, times * best.p), least, least_alone)
 
 
 def _judged(parts: Sequence[Clusters]) -> _Test:

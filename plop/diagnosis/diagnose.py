@@ -291,8 +291,8 @@ def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> D
     alike = [] if first is None else [s.candidate.effect for s in confounded(state.screen, first, scores)]
     second = None if first is None else state.beyond(first, sham)
     verdict = judge(findings, alike, base, list(sensors), state.size, left=left, second=second)
-    clear = {f.name: f.contrast.least for f in findings if f.contrast is not None}
-    limits = detection_limits(state.screen, scores, sham, state.response_rms_m, clear)
+    contrasts = {f.name: f.contrast for f in findings if f.contrast is not None}
+    limits = detection_limits(state.screen, scores, sham, state.response_rms_m, contrasts, state.would_stand_out)
     where = ("", "reference ")  # both sets may have an episode of the same name
     dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
     settings = [] if first is None else [(score, state.amplitudes(score)) for score in state.settings(first)]

@@ -106,6 +106,11 @@ class State:
         raw = float(self.screen.grams.energy.sum() / self.numbers)
         return ErrorSize.of(self.errors(), raw, self.floors, self.kinds)
 
+    def would_stand_out(self, before: np.ndarray) -> bool:
+        """Tell whether such held-out sums of squares [E] would show by themselves that something is missing."""
+        errors = before / [e.count for e in self.screen.episodes]
+        return ErrorSize.of(errors, float(errors.mean()), self.floors, self.kinds).stands_out
+
     @property
     def kinds(self) -> tuple[Sequence[str], Sequence[str]]:
         """Kind of motion of every episode, and of every one of the reference."""

@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.contrast import MOSTLY, P_LARGEST
+from plop.diagnosis.contrast import MOSTLY, P_LARGEST, Contrast
 from plop.diagnosis.finding import ERRORS_LEAST, GAIN_LEAST, STEADY_LEAST
 from plop.diagnosis.regression import gain, held_out_energy, steady_gain
 from plop.diagnosis.screen import Score, Screen
 
 _STEPS = 24
+StandsOut = Callable[[np.ndarray], bool]
 
 
 def detection_limits(
     screen: Screen, scores: list[Score], shams: np.ndarray, response_rms_m: Callable[[str], float],
-    clear: Mapping[str, float],
+    contrasts: Mapping[str, Contrast], stands_out: StandsOut = lambda _: False,
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
 
@@ -29,7 +30,8 @@ def detection_limits(
         scores: One for each effect.
         shams: Best gains under shams.
         response_rms_m: RMS response of one unit of a column [m].
-        clear: Effect -> smallest first amplitude that differs clearly from the reference's; without it any does.
+        contrasts: Effect -> which first amplitudes differ clearly from the reference's; without it any does.
+        stands_out: Held-out sums of squares [E] -> whether something is missing, whatever that is.
 
     Returns:
         Effect -> {"amplitude", "unit", "parameter", "displacement_m"}; see `unseen`.
@@ -38,25 +40,28 @@ def detection_limits(
     limits = {}
     for score in scores:
         name = score.candidate.effect
-        limits[name] = _limit(screen, score, threshold, response_rms_m, clear.get(name, 0.0))
+        limits[name] = _limit(screen, score, threshold, response_rms_m, contrasts.get(name), stands_out)
     return limits
 
 
 def _limit(
-    screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float], least: float
-) -> dict[str, Any]:
+    screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float], contrast: Contrast | None,
+    stands_out: StandsOut,
+) -> dict[str, Any]:  # fmt: skip
     column = score.candidate.columns[0]
     row, rows = screen.index[column.key], score.rows
     left = [e.residual - score.fit.values @ e.matrix[rows] for e in screen.episodes]
 
     def seen(amplitude: float) -> bool:
-        if amplitude < least:
+        if contrast is not None and amplitude < contrast.least_alone:
             return False
         loud = screen.with_residuals(
             [r + amplitude * e.matrix[row] for r, e in zip(left, screen.episodes, strict=True)]
         )
         null = loud.null(loud.grams, np.array([], int))
         before, after = (held_out_energy(loud.grams, columns) for columns in (null, rows))
+        if contrast is not None and amplitude < contrast.least and not stands_out(before):
+            return False
         error = loud.gain_error(null, rows)
         won = gain(before, after) - MOSTLY * error
         return won > max(GAIN_LEAST, threshold, ERRORS_LEAST * error) and steady_gain(before, after) > STEADY_LEAST

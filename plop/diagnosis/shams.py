@@ -10,6 +10,9 @@ from plop.diagnosis.evidence import BLOCKS, Whitened
 from plop.diagnosis.regression import Grams
 from plop.diagnosis.screen import Screen
 
+SIGNS_LEAST = 7
+"""Episodes from which on their signs tell: those of a law that moves points along one axis come out as they are, or all
+turned, once in 2 ** (episodes - 1), and p of 2 % must be in reach."""
 SHAMS = 199
 """Shams; the smallest possible p is 1 / (SHAMS + 1)."""
 
@@ -25,7 +28,8 @@ def sham_gains(screen: Screen, *, seed: int = 0, count: int = SHAMS, alone: bool
 
     A base may err smoothly over the whole object, and what errs together is then no proof that a law is there. The
     reference tells such errors from a law (`contrast`). Where there is none, every second sham leaves the residuals
-    of an episode as smooth as they are, and changes the sign of each of their components in the whole of it.
+    of an episode as smooth as they are, and changes the sign of each of their components in the whole of it. Fewer than
+    SIGNS_LEAST episodes have too few signs for that.
 
     Args:
         screen: The real evidence.
@@ -36,15 +40,15 @@ def sham_gains(screen: Screen, *, seed: int = 0, count: int = SHAMS, alone: bool
     Returns:
         Shape [count].
     """
-    generator = np.random.default_rng([seed, 99])
+    generator, whole = np.random.default_rng([seed, 99]), alone and len(screen.episodes) >= SIGNS_LEAST
     found = np.empty(count)
     for k in range(count):
         if k % ROUND == 0:
             spoilt = {kind: _spoil(screen, kind, generator) for kind in _KINDS}
-        if alone and k % 2:
+        if whole and k % 2:
             flipped = [e.mirrored(generator.choice([-1.0, 1.0], 3)) for e in screen.episodes]
         else:
-            episodes = spoilt[_KINDS[(k // 2 if alone else k) % len(_KINDS)]]
+            episodes = spoilt[_KINDS[(k // 2 if whole else k) % len(_KINDS)]]
             flipped = [e.flipped(generator.choice([-1.0, 1.0], BLOCKS)) for e in episodes]
         found[k] = screen.best_gain(Grams.of(flipped))
     return found

@@ -16,8 +16,8 @@ from plop.physics.sealed import seal_answer
 from plop.physics.wish import parse_hidden
 from stages.diagnose.stage import STAGE
 
-LAW = {"kind": "physics", "gain": 0.9,
-       "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}}  # fmt: skip
+LAW = {"kind": "physics", "gain": 0.9, "gain_error": 0.1, "p": 0.005, "contrast": 8.0, "contrast_p": 0.001,
+       "reasons": [], "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}}  # fmt: skip
 DIAGNOSIS = {
     "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt.", "evidence": {"left": 2.0}},
     "ranking": [{"effect": "tilt", **LAW}, {"effect": "drag", **LAW}], "base": {"effect": "stiffness", **LAW},
@@ -89,6 +89,7 @@ def test_a_law_outside_the_library_is_left_out_of_the_diagnosis(loop):
 def test_of_two_laws_the_second_is_looked_for_beside_the_first(loop):
     row = loop.loop.carry_out(Run("pair-a-b", "pair", 3, ("tilt.gx_m_s2=1", "swelling"), 4.0))
     assert [words[0] for words in loop.typed] == ["simulate", "diagnose", "augment", "diagnose"]
+    assert row["tests"]["tilt"]["contrast_p"] == 0.001
     assert loop.typed[-1][2] == loop.typed[-2][-1] and row["next_named"] == ["tilt"]
 
 

@@ -11,11 +11,11 @@ from benchmarks.synthetic_evidence import episodes, key, state
 from plop.diagnosis.diagnose import conclusion
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import one_per_effect
-from plop.diagnosis.shams import p_value, sham_gains
+from plop.diagnosis.shams import SIGNS_LEAST, p_value, sham_gains
 
 
 def best_p(seed: int, shams: int = 49, *, alone: bool = True, **misfit_m: float) -> float:
-    now = state(episodes(seed, count=4, **misfit_m))
+    now = state(episodes(seed, count=7, **misfit_m))
     return p_value(now.scores()[0].gain, sham_gains(now.screen, seed=seed, count=shams, alone=alone))
 
 
@@ -24,7 +24,7 @@ def test_p_is_rarely_small_where_nothing_is_hidden(misfit_m):
     """Without a reference, also where the base errs smoothly over the whole object."""
     values = np.array([best_p(seed, **misfit_m) for seed in range(60)])
     assert (values <= 0.02).mean() <= 0.1
-    assert (values <= 0.2).mean() <= 0.36
+    assert (values <= 0.2).mean() <= 0.4
     assert values.mean() > 0.35
 
 
@@ -39,6 +39,17 @@ def test_a_hidden_law_beats_every_sham():
     for alone in (False, True):
         shams = sham_gains(now.screen, count=99, alone=alone)
         assert p_value(now.scores()[0].gain, shams) == pytest.approx(0.01)
+
+
+def test_a_law_along_one_axis_is_not_lost_to_the_signs_of_whole_episodes():
+    """Of few episodes they are often all as they were; then parts of the object alone are turned."""
+    for count in (4, SIGNS_LEAST):
+        straight = [replace(e, residual=0.5 * e.responses[key("tilt")] * [1, 0, 0] + e.residual * [0.1, 0.1, 0.1],
+                            responses={**e.responses, key("tilt"): e.responses[key("tilt")] * [1, 0, 0]})
+                    for e in episodes(1, count=count)]  # fmt: skip
+        now = state(straight)
+        assert now.scores()[0].candidate.effect == "tilt"
+        assert p_value(now.scores()[0].gain, sham_gains(now.screen, alone=True)) <= 0.02
 
 
 def test_shams_are_drawn_from_the_seed_and_leave_the_evidence_alone():
