@@ -98,3 +98,15 @@ def test_whitened_pulls_are_errors_of_unit_size():
         squares.append(own.pulls**2)
         assert own.averaged(np.eye(2)).spread == pytest.approx(own.pulls.T @ own.pulls / 3, rel=1e-4)
     np.testing.assert_allclose(np.mean(squares, 0), 1, atol=0.3)
+
+
+@pytest.mark.parametrize("sizes", [[1.0] * 6, [1.0, 1.0, 0.1, 0.1, 0.1, 0.1], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+def test_steadied_intervals_hold_what_they_should_and_are_finite_where_one_episode_tells(sizes):
+    held = 0
+    for seed in range(400):
+        designs, residuals = sampled(seed, sizes, columns=1)
+        found = fitted(designs, residuals)
+        variance, freedom = found.steadied()
+        held += abs(found.values[0]) < student.ppf(0.975, freedom[0]) * variance[0] ** 0.5
+    assert held / 400 > 0.9 or sizes[1] == 0.0
+    assert np.isfinite(variance).all() and (freedom >= 4).all()

@@ -256,12 +256,10 @@ def _parameters(
     columns: tuple[Column, ...], fitted: Fit, profiles: Mapping[str, Profile], alone: bool = True
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
-    errors, own = np.sqrt(np.diag(fitted.spread)), slice(-len(columns), None)
-    found = {}
-    for column, value, error, freedom in zip(
-        columns, fitted.values[own], errors[own], fitted.freedom[own], strict=True
-    ):
+    (variances, freedom), own = fitted.clusters.steadied(), slice(-len(columns), None)
+    errors, found = np.sqrt(variances), {}
+    for column, value, error, degrees in zip(columns, fitted.values[own], errors[own], freedom[own], strict=True):
         profile = profiles.get(column.key)
         amplitude = profile.least() if alone and profile is not None else float(value)
-        found[column.amplitude] = amplitude_of(column, amplitude, float(error), float(freedom), profile)
+        found[column.amplitude] = amplitude_of(column, amplitude, float(error), float(degrees), profile)
     return found

@@ -95,11 +95,6 @@ class Fit:
         """Covariance over episodes, [C, C]."""
         return self.clusters.spread
 
-    @property
-    def freedom(self) -> np.ndarray:
-        """Degrees of freedom with which each variance is known, [C]."""
-        return self.clusters.freedom
-
 
 def fit(grams: Grams, columns: np.ndarray) -> Fit:
     """Fit columns to all episodes; episodes, not points, are what counts as independent."""
