@@ -51,7 +51,7 @@ HELD: dict[str, Draw] = {
 """What each episode holds of a law."""
 SCATTERS = ("by what they hold", "all alike")
 """How amplitudes of episodes scatter: as noise makes them (less where much is held), or the same everywhere."""
-MISFIT_M = {"smoothly": {"misfit_m": 3e-4}, "at each point in another way": {"rough_m": 3e-4}}
+MISFIT_M: dict[str, dict[str, Any]] = {"smoothly": {"misfit_m": 3e-4}, "at each point in another way": {"rough_m": 3e-4}}
 LAWS = ("tilt", "viscosity", "swelling")
 
 
@@ -110,7 +110,7 @@ def contrast_rows(runs: int) -> Iterator[dict[str, Any]]:
         yield row | {"seen": wilson(int((p <= P_LARGEST).sum()), runs // 3)}
 
 
-def concluded(seed: int, count: int, misfit: dict[str, float], reference: bool, **more: Any) -> Diagnosis:
+def concluded(seed: int, count: int, misfit: dict[str, Any], reference: bool, **more: Any) -> Diagnosis:
     """Judge a set of so many episodes; the reference is another set of as many, drawn alike."""
     control = episodes(seed + 100_000, count=count, **misfit) if reference else None
     return conclusion(state(episodes(seed, count=count, **misfit, **more), control), (), 99, seed)
@@ -166,21 +166,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=600, help="Sets in each row of the contrast; a third for the rest.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
+    parser.add_argument("--part", choices=("contrast", "nothing", "limits"), action="append", help="Only this one.")
     options = parser.parse_args()
     fewer = options.runs // 3
     parts = {"contrast": (contrast_rows(options.runs), contrast_table), "nothing": (null_rows(fewer), null_table),
              "limits": (limit_rows(fewer // 4), limit_table)}  # fmt: skip
-    facts: dict[str, Any] = {"command": "python -m benchmarks.verdict_chances", "versions": versions(),
-                             "seeds": "0 to runs", "level": P_LARGEST}  # fmt: skip
-    page = options.out / "results-physics.md"
+    path, page = options.out / "results" / "verdict_chances.json", options.out / "results-physics.md"
+    facts: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    facts |= {"command": "python -m benchmarks.verdict_chances", "versions": versions(), "seeds": "0 to runs",
+              "level": P_LARGEST}  # fmt: skip
     for name, (rows, table) in parts.items():
+        if options.part and name not in options.part:
+            continue
         facts[name] = []
         for row in rows:
             facts[name].append(row)
             sys.stdout.write(f"{json.dumps(row)}\n")
             sys.stdout.flush()
         page.write_text(replace_between_markers(page.read_text(), f"chances-{name}", table(facts[name])))
-    (options.out / "results" / "verdict_chances.json").write_text(json.dumps(facts, indent=1) + "\n")
+    path.write_text(json.dumps(facts, indent=1) + "\n")
 
 
 if __name__ == "__main__":
