@@ -51,7 +51,9 @@ HELD: dict[str, Draw] = {
 """What each episode holds of a law."""
 SCATTERS = ("by what they hold", "all alike")
 """How amplitudes of episodes scatter: as noise makes them (less where much is held), or the same everywhere."""
-MISFIT_M: dict[str, dict[str, Any]] = {"smoothly": {"misfit_m": 3e-4}, "at each point in another way": {"rough_m": 3e-4}}
+MISFIT_M: dict[str, dict[str, Any]] = {
+    "smoothly": {"misfit_m": 3e-4}, "at each point in another way": {"rough_m": 3e-4}
+}  # fmt: skip
 LAWS = ("tilt", "viscosity", "swelling")
 
 
