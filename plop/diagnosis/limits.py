@@ -63,8 +63,9 @@ def _limit(
         if contrast is not None and amplitude < contrast.least and not stands_out(before):
             return False
         error = loud.gain_error(null, rows)
-        won = gain(before, after) - MOSTLY * error
-        return won > max(GAIN_LEAST, threshold, ERRORS_LEAST * error) and steady_gain(before, after) > STEADY_LEAST
+        won = gain(before, after)
+        sure = won > ERRORS_LEAST * error and won - MOSTLY * error > max(GAIN_LEAST, threshold)
+        return sure and steady_gain(before, after) > STEADY_LEAST
 
     most = max(abs(column.low), abs(column.high))
     if not seen(most):
