@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks import physics_cameras
 from benchmarks.physics_cameras import Loop, Run, planned, write
+from benchmarks.physics_rough import RECORDED, rough_runs
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from plop.physics.sealed import seal_answer
@@ -91,6 +92,17 @@ def test_of_two_laws_the_second_is_looked_for_beside_the_first(loop):
     assert [words[0] for words in loop.typed] == ["simulate", "diagnose", "augment", "diagnose"]
     assert row["tests"]["tilt"]["contrast_p"] == 0.001
     assert loop.typed[-1][2] == loop.typed[-2][-1] and row["next_named"] == ["tilt"]
+
+
+def test_bad_cameras_film_the_base_and_every_run(loop):
+    loop.loop.recorded = RECORDED
+    loop.loop.base()
+    runs = rough_runs()
+    assert [run.set for run in runs].count("null") == 2 and len({run.seed for run in runs}) == len(runs)
+    assert not {run.seed for run in runs} & {run.seed for run in planned()}
+    loop.loop.carry_out(runs[0])
+    filmed = [words for words in loop.typed if words[0] == "simulate"]
+    assert len(filmed) == 2 and all(words[6 : 6 + len(RECORDED)] == list(RECORDED) for words in filmed)
 
 
 def test_tables_are_written_beside_their_goals(loop, tmp_path):
