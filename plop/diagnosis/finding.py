@@ -68,6 +68,10 @@ class Finding:
         """Tell whether all conditions for being named hold."""
         return not self.reasons()
 
+    def hardly_differs(self) -> bool:
+        """Tell whether only the reference is against it: its amplitude is not surely another than there."""
+        return not self.differs and len(self.reasons()) == 1
+
     def ends(self) -> bool:
         """Tell whether only the end of its range is against it."""
         return self.reasons() == [AT_BOUND]

@@ -16,6 +16,7 @@ from plop.diagnosis.verdict_text import (
     nearly_text,
     parameters_text,
     partly_base_text,
+    unsure_text,
 )
 
 PARTLY_SHARE = 0.6
@@ -154,6 +155,8 @@ def _unnamed(kind: str, findings: list[Finding], facts: dict[str, Any], more: st
     missing = kind == "NONE OF THESE"
     told = [f for f in findings if f.kind == "physics" and (_carried_only(f) or (missing and _shown_once(f)))]
     lone = max(told, key=lambda f: f.shown, default=None)
+    if lone is None and missing and (unsure := [f for f in findings if f.kind == "physics" and f.hardly_differs()]):
+        return Verdict(kind, [], unsure_text(max(unsure, key=lambda f: f.gain)), facts)
     if lone is None:
         return Verdict(kind, [], (_NONE if missing else _NOTHING) + more, facts)
     start = "Something is missing" if missing else "No effect can be detected in more than one episode"

@@ -52,6 +52,16 @@ def base_text(base: Finding, also: list[str] | None = None) -> str:
     return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
 
 
+def unsure_text(finding: Finding) -> str:
+    """Say which law explains most where something is missing, but too few episodes tell that it is this one."""
+    contrast = finding.contrast
+    assert contrast is not None
+    return (f"Something is missing. {finding.name} takes {100 * finding.gain:.0f} % of the held-out error away "
+            f"({parameters_text(finding)}), but too few episodes tell whether its amplitude is another than in the "
+            f"reference recordings ({contrast.errors:.1f} standard errors, p = {short_number(contrast.p)}), so that it "
+            "is not named. Record more episodes of these motions and diagnose again.")  # fmt: skip
+
+
 def nearly_text(size: ErrorSize) -> str:
     """Say by how much an error is larger than the reference's that hardly could be so by chance, and is not called so.
 

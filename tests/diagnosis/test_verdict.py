@@ -162,6 +162,15 @@ def test_without_significant_misfit_nothing_is_detectable(facts):
     assert (verdict.kind, verdict.named) == ("NOTHING DETECTABLE", [])
 
 
+def test_a_law_that_too_few_episodes_tell_is_said_and_not_named():
+    doubtful = finding(gain=0.32, contrast=Contrast(3.2, 0.18, 2.0))
+    verdict = told([doubtful, finding("fibres", **WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
+    assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
+    assert "tilt takes 32 % of the held-out error away" in verdict.text and "p = 0.18" in verdict.text
+    assert told([doubtful], [], None, [], **QUIET).text.startswith("No effect")
+    assert "tilt" not in told([replace(doubtful, p=0.5)], [], None, [], **FACTS).text
+
+
 @pytest.mark.parametrize("facts", [FACTS, QUIET])
 def test_a_decoy_is_never_named(facts):
     verdict = told([finding("drag"), finding(**WEAK)], ["tilt"], None, [], **facts)
