@@ -17,12 +17,12 @@ import importlib.resources
 import json
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.newest import is_judged, newest_rows, shared, written_rows
+from benchmarks.newest import Row, is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
 from benchmarks.physics_tables import GOALS, MEDIANS, percent, runs_table, shown, verdict_rates
 from benchmarks.workspace import Typed
@@ -187,20 +187,18 @@ def main() -> None:
     rows.mkdir(parents=True, exist_ok=True)
     kept = written_rows(options.out / "results" / "physics_cameras.json")
     if not options.summary:
-        deadline = time.monotonic() + 60 * options.minutes
-        loop = Loop(options.work)
-        with locked(options.work / "base.lock"):
-            loop.base()
-        left = [run for run in shared(planned(), options.share)
-                if not is_judged(run.name, rows, {} if options.again else kept)]  # fmt: skip
-        go_on(loop, left, rows, deadline)
+        runs = shared(planned(), options.share)
+        go_on(Loop(options.work), runs, rows, {} if options.again else kept, options.minutes)
     write(newest_rows([run.name for run in planned()], rows, kept), options.out)
 
 
-def go_on(loop: Loop, runs: Iterable[Run], rows: Path, deadline: float) -> None:
-    """Make runs until the deadline [s, of the monotonic clock], and leave their rows in a folder."""
+def go_on(loop: Loop, runs: Iterable[Run], rows: Path, kept: Mapping[str, Row], minutes: float) -> None:
+    """Make the base and, for so many minutes, runs that this version has not judged; leave their rows in a folder."""
+    deadline = time.monotonic() + 60 * minutes
+    with locked(rows.parent / "base.lock"):
+        loop.base()
     for run in runs:
-        if time.monotonic() < deadline:
+        if not is_judged(run.name, rows, kept) and time.monotonic() < deadline:
             row = loop.carry_out(run)
             (rows / f"{run.name}.json").write_text(json.dumps(row, indent=1))
             sys.stdout.write(f"{run.name}: {row['verdict']} {row['named']} (SNR {row['snr']:.2f})\n")

@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from pathlib import Path
 
-from benchmarks.newest import is_judged, newest_rows, written_rows
+from benchmarks.newest import newest_rows, written_rows
 from benchmarks.physics_cameras import Loop, Run, go_on, planned
 from benchmarks.physics_tables import runs_table
-from plop.artifacts.lock import locked
 from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions
 
@@ -45,10 +43,7 @@ def main() -> None:
     rows.mkdir(parents=True, exist_ok=True)
     kept = written_rows(path)
     if not options.summary:
-        deadline, loop = time.monotonic() + 60 * options.minutes, Loop(options.work, RECORDED)
-        with locked(options.work / "base.lock"):
-            loop.base()
-        go_on(loop, [run for run in rough_runs() if not is_judged(run.name, rows, kept)], rows, deadline)
+        go_on(Loop(options.work, RECORDED), rough_runs(), rows, kept, options.minutes)
     found = newest_rows([run.name for run in rough_runs()], rows, kept)
     facts = {"command": "python -m benchmarks.physics_rough", "versions": versions(), "recorded": " ".join(RECORDED),
              "seeds": sorted({row["seed"] for row in found}), "runs": found}  # fmt: skip

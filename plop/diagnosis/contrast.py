@@ -10,7 +10,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from plop.clusters import Clusters, clusters, root, together, whitened
-from plop.diagnosis.regression import Fit, Grams, fit, solve
+from plop.diagnosis.regression import Grams, fit, solve
 from plop.diagnosis.strata import strata_of, told_apart
 
 P_LARGEST = 0.02
@@ -71,7 +71,7 @@ def contrast_of(
     """
     fits = fit(here, rows), fit(reference, rows)
     last = np.eye(len(rows))[-own:]
-    tests = [_judged([fits[0].clusters.mapped(last), fits[1].clusters.mapped(-last)])]
+    tests = [_judged([fits[0].mapped(last), fits[1].mapped(-last)])]
     strata = strata_of(*kinds)
     if told_apart(strata):
         tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata))
@@ -151,7 +151,7 @@ class _Side:
 
 
 def _profiled(
-    grams: tuple[Grams, Grams], fits: tuple[Fit, Fit], rows: np.ndarray, own: int
+    grams: tuple[Grams, Grams], fits: tuple[Clusters, Clusters], rows: np.ndarray, own: int
 ) -> tuple[_Side, _Side]:  # fmt: skip
     """Take out of the own columns what the base's columns explain, and of the residuals what they fit."""
     base, last = rows[:-own], rows[-own:]
@@ -161,7 +161,7 @@ def _profiled(
         stacked = np.broadcast_to(pooled[np.ix_(base, base)], (own, len(base), len(base)))
         shared = solve(stacked, pooled[np.ix_(base, last)].T).T
 
-    def side(part: Grams, fitted: Fit) -> _Side:
+    def side(part: Grams, fitted: Clusters) -> _Side:
         cross = part.hessian[:, last][:, :, base] - shared.T @ part.hessian[:, base][:, :, base]
         gradient = part.gradient[:, last] - part.gradient[:, base] @ shared - cross @ fitted.values[: len(base)]
         hessian = part.hessian[:, last][:, :, last] - 2 * _symmetric(part.hessian[:, last][:, :, base] @ shared)

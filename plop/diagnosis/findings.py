@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.clusters import Clusters
 from plop.diagnosis.amplitude import STRONGEST_RESPONSE, amplitude_of
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, Column
 from plop.diagnosis.contrast import Contrast, contrast_of
@@ -16,7 +17,7 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel, Whitened, corrected, whiten
 from plop.diagnosis.finding import LONE_SHARE, Finding
 from plop.diagnosis.profile import Profile
-from plop.diagnosis.regression import Fit, Grams, fit, gain, known_misfit, most_helped, solve, steady_gain
+from plop.diagnosis.regression import Grams, fit, gain, known_misfit, most_helped, solve, steady_gain
 from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import p_value
@@ -253,10 +254,10 @@ class State:
 
 
 def _parameters(
-    columns: tuple[Column, ...], fitted: Fit, profiles: Mapping[str, Profile], alone: bool = True
+    columns: tuple[Column, ...], fitted: Clusters, profiles: Mapping[str, Profile], alone: bool = True
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
     """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
-    (variances, freedom), own = fitted.clusters.steadied(), slice(-len(columns), None)
+    (variances, freedom), own = fitted.steadied(), slice(-len(columns), None)
     errors, found = np.sqrt(variances), {}
     for column, value, error, degrees in zip(columns, fitted.values[own], errors[own], freedom[own], strict=True):
         profile = profiles.get(column.key)

@@ -78,27 +78,9 @@ def held_out_values(grams: Grams, columns: np.ndarray) -> np.ndarray:
     return solve(hessian.sum(0) - hessian, gradient.sum(0) - gradient)
 
 
-@dataclass(frozen=True)
-class Fit:
-    """A pooled fit of some columns."""
-
-    clusters: Clusters
-    """What each episode holds of it."""
-
-    @property
-    def values(self) -> np.ndarray:
-        """Fitted amplitudes, [C]."""
-        return self.clusters.values
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Covariance over episodes, [C, C]."""
-        return self.clusters.spread
-
-
-def fit(grams: Grams, columns: np.ndarray) -> Fit:
+def fit(grams: Grams, columns: np.ndarray) -> Clusters:
     """Fit columns to all episodes; episodes, not points, are what counts as independent."""
-    return Fit(clusters(grams.hessian[:, columns][:, :, columns], grams.gradient[:, columns]))
+    return clusters(grams.hessian[:, columns][:, :, columns], grams.gradient[:, columns])
 
 
 def energy_left(grams: Grams, columns: np.ndarray) -> np.ndarray:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plop.clusters import Clusters
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate
 from plop.diagnosis.evidence import Whitened
-from plop.diagnosis.regression import Fit, Grams, energy_left, fit, gain, held_out_energy, held_out_values, solve
+from plop.diagnosis.regression import Grams, energy_left, fit, gain, held_out_energy, held_out_values, solve
 
 CONFOUNDED_COSINE = 0.95
 """Signatures closer than this, after the base's parameters are taken out, cannot be told apart here."""
@@ -33,7 +34,7 @@ class Score:
     """Columns that were fitted without it, see `Screen.null`."""
     rows: np.ndarray
     """All columns that were fitted: the base's parameters, what was given, and its own, which come last."""
-    fit: Fit
+    fit: Clusters
     """Their amplitudes, fitted to all episodes."""
     size_m: float
     """RMS displacement that it makes at the fitted amplitude [m]."""

@@ -133,6 +133,7 @@ def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | 
     if heads is None:
         return Unavailable("neither the package lpips nor torchmetrics, which hold the head weights, is installed")
     try:
+        # published as .pth only; weights_only takes tensors and refuses every other pickle
         states = [torch.load(file, map_location="cpu", weights_only=True) for file in (path, heads)]
         return Lpips(backbone, *states)
     except Exception as error:
