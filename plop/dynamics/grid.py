@@ -44,12 +44,20 @@ def fit_grid(
     Returns:
         Grids of a common shape, origins at whole multiples of the spacing.
     """
-    cells = (positions.detach() / spacing_m).floor()
-    low = cells.new_full((batches, 3), torch.inf)
-    high = -low
-    index = batch[:, None].expand(-1, 3)
-    low = low.scatter_reduce(0, index, cells, "amin") - room
-    high = high.scatter_reduce(0, index, cells, "amax") + room + 1
+    least, most = _bounds(positions.detach(), batch, batches)
+    low = (least / spacing_m).floor() - room
+    high = (most / spacing_m).floor() + room + 1
     extent = (high - low).amax(0) + 1
     padded = [int(-(-int(n) // stride) * stride) for n in extent]
     return GridBox(low * spacing_m, spacing_m, (padded[0], padded[1], padded[2]))
+
+
+def _bounds(positions: Tensor, batch: Tensor, batches: int) -> tuple[Tensor, Tensor]:
+    """Give the least and the largest coordinates of each batch entry, [B, 3] each."""
+    if batches == 1:  # a rollout's step: a tenth of the time
+        least, most = positions.aminmax(dim=0, keepdim=True)
+        return least, most
+    least = positions.new_full((batches, 3), torch.inf)
+    index = batch[:, None].expand(-1, 3)
+    return (least.scatter_reduce(0, index, positions, "amin"),
+            (-least).scatter_reduce(0, index, positions, "amax"))  # fmt: skip
