@@ -49,8 +49,9 @@ HELD: dict[str, Draw] = {
     "nearly all in every fourth": lambda generator, count: np.where(np.arange(count) % 4, _LITTLE, 1.0),
 }
 """What each episode holds of a law."""
-SCATTERS = ("by what they hold", "all alike")
-"""How amplitudes of episodes scatter: as noise makes them (less where much is held), or the same everywhere."""
+SCATTERS = ("by what they hold", "between both", "all alike")
+"""How amplitudes of episodes scatter: as noise makes them (less where much is held), the same everywhere, or between:
+their squared residuals grow as the root of what is held."""
 MISFIT_M: dict[str, dict[str, Any]] = {
     "smoothly": {"misfit_m": 3e-4}, "at each point in another way": {"rough_m": 3e-4}
 }  # fmt: skip
@@ -68,6 +69,8 @@ def drawn_grams(
         hessian = columns @ columns.T
         noise = columns @ generator.normal(size=6)
         if scatter == SCATTERS[1]:
+            noise *= share**0.25
+        if scatter == SCATTERS[2]:
             noise = hessian @ np.concatenate([[0], generator.normal(size=len(amplitude))])
         hessians.append(hessian)
         gradients.append(hessian @ np.concatenate([[0.3 * generator.normal()], amplitude]) + noise)

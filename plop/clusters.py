@@ -17,6 +17,8 @@ import numpy as np
 
 PRIOR_FREEDOM = 4.0
 """See `Clusters.steadied`; a round number."""
+LOUDNESS = 0.5
+"""Power of what an episode holds with which its squared residuals are taken to grow, see `loudness`."""
 _RIDGE = 1e-9
 _UNPULLED = 1e-4
 """Least share of its own error that an episode's residual must keep for it to tell anything of the scatter."""
@@ -34,20 +36,26 @@ class Clusters:
     """Covariance of `pulls` if each episode scattered as it is sensitive, [E, E, C, C], in units of that scatter."""
     whole: np.ndarray
     """Covariance of the fit in that case, [C, C]."""
+    likely: np.ndarray
+    """Covariance of the fit if the scatter of episodes grew with what they hold as `loudness` says, [C, C], in units of
+    `scatter`."""
     scatter: float
-    """Mean square of what is left in all episodes, in units of how sensitive they are."""
+    """Mean square of what is left in all episodes, in these units."""
+    shown: float
+    """Over how many numbers that is the mean; what the fit has taken up does not count."""
     inverse: np.ndarray
     """Inverse of what all episodes and the prior hold together, [C, C]; of no meaning once `mapped`."""
 
     def mapped(self, matrix: np.ndarray) -> Clusters:
         """Give linear combinations of the amplitudes, [D, C]."""
-        return Clusters(matrix @ self.values, self.pulls @ matrix.T, matrix @ self.expected @ matrix.T,
-                        matrix @ self.whole @ matrix.T, self.scatter, self.inverse)  # fmt: skip
+        return replace(
+            self, values=matrix @ self.values, pulls=self.pulls @ matrix.T, expected=matrix @ self.expected @ matrix.T,
+            whole=matrix @ self.whole @ matrix.T, likely=matrix @ self.likely @ matrix.T)  # fmt: skip
 
-    def averaged(self, matrix: np.ndarray) -> Clusters:
-        """Give one more error, as large as these are on average, mapped by a matrix [D, C]."""
-        count = len(self.pulls)
-        return replace(self.mapped(matrix / np.sqrt(count)), whole=matrix @ matrix.T)
+    def averaged(self, matrix: np.ndarray, loud: float) -> Clusters:
+        """Give one more error, as large as these are on average, mapped by a matrix [D, C]; see `loudness`."""
+        whole = matrix @ matrix.T
+        return replace(self.mapped(matrix / np.sqrt(len(self.pulls))), whole=whole, likely=loud * whole)
 
     @property
     def spread(self) -> np.ndarray:
@@ -62,14 +70,11 @@ class Clusters:
         """Give variances [C] that are not left to one or two episodes, and their degrees of freedom [C].
 
         Where few episodes tell an amplitude, their residuals hardly tell how much it scatters. What all episodes show
-        of all amplitudes, taken to scatter as they are sensitive, then counts as PRIOR_FREEDOM more of them do
+        of all amplitudes, taken to scatter as `loudness` says, then counts as PRIOR_FREEDOM more of them do
         (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004: moderated t). Narrower than `spread`
         and `freedom`, and as good as that assumption.
         """
-        own, degrees = np.diag(self.spread), self.freedom
-        own, degrees = np.where(np.isfinite(own), own, 0.0), np.where(np.isfinite(own), degrees, 0.0)
-        expected = self.scatter * np.diag(self.whole)
-        return (degrees * own + PRIOR_FREEDOM * expected) / (degrees + PRIOR_FREEDOM), degrees + PRIOR_FREEDOM
+        return steadied(np.diag(self.spread), self.freedom, self.scatter * np.diag(self.likely))
 
     @property
     def told(self) -> np.ndarray:
@@ -86,8 +91,42 @@ class Clusters:
         return np.maximum(trace**2 / np.maximum(squares, 1e-300), 1.0)
 
 
+def steadied(own: np.ndarray, degrees: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average variances with what is expected of them, which counts as PRIOR_FREEDOM; see `Clusters.steadied`.
+
+    Args:
+        own: As the episodes show them, [C]; infinite where one alone tells.
+        degrees: Their degrees of freedom, [C].
+        expected: As they would be if all scattered as `loudness` says, [C].
+
+    Returns:
+        Variances and their degrees of freedom, [C].
+    """
+    degrees, own = np.where(np.isfinite(own), degrees, 0.0), np.where(np.isfinite(own), own, 0.0)
+    return (degrees * own + PRIOR_FREEDOM * expected) / (degrees + PRIOR_FREEDOM), degrees + PRIOR_FREEDOM
+
+
+def loudness(hessian: np.ndarray) -> np.ndarray:
+    """Guess how large residuals of episodes are, squared, in units of how sensitive they are, [E]; 1 on average.
+
+    Noise alone would make all alike. What a base misses grows with the motion, as responses do, so that an episode
+    which holds much is not as exact as it is sensitive; if what is missed were as large an amplitude of the law in
+    every episode, squared residuals would grow as what they hold. The truth lies between (LOUDNESS).
+
+    Args:
+        hessian: Of each episode, [E, C, C].
+    """
+    total = hessian.sum(0)
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
+    units = np.outer(scale, scale)
+    inverse = np.linalg.inv(total / units + _RIDGE * np.eye(len(scale)))
+    held = np.einsum("ab,eba->e", inverse, hessian / units) * len(hessian) / max(len(scale), 1)
+    return np.asarray(np.maximum(held, _UNPULLED) ** LOUDNESS)
+
+
 def clusters(
-    hessian: np.ndarray, gradient: np.ndarray, prior: tuple[np.ndarray, np.ndarray] | None = None
+    hessian: np.ndarray, gradient: np.ndarray, prior: tuple[np.ndarray, np.ndarray] | None = None,
+    loud: np.ndarray | None = None,
 ) -> Clusters:  # fmt: skip
     """Fit amplitudes to all episodes.
 
@@ -95,8 +134,10 @@ def clusters(
         hessian: Of each episode, [E, C, C].
         gradient: [E, C].
         prior: What is known before as another episode's hessian [C, C] and values [C], which count as exact.
+        loud: See `loudness`, [E]; by these very hessians if not given.
     """
     known, guess = prior if prior is not None else (np.zeros(hessian.shape[1:]), np.zeros(hessian.shape[-1]))
+    loud = loudness(hessian) if loud is None else loud
     total = hessian.sum(0) + known
     scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
     normal, right = hessian / np.outer(scale, scale), gradient / scale
@@ -105,23 +146,32 @@ def clusters(
     left = right - normal @ values
     righted = np.stack([_righted(one, inverse) for one in normal])
     to_fit = inverse @ righted
-    pulls = np.einsum("ecd,ed->ec", to_fit, left)
-    count = len(hessian)
-    whole = inverse @ normal.sum(0) @ inverse
-    apart = -np.einsum("eab,bc,fcd->efad", normal, 2 * inverse - whole, normal)
-    apart[np.arange(count), np.arange(count)] += normal
-    expected = np.einsum("eab,efbc,fdc->efad", to_fit, apart, to_fit)
-    fitted = Clusters(values, pulls, expected, whole, 1.0, inverse)
+    expected = np.einsum("eab,efbc,fdc->efad", to_fit, _left_together(normal, inverse, np.ones(len(loud))), to_fit)
+    whole, likely = (inverse @ np.tensordot(weights, normal, 1) @ inverse for weights in (np.ones(len(loud)), loud))
+    scatter, shown = _scatter(left, righted, normal, _left_together(normal, inverse, loud))
     units = np.outer(scale, scale)
-    return Clusters(values / scale, pulls / scale, expected / units, whole / units, _scatter(fitted, normal),
-                    inverse / units)  # fmt: skip
+    return Clusters(values / scale, np.einsum("ecd,ed->ec", to_fit, left) / scale, expected / units, whole / units,
+                    likely / units, scatter, shown, inverse / units)  # fmt: skip
 
 
-def _scatter(fitted: Clusters, hessian: np.ndarray) -> float:
-    if not hessian.shape[-1]:
-        return 1.0
-    errors = whitened(fitted, hessian)
-    return float((errors.pulls**2).sum() / max(float(np.einsum("eecc->", errors.expected)), 1e-300))
+def _left_together(normal: np.ndarray, inverse: np.ndarray, loud: np.ndarray) -> np.ndarray:
+    """Covariance of what the fit leaves in episodes that are so loud, [E, E, C, C]."""
+    own = loud[:, None, None] * normal
+    whole = inverse @ own.sum(0) @ inverse
+    pulled = np.einsum("eab,bc,fcd->efad", own, inverse, normal)
+    found = np.einsum("eab,bc,fcd->efad", normal, whole, normal) - pulled - pulled.transpose(1, 0, 3, 2)
+    found[np.arange(len(own)), np.arange(len(own))] += own
+    return np.asarray(found)
+
+
+def _scatter(left: np.ndarray, righted: np.ndarray, normal: np.ndarray, apart: np.ndarray) -> tuple[float, float]:
+    """Mean square of what is left, put right, in units of how sensitive episodes are, and of how many numbers."""
+    if not left.shape[-1]:
+        return 1.0, 0.0
+    units = np.stack([np.linalg.solve(root(one), right) for one, right in zip(normal, righted, strict=True)])
+    squares = float((np.einsum("ecd,ed->ec", units, left) ** 2).sum())
+    shown = float(np.einsum("eab,eebc,eac->", units, apart, units))
+    return squares / max(shown, 1e-300), shown
 
 
 def _righted(hessian: np.ndarray, inverse: np.ndarray) -> np.ndarray:
@@ -143,9 +193,11 @@ def together(parts: Sequence[Clusters]) -> Clusters:
     for part, count in zip(parts, counts, strict=True):
         expected[at : at + count, at : at + count] = part.expected
         at += count
+    shown = sum(part.shown for part in parts)
+    scatter = sum(part.scatter * part.shown for part in parts) / max(shown, 1e-300)
     return Clusters(np.sum([part.values for part in parts], 0), np.concatenate([part.pulls for part in parts]),
-                    expected, np.sum([part.whole for part in parts], 0), parts[0].scatter,
-                    parts[0].inverse)  # fmt: skip
+                    expected, np.sum([part.whole for part in parts], 0), np.sum([part.likely for part in parts], 0),
+                    scatter, shown, parts[0].inverse)  # fmt: skip
 
 
 def whitened(fitted: Clusters, hessian: np.ndarray) -> Clusters:

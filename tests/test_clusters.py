@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.stats import t as student
 
-from plop.clusters import Clusters, clusters, together, whitened
+from plop.clusters import Clusters, clusters, loudness, together, whitened
 
 NUMBERS = 25
 
@@ -96,7 +96,7 @@ def test_whitened_pulls_are_errors_of_unit_size():
         designs, residuals = sampled(seed, [2.0, 1.0, 0.2])
         own = whitened(fitted(designs, residuals), np.stack([x.T @ x for x in designs]))
         squares.append(own.pulls**2)
-        assert own.averaged(np.eye(2)).spread == pytest.approx(own.pulls.T @ own.pulls / 3, rel=1e-4)
+        assert own.averaged(np.eye(2), 1.0).spread == pytest.approx(own.pulls.T @ own.pulls / 3, rel=1e-4)
     np.testing.assert_allclose(np.mean(squares, 0), 1, atol=0.3)
 
 
@@ -110,3 +110,31 @@ def test_steadied_intervals_hold_what_they_should_and_are_finite_where_one_episo
         held += abs(found.values[0]) < student.ppf(0.975, freedom[0]) * variance[0] ** 0.5
     assert held / 400 > 0.9 or sizes[1] == 0.0
     assert np.isfinite(variance).all() and (freedom >= 4).all()
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
+def test_steadied_variances_are_as_large_as_the_errors_if_episodes_scatter_as_their_loudness_says(power, monkeypatch):
+    """Episodes that hold 25 times as much as others, with residuals that grow with what they hold."""
+    monkeypatch.setattr("plop.clusters.LOUDNESS", power)
+    squares, told = [], []
+    for seed in range(600):
+        sizes = [5.0, 5.0, 1.0, 1.0, 1.0, 1.0]
+        designs, residuals = sampled(seed, sizes, columns=1)
+        found = fitted(designs, [r * size**power for r, size in zip(residuals, sizes, strict=True)])
+        squares.append(found.values[0] ** 2)
+        told.append(found.scatter * found.likely[0, 0])
+    assert np.mean(told) == pytest.approx(np.mean(squares), rel=0.15)
+
+
+def test_loudness_is_one_on_average_and_alike_where_episodes_hold_alike():
+    designs, _ = sampled(0, [1.0] * 4)
+    one = designs[0].T @ designs[0]
+    np.testing.assert_allclose(loudness(np.stack([one] * 4)), 1)
+    loud = loudness(np.stack([one, one, 100 * one, 0 * one]))
+    assert loud[2] > 1 > loud[0] == loud[1] > loud[3] > 0
+
+
+def test_episodes_that_hold_nothing_or_alone_have_finite_steadied_variances():
+    designs, residuals = sampled(1, [1.0, 0.0, 0.0], columns=1)
+    variance, _ = fitted(designs, residuals).steadied()
+    assert np.isfinite(variance).all()

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from plop.clusters import Clusters, clusters, root, together, whitened
+from plop.clusters import Clusters, clusters, loudness, root, steadied, together, whitened
 from plop.diagnosis.regression import Grams, fit, solve
 from plop.diagnosis.strata import strata_of, told_apart
 
@@ -90,21 +90,26 @@ def _judged(parts: Sequence[Clusters]) -> _Test:
     difference = together(parts)
     own = len(difference.values)
     apart = _inverse_root(difference.whole)
-    turned = difference.mapped(apart)
-    spread = np.diag(turned.spread)
-    errors = np.abs(turned.values) / np.sqrt(np.maximum(spread, 1e-300))
-    p = own * 2 * student.sf(errors, _freedom([part.mapped(apart) for part in parts], turned))
+    variances, freedom = _steadied([part.mapped(apart) for part in parts])
+    errors = np.abs(apart @ difference.values) / np.sqrt(np.maximum(variances, 1e-300))
+    p = own * 2 * student.sf(errors, freedom)
     best = int(np.argmin(p))
-    unit = float(np.sqrt(difference.spread[0, 0]))
-    return _Test(float(errors[best]), min(1.0, float(p[best])), unit, float(_freedom(parts, difference)[0]))
+    variance, degrees = (each[0] for each in _steadied(parts))
+    return _Test(float(errors[best]), min(1.0, float(p[best])), float(np.sqrt(variance)), float(degrees))
 
 
-def _freedom(parts: Sequence[Clusters], whole: Clusters) -> np.ndarray:
-    """Degrees of freedom by what episodes hold, or by how they scatter (Welch, Biometrika 34, 1947) if fewer, [C]."""
+def _steadied(parts: Sequence[Clusters]) -> tuple[np.ndarray, np.ndarray]:
+    """Give variances of a sum [C] and their degrees of freedom [C], see `Clusters.steadied`.
+
+    The sum's own degrees of freedom are counted by what episodes hold, or by how they scatter if that gives fewer
+    (Welch, Biometrika 34, 1947).
+    """
+    whole = together(parts)
     spreads = np.stack([np.diag(part.pulls.T @ part.pulls) for part in parts])
     each = np.stack([part.freedom for part in parts])
     welch = spreads.sum(0) ** 2 / np.maximum((spreads**2 / each).sum(0), 1e-300)
-    return np.maximum(np.minimum(whole.freedom, welch), 1.0)
+    expected = np.sum([part.scatter * np.diag(part.likely) for part in parts], 0)
+    return steadied(np.diag(whole.spread), np.maximum(np.minimum(whole.freedom, welch), 1.0), expected)
 
 
 def _inverse_root(matrix: np.ndarray) -> np.ndarray:
@@ -120,20 +125,24 @@ def _within_kinds(sides: tuple[_Side, _Side], strata: tuple[list[str], list[str]
     """
     total = sides[0].hessian.sum(0)
     prior = _SHRINK * sides[1].hessian.mean(0), solve(sides[1].hessian.sum(0), sides[1].gradient.sum(0))
+    loud = np.split(loudness(np.concatenate([side.hessian for side in sides])), [len(sides[0].hessian)])
     parts, lone, tellers = [], [], []
     for label in dict.fromkeys(strata[0]):
-        mine, other = (side.chosen([k == label for k in names]) for side, names in zip(sides, strata, strict=True))
+        chosen = [np.flatnonzero([k == label for k in names]) for names in strata]
+        mine, other = (side.chosen(which) for side, which in zip(sides, chosen, strict=True))
         weight = np.linalg.solve(_ridged(total), mine.hessian.sum(0))
-        for side, known, share in ((mine, None, weight), (other, prior, -weight)):
-            fitted = clusters(side.hessian, side.gradient, known)
+        theirs = [each[which] for each, which in zip(loud, chosen, strict=True)]
+        for side, known, share, own in ((mine, None, weight, theirs[0]), (other, prior, -weight, theirs[1])):
+            fitted = clusters(side.hessian, side.gradient, known, own)
             parts.append(fitted.mapped(share))
             if len(side.hessian) > 1:
                 tellers.append(whitened(fitted, side.hessian))
             else:
-                lone.append((len(parts) - 1, share @ fitted.inverse @ root(side.hessian[0])))
-    for place, carried in lone:
-        parts[place] = replace(together(tellers).averaged(carried), values=parts[place].values)
-    return _judged(parts)
+                lone.append((len(parts) - 1, share @ fitted.inverse @ root(side.hessian[0]), float(own[0])))
+    told = together(tellers)
+    for place, carried, loud_alone in lone:
+        parts[place] = replace(told.averaged(carried, loud_alone), values=parts[place].values)
+    return _judged([replace(part, scatter=told.scatter) for part in parts])
 
 
 @dataclass(frozen=True)
@@ -145,9 +154,8 @@ class _Side:
     gradient: np.ndarray
     """[E, own]."""
 
-    def chosen(self, which: Sequence[bool]) -> _Side:
-        rows = np.flatnonzero(which)
-        return _Side(self.hessian[rows], self.gradient[rows])
+    def chosen(self, which: np.ndarray) -> _Side:
+        return _Side(self.hessian[which], self.gradient[which])
 
 
 def _profiled(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from benchmarks.verdict_chances import (
     HELD,
+    SCATTERS,
     contrast_rows,
     contrast_table,
     limit_rows,
@@ -15,7 +16,7 @@ from benchmarks.verdict_chances import (
 
 def test_every_case_of_the_contrast_is_a_row():
     rows = list(contrast_rows(6))
-    assert len(rows) == 20 and {row["held"] for row in rows} == set(HELD)
+    assert len(rows) == 2 * len(SCATTERS) * len(HELD) and {row["held"] for row in rows} == set(HELD)
     assert all(row["false_1"]["n"] == 6 and row["seen"]["n"] == 2 for row in rows)
     assert len(contrast_table(rows).splitlines()) == 2 + len(rows)
 
