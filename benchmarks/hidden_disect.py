@@ -21,7 +21,8 @@ import numpy as np
 
 from benchmarks.measure import plain_json
 from plop.diagnosis.candidates import Candidate, candidates_of
-from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
 from plop.diagnosis.identify import identify, outliers, spacing_for

@@ -31,7 +31,8 @@ from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import RESULT, write_results
 from plop.artifacts.lock import locked
-from plop.diagnosis.diagnose import SLOWER, diagnose
+from plop.diagnosis.amplitudes import SLOWER
+from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.identify import NAMES, identify, spacing_for

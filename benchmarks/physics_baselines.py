@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.evidence import whiten
 from plop.diagnosis.regression import Grams, solve
 

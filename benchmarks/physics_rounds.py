@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from joblib import Parallel, delayed
 
-from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.discretisations import predicted_by_each
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.finding import Finding

@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmarks.physics_tables import shown, wilson
 from benchmarks.synthetic_evidence import episodes, state
+from plop.diagnosis.conclusion import Diagnosis, conclusion
 from plop.diagnosis.contrast import P_LARGEST, contrast_of
-from plop.diagnosis.diagnose import Diagnosis, conclusion
 from plop.diagnosis.regression import Grams
 from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions

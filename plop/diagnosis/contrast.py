@@ -29,9 +29,9 @@ class Contrast:
     """Distance in standard errors."""
     p: float
     """Chance of such a distance for any effect of the library when none has changed."""
-    least: float
-    """Smallest change of the first amplitude that would be clear, and would come out so nine times in ten."""
-    least_alone: float = 0.0
+    least: np.ndarray
+    """Smallest change of each amplitude that would be clear, and would come out so nine times in ten, [own]."""
+    least_alone: np.ndarray
     """The same where the error by itself shows that something is missing: the law is then the only hypothesis."""
 
 
@@ -43,13 +43,14 @@ class _Test:
     """Distance in standard errors."""
     p: float
     """Chance of it when nothing has changed, for one hypothesis."""
-    unit: float
-    """Standard error of the first amplitude's difference."""
-    freedom: float
+    unit: np.ndarray
+    """Standard error of each amplitude's difference, [own]."""
+    freedom: np.ndarray
+    """[own]."""
 
-    def least(self, p: float) -> float:
-        """Give the change of the first amplitude that has such a chance, and comes out so nine times in ten."""
-        return float((student.isf(p / 2, self.freedom) + MOSTLY) * self.unit)
+    def least(self, p: float) -> np.ndarray:
+        """Give the change of each amplitude that has such a chance, and comes out so nine times in ten, [own]."""
+        return np.asarray((student.isf(p / 2 / len(self.unit), self.freedom) + MOSTLY) * self.unit)
 
 
 def contrast_of(
@@ -77,7 +78,8 @@ def contrast_of(
         tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata))
     times = family * len(tests)
     best = min(tests, key=lambda test: (test.p, -test.errors))
-    least, least_alone = (min(test.least(P_LARGEST / number) for test in tests) for number in (times, len(tests)))
+    least, least_alone = (np.min([test.least(P_LARGEST / number) for test in tests], 0)
+                          for number in (times, len(tests)))  # fmt: skip
     return Contrast(best.errors, min(1.0, times * best.p), least, least_alone)
 
 
@@ -94,8 +96,8 @@ def _judged(parts: Sequence[Clusters]) -> _Test:
     errors = np.abs(apart @ difference.values) / np.sqrt(np.maximum(variances, 1e-300))
     p = own * 2 * student.sf(errors, freedom)
     best = int(np.argmin(p))
-    variance, degrees = (each[0] for each in _steadied(parts))
-    return _Test(float(errors[best]), min(1.0, float(p[best])), float(np.sqrt(variance)), float(degrees))
+    variances, freedom = _steadied(parts)
+    return _Test(float(errors[best]), min(1.0, float(p[best])), np.sqrt(variances), freedom)
 
 
 def _steadied(parts: Sequence[Clusters]) -> tuple[np.ndarray, np.ndarray]:

@@ -30,7 +30,7 @@ def detection_limits(
         scores: One for each effect.
         shams: Best gains under shams.
         response_rms_m: RMS response of one unit of a column [m].
-        contrasts: Effect -> which first amplitudes differ clearly from the reference's; without it any does.
+        contrasts: Effect -> which amplitudes differ clearly from the reference's; without it any does.
         stands_out: Held-out sums of squares [E] -> whether something is missing, whatever that is.
 
     Returns:
@@ -48,34 +48,55 @@ def _limit(
     screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float], contrast: Contrast | None,
     stands_out: StandsOut,
 ) -> dict[str, Any]:  # fmt: skip
-    column = score.candidate.columns[0]
+    """Give the limit of the amplitude that moves least at its own: of a pull, the direction that is seen best."""
+    found = []
+    for k, column in enumerate(score.candidate.columns):
+        clear = (0.0, 0.0) if contrast is None else (float(contrast.least[k]), float(contrast.least_alone[k]))
+        amplitude = _least_seen(screen, score, column, threshold, clear, stands_out)
+        if amplitude is not None:
+            found.append({"amplitude": amplitude, "unit": column.unit, "parameter": column.amplitude,
+                          "displacement_m": amplitude * response_rms_m(column.key)})  # fmt: skip
+    return min(found, key=lambda limit: limit["displacement_m"], default=unseen(score.candidate.columns[0]))
+
+
+def _least_seen(
+    screen: Screen, score: Score, column: Column, threshold: float, clear: tuple[float, float], stands_out: StandsOut
+) -> float | None:  # fmt: skip
+    """Find the least amplitude of one column that passes; None where none in its range does.
+
+    Args:
+        screen: The evidence.
+        score: Of the column's law.
+        column: What is injected.
+        threshold: Least gain.
+        clear: Least amplitude that differs from the reference's, and the same where the error stands out by itself.
+        stands_out: See `detection_limits`.
+    """
     row, rows = screen.index[column.key], score.rows
     left = [e.residual - score.fit.values @ e.matrix[rows] for e in screen.episodes]
 
     def seen(amplitude: float) -> bool:
-        if contrast is not None and amplitude < contrast.least_alone:
+        if amplitude < clear[1]:
             return False
         loud = screen.with_residuals(
             [r + amplitude * e.matrix[row] for r, e in zip(left, screen.episodes, strict=True)]
         )
         null = loud.null(loud.grams, np.array([], int))
         before, after = (held_out_energy(loud.grams, columns) for columns in (null, rows))
-        if contrast is not None and amplitude < contrast.least and not stands_out(before):
+        if amplitude < clear[0] and not stands_out(before):
             return False
         error = loud.gain_error(null, rows)
         won = gain(before, after)
         sure = won > ERRORS_LEAST * error and won - MOSTLY * error > max(GAIN_LEAST, threshold)
         return sure and steady_gain(before, after) > STEADY_LEAST
 
-    most = max(abs(column.low), abs(column.high))
-    if not seen(most):
-        return unseen(column)
-    low, high = 0.0, most
+    low, high = 0.0, max(abs(column.low), abs(column.high))
+    if not seen(high):
+        return None
     for _ in range(_STEPS):
         middle = (low + high) / 2
         low, high = (low, middle) if seen(middle) else (middle, high)
-    return {"amplitude": high, "unit": column.unit, "parameter": column.amplitude,
-            "displacement_m": high * response_rms_m(column.key)}  # fmt: skip
+    return high
 
 
 def unseen(column: Column) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.screen import Score
 from plop.law_values import short_number, with_unit

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.law_values import short_number, with_unit
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step

@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.synthetic_evidence import CANDIDATES, NOISE_M, FakeTable, candidate, episodes, key, state
 from plop.diagnosis.amplitude import RESPONSE_ERROR
-from plop.diagnosis.diagnose import _moved, conclusion
+from plop.diagnosis.amplitudes import _moved
+from plop.diagnosis.conclusion import conclusion
 from plop.diagnosis.finding import CARRIED
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step

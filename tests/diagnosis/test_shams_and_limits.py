@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import episodes, key, state
-from plop.diagnosis.diagnose import conclusion
+from benchmarks.synthetic_evidence import candidate, episodes, key, state
+from plop.diagnosis.conclusion import conclusion
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import one_per_effect
 from plop.diagnosis.shams import SIGNS_LEAST, p_value, sham_gains
@@ -118,3 +118,18 @@ def test_what_cannot_be_seen_at_any_amplitude_has_no_limit():
               for k, e in enumerate(data)]  # fmt: skip
     now = state(lonely)
     assert limits_of(now, sham_gains(now.screen, count=49))["tilt"]["amplitude"] is None
+
+
+def test_the_limit_of_a_law_with_two_amplitudes_is_that_of_the_one_seen_best():
+    """The other one does what the base's own parameter can do, but for little."""
+    both = tuple(replace(candidate("tilt").columns[0], amplitude=name) for name in "ab")
+    laws = [candidate("stiffness"), replace(candidate("tilt"), columns=both)]
+    for seen in both:
+        data = []
+        for e in episodes(6, noise_m=1e-4):
+            other = e.responses[key("stiffness")] + 0.3 * e.responses[key("drag")]
+            own = {c.key: e.responses[key("tilt")] if c is seen else other for c in both}
+            data.append(replace(e, responses={**e.responses, **own}))
+        now = state(data, candidates=laws)
+        limit = limits_of(now, sham_gains(now.screen, count=49))["tilt"]
+        assert limit["parameter"] == seen.amplitude and limit["amplitude"] is not None

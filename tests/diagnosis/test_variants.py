@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.synthetic_evidence import episodes, state
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.diagnose import Diagnosis
+from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.responses import Answer, Job

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from plop.diagnosis.contrast import Contrast
@@ -12,7 +13,7 @@ from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.verdict import Verdict, among, first_of, judge, judge_pair
 
-CLEAR, SAME = Contrast(8.0, 0.001, 0.1), Contrast(3.5, 0.07, 2.0)
+CLEAR, SAME = Contrast(8.0, 0.001, np.array([0.1]), np.zeros(1)), Contrast(3.5, 0.07, np.array([2.0]), np.zeros(1))
 
 
 def finding(name: str = "tilt", **changes: Any) -> Finding:
@@ -163,7 +164,7 @@ def test_without_significant_misfit_nothing_is_detectable(facts):
 
 
 def test_a_law_that_too_few_episodes_tell_is_said_and_not_named():
-    doubtful = finding(gain=0.32, contrast=Contrast(3.2, 0.18, 2.0))
+    doubtful = finding(gain=0.32, contrast=Contrast(3.2, 0.18, np.array([2.0]), np.zeros(1)))
     verdict = told([doubtful, finding("fibres", **WEAK)], [], finding("stiffness", **WEAK), [], **FACTS)
     assert (verdict.kind, verdict.named) == ("NONE OF THESE", [])
     assert "tilt takes 32 % of the held-out error away" in verdict.text and "p = 0.18" in verdict.text

@@ -11,9 +11,19 @@ from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.verdict_text import base_text, parameters_text
 
+CLEAR = Contrast(8.0, 0.001, np.array([0.1]), np.zeros(1))
+
 
 def finding(name: str, parameters: dict[str, dict[str, Any]]) -> Finding:
-    return Finding(name, "base", parameters, gain=0.6, gain_error=0.05, p=0.005, contrast=Contrast(8.0, 0.001, 0.1))
+    return Finding(
+        name,
+        "base",
+        parameters,
+        gain=0.6,
+        gain_error=0.05,
+        p=0.005,
+        contrast=Contrast(8.0, 0.001, np.array([0.1]), np.zeros(1)),
+    )
 
 
 def test_an_infinite_interval_is_left_out_of_the_sentence():

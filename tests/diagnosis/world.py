@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.table import Measured

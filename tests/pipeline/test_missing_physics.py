@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plop.diagnosis.diagnose import Diagnosis, diagnose
+from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.runs import Runs
