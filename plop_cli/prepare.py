@@ -70,7 +70,7 @@ class Preparation:
         if "reference" in stage.inputs and "reference" not in found and model is not None:
             self._reference(found, model)
         self._fit_of_tracks(found)
-        self._check_inputs(stage, found, stage.config() if config is None else config)
+        self.check_inputs(stage, found, stage.config() if config is None else config)
         for name, spec in stage.inputs.items():
             source = found.get(spec.along) if spec.along else None
             if name not in found and source not in (None, LEFT_OUT):
@@ -85,7 +85,7 @@ class Preparation:
             found.pop("model", None)
         return found
 
-    def _check_inputs(self, stage: Stage, found: Mapping[str, str | Path], config: Any) -> None:
+    def check_inputs(self, stage: Stage, found: Mapping[str, str | Path], config: Any) -> None:
         """Let the stage refuse what is there before anything is made from it."""
         named = {name: fitting(self.store, stage, name, spec, str(found[name])) for name, spec in stage.inputs.items()
                  if found.get(name, LEFT_OUT) != LEFT_OUT and spec.stages}  # fmt: skip

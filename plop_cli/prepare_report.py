@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.errors import PlopError
 from plop_cli.prepare import Preparation
+from stages.contract import Stage
 
 
-def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> dict[str, str | Path]:
+def report_inputs(
+    preparation: Preparation, stage: Stage, given: Mapping[str, str | Path], config: Any
+) -> dict[str, str | Path]:  # fmt: skip
     """Complete the inputs of `report` from the models and the recordings.
 
     Args:
         preparation: Makes what is missing.
+        stage: `report`.
         given: What the user named: "models", addresses with commas between, and "recordings".
+        config: Its settings.
 
     Raises:
-        PlopError: No model or no recordings are named, or one model twice.
+        PlopError: No model or no recordings are named, or one model twice, or the stage refuses them.
     """
     found = dict(given)
     if "comparisons" in found:
@@ -35,6 +41,7 @@ def report_inputs(preparation: Preparation, given: Mapping[str, str | Path]) -> 
     if len({model.key for model in models}) < len(models):
         raise PlopError("One model is named twice.", where="--models", expected="different models, the base first",
                         found=str(found["models"]), fix="Name each model once.")  # fmt: skip
+    preparation.check_inputs(stage, {"recordings": recordings.address}, config)
     preparation.reach(found, "init", "fit-init", lambda: preparation.derived("fit-init", recordings, None).address)
 
     def of_each(command: str) -> str:

@@ -104,7 +104,7 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     if wants_preparation(stage, inputs):
         if stage.name == "report" and "models" in inputs and not config.labels:
             config = replace(config, labels=labels_of_models(str(inputs["models"])))
-        inputs = (report_inputs(preparation, inputs) if stage.name == "report"
+        inputs = (report_inputs(preparation, stage, inputs, config) if stage.name == "report"
                   else preparation.inputs(stage, inputs, values["env"], config))  # fmt: skip
     if stage.name == "augment":
         inputs = augment_inputs(preparation, inputs, config, values["env"])

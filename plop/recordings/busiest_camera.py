@@ -21,11 +21,7 @@ def busiest_camera(recording: Recording, wanted: str = "") -> str:
     Raises:
         PlopError: There is no camera, or not the wanted one.
     """
-    names = recording.camera_names
-    if not names or (wanted and wanted not in names):
-        raise PlopError("There is no such camera.", where=recording.path, expected=", ".join(names) or "any camera",
-                        found=wanted or "no camera in the recording",
-                        fix="Choose one of these, or leave the camera open.")  # fmt: skip
+    check_camera(recording, wanted)
     if wanted:
         return wanted
 
@@ -33,4 +29,21 @@ def busiest_camera(recording: Recording, wanted: str = "") -> str:
         first, last = (recording.view(name, frame).rgb.astype(np.float32) for frame in (0, len(recording) - 1))
         return float(np.abs(last - first).mean())
 
-    return max(names, key=change)
+    return max(recording.camera_names, key=change)
+
+
+def check_camera(recording: Recording, wanted: str = "") -> None:
+    """Refuse a camera that a recording does not have.
+
+    Args:
+        recording: The episode.
+        wanted: The camera; any will do when empty.
+
+    Raises:
+        PlopError: There is no camera, or not the wanted one.
+    """
+    names = recording.camera_names
+    if not names or (wanted and wanted not in names):
+        raise PlopError("There is no such camera.", where=recording.path, expected=", ".join(names) or "any camera",
+                        found=wanted or "no camera in the recording",
+                        fix="Choose one of these, or leave the camera open.")  # fmt: skip

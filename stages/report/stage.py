@@ -11,6 +11,7 @@ import numpy as np
 from plop.artifacts.whole_file import write_text
 from plop.checked_settings import check_ranges
 from plop.errors import PlopError
+from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.compared import ReportFacts
 from plop.reporting.packed import packed_episode
@@ -61,6 +62,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
         PlopError: No comparison, results of different recordings or points, or labels that do not fit.
     """
     _check(config)
+    check_inputs(inputs, config)
     check_models(inputs)
     if not several(inputs, "comparisons"):
         raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
@@ -86,6 +88,17 @@ def _check(config: ReportConfig) -> None:
         PlopError: One of them, by name.
     """
     check_ranges(config, "report", {"frames": (2, inf), "episodes": (1, inf), "difference_mm": (1e-3, inf)})
+
+
+def check_inputs(inputs: Inputs, config: ReportConfig) -> None:
+    """Refuse a camera that the recordings do not have before models are compared and scored.
+
+    Raises:
+        PlopError: That camera, and those that there are.
+    """
+    recordings = RecordingSet.load(inputs["recordings"].path)
+    with recordings.open(recordings.names[0]) as first:
+        check_camera(first, config.camera)
 
 
 def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
@@ -177,4 +190,5 @@ STAGE = Stage(
     },
     run=run,
     check=settings_only(_check),
+    check_inputs=check_inputs,
 )  # fmt: skip

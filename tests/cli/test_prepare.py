@@ -23,6 +23,7 @@ from stages import stage_ref
 from stages.contract import Inputs, InputSpec, Stage
 from tests.pipeline import fake_stages as fake
 
+REPORT = stage_ref("report").load()
 DIAGNOSE = stage_ref("diagnose").load()
 
 
@@ -92,7 +93,7 @@ def test_what_cannot_be_an_input_is_told_before_anything_is_made(store):
         with pytest.raises(PlopError, match=f"cannot be the (model|recordings) of `{command}`"):
             preparation(store).inputs(stage_ref(command).load(), given, None)
     with pytest.raises(PlopError, match="What shall be reported"):
-        report_inputs(preparation(store), {"models": " ", "recordings": blocks.address})
+        report_inputs(preparation(store), REPORT, {"models": " ", "recordings": blocks.address}, REPORT.config())
     assert store.artifacts("fuse", "fit-init") == []
 
 
@@ -100,7 +101,20 @@ def test_a_model_that_is_reported_twice_is_refused_before_anything_is_made(store
     blocks = recordings(store, "blocks")
     base = made(store, "identify", recordings=blocks)
     with pytest.raises(PlopError, match="named twice"):
-        report_inputs(preparation(store), {"models": f"{base.address}, {base.address}", "recordings": blocks.address})
+        twice = {"models": f"{base.address}, {base.address}", "recordings": blocks.address}
+        report_inputs(preparation(store), REPORT, twice, REPORT.config())
+    assert store.artifacts("fuse", "fit-init", "compare") == []
+
+
+def test_a_report_refuses_what_recordings_tell_before_models_are_compared(store):
+    def refuse(inputs: Inputs, config: object) -> None:
+        raise PlopError(f"No such camera in {inputs['recordings'].path.name}.")
+
+    blocks = recordings(store, "blocks")
+    base = made(store, "identify", recordings=blocks)
+    with pytest.raises(PlopError, match="No such camera in"):
+        report_inputs(preparation(store), replace(REPORT, check_inputs=refuse),
+                      {"models": base.address, "recordings": blocks.address}, REPORT.config())  # fmt: skip
     assert store.artifacts("fuse", "fit-init", "compare") == []
 
 
@@ -188,7 +202,7 @@ def test_a_dry_run_names_what_would_be_made_on_the_way_and_makes_nothing(store, 
     fit = made(store, "fit-init", recordings=plain)
     tracks = made(store, "filter", recordings=plain, init=fit)  # of other recordings than those that are compared
     before = {a.key for a in store.artifacts()}
-    monkeypatch.setattr(Preparation, "_check_inputs", lambda *_: None)  # these recordings have no episodes
+    monkeypatch.setattr(Preparation, "check_inputs", lambda *_: None)  # these recordings have no episodes
     command = ["compare", "--model", base.address, "--recordings", mystery.address, "--dry-run", "-w",
                str(store.workspace)]  # fmt: skip
     assert main([*command, "--json"]) == 0

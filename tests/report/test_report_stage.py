@@ -19,7 +19,7 @@ from plop.errors import PlopError
 from stages.compare import stage as compare_stage
 from stages.compare.stage import CompareConfig
 from stages.contract import Input, Output
-from stages.report.stage import ReportConfig, run
+from stages.report.stage import ReportConfig, check_inputs, run
 from tests.compare_scene import make_inputs
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -230,3 +230,11 @@ def test_a_report_without_diagnosis_says_where_it_fails(inputs, tmp_path):
     summary = run(alone, ReportConfig(frames=2), Output(tmp_path))
     said = visible(tmp_path / "report.html")
     assert "NOT DIAGNOSED" in said and "most in episode box_00" in said and summary.figures["models"] == 1
+
+
+def test_a_camera_that_is_not_there_is_refused_before_anything_else(inputs, tmp_path):
+    """With the recordings alone, as before models are compared."""
+    with pytest.raises(PlopError, match="no such camera") as caught:
+        check_inputs({"recordings": inputs["recordings"]}, ReportConfig(camera="cam_99"))
+    assert "cam_00" in caught.value.expected and caught.value.found == "cam_99"
+    check_inputs({"recordings": inputs["recordings"]}, ReportConfig(camera="cam_00"))
