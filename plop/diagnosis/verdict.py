@@ -225,7 +225,7 @@ def _by_base(
     """Judge by the base's own parameters where their change passes; None where laws decide. See `_base_or`."""
     if base is None or not base.passes():
         return None
-    found, closed = _base_or(base, findings, beyond, facts), size.closed_by_base
+    found, closed = _base_or(base, findings, beyond, size, facts), size.closed_by_base
     if found is not None and base.name in found.named and closed is not None and closed < PARTLY_SHARE:
         if size.beyond_chance or size.stands_out:
             return Verdict("PARTLY", found.named, partly_base_text(base, found.named[1:]), found.evidence)
@@ -234,7 +234,9 @@ def _by_base(
     return found
 
 
-def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, facts: dict[str, Any]) -> Verdict | None:
+def _base_or(
+    base: Finding, findings: list[Finding], beyond: Finding | None, size: ErrorSize, facts: dict[str, Any]
+) -> Verdict | None:
     """Decide between the base parameters fitted along and what explains more by itself; None where laws decide.
 
     What explains as much by itself as the parameter does, within two standard errors, cannot be told from it.
@@ -243,6 +245,7 @@ def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, fac
         base: Change of the base's own parameters that are fitted along, which is significant.
         findings: Laws, and the base's other parameters.
         beyond: The best finding that passes beyond the parameters, if any.
+        size: How large the error is with them.
         facts: Evidence.
     """
     rivals = [f for f in findings if f.kind != "decoy" and not f.at_bound and f.differs]
@@ -263,7 +266,7 @@ def _base_or(base: Finding, findings: list[Finding], beyond: Finding | None, fac
                 f"{parameters_text(base)}; or {parameters_text(law)}.")  # fmt: skip
         return Verdict("CONFOUNDED", [base.name, law.name], text, {**facts, "alternatives": [law.name]})
     also = [f.name for f in rivals]
-    return Verdict("BASE PARAMETER", [base.name], base_text(base, also), {**facts, "alternatives": also})
+    return Verdict("BASE PARAMETER", [base.name], base_text(base, also, size), {**facts, "alternatives": also})
 
 
 def _margin(finding: Finding) -> float:

@@ -46,10 +46,23 @@ def partly_base_text(base: Finding, others: list[str]) -> str:
             "law of the library explains it.")  # fmt: skip
 
 
-def base_text(base: Finding, also: list[str] | None = None) -> str:
-    """Name a parameter of the base instead of a law, with those whose change would do as well."""
+def base_text(base: Finding, also: list[str] | None = None, size: ErrorSize | None = None) -> str:
+    """Name a parameter of the base instead of a law, with those whose change would do as well.
+
+    Args:
+        base: The parameter.
+        also: The others.
+        size: How large the error is with it, if it is fitted along: where that is still beyond the reference's, nobody
+            knows whether a law is missing.
+    """
     alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
-    return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
+    share = None if size is None else size.closed_by_base
+    if size is None or size.floor is None or share is None or not (size.stands_out or size.beyond_chance):
+        return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
+    return (f"A parameter of the base differs: {_base_text(base)}; it closes {100 * min(share, 1):.0f} % of the "
+            f"explainable gap. What is left, {short_number(size.error / size.floor)} times the reference's squared "
+            f"error, is how the base follows another {base.name}, or what no law of the library does."
+            f"{alike}")  # fmt: skip
 
 
 def unsure_text(finding: Finding) -> str:

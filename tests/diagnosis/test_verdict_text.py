@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.contrast import Contrast
+from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.verdict_text import base_text, parameters_text
 
@@ -15,15 +16,7 @@ CLEAR = Contrast(8.0, 0.001, np.array([0.1]), np.zeros(1))
 
 
 def finding(name: str, parameters: dict[str, dict[str, Any]]) -> Finding:
-    return Finding(
-        name,
-        "base",
-        parameters,
-        gain=0.6,
-        gain_error=0.05,
-        p=0.005,
-        contrast=Contrast(8.0, 0.001, np.array([0.1]), np.zeros(1)),
-    )
+    return Finding(name, "base", parameters, gain=0.6, gain_error=0.05, p=0.005, contrast=CLEAR)
 
 
 def test_an_infinite_interval_is_left_out_of_the_sentence():
@@ -44,3 +37,15 @@ def test_a_base_parameter_without_a_logarithm_has_no_factor():
     value = {"value": 179.0, "low": 62.4, "high": 373.0, "unit": "1/s", "at_bound": False}
     text = base_text(finding("damping", {"d_per_s": value}))
     assert text == "No law is missing; a parameter of the base differs: damping, d_per_s = 179 (62.4 to 373) 1/s."
+
+
+def test_a_parameter_that_leaves_more_than_the_reference_shows_is_not_told_to_be_all():
+    """Much is closed, but what is left stands out: nobody knows whether a law is missing."""
+    stiffness = finding(
+        "stiffness", {"d_ln_e": {"value": -1.0, "low": -1.5, "high": -0.5, "unit": "-", "at_bound": False}}
+    )
+    far, near = (ErrorSize(error, 12.0, 1.0, excess, p) for error, excess, p in ((4.0, 5.0, 0.001), (1.2, 0.5, 0.4)))
+    assert base_text(stiffness, [], near).startswith("No law is missing; ")
+    told = base_text(stiffness, ["density"], far)
+    assert "No law is missing" not in told and "closes 73 % of the explainable gap" in told
+    assert "4 times the reference" in told and told.endswith("A change of density would explain as much.")
