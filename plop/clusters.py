@@ -107,7 +107,7 @@ def steadied(own: np.ndarray, degrees: np.ndarray, expected: np.ndarray) -> tupl
 
 
 def loudness(hessian: np.ndarray) -> np.ndarray:
-    """Guess how large residuals of episodes are, squared, in units of how sensitive they are, [E]; 1 on average.
+    """Guess how large residuals of episodes are, squared, in units of how sensitive they are, [E]; about 1.
 
     Noise alone would make all alike. What a base misses grows with the motion, as responses do, so that an episode
     which holds much is not as exact as it is sensitive; if what is missed were as large an amplitude of the law in
