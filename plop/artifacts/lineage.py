@@ -62,8 +62,8 @@ def stale_reasons(
     """Say why artifacts no longer show the present state of the workspace; current ones are left out.
 
     An artifact is stale when its stage has a new version, a raw input has changed or gone, an input is
-    gone, was made again with another content, is stale itself, or was replaced by a more recent artifact
-    (see `_Succession`).
+    gone, was made again with another content, is stale itself (unless another one that is not holds the same, as after
+    an update that changed nothing there), or was replaced by a more recent artifact (see `_Succession`).
 
     Args:
         store: The workspace.
@@ -73,8 +73,16 @@ def stale_reasons(
     """
     by_key = {a.key: a for a in artifacts}
     successors = _Succession(by_key, store.names()).latest()
+    alike: dict[tuple[str, str], list[Artifact]] = {}
+    for one in artifacts:
+        alike.setdefault((one.key[0], one.content), []).append(one)
     reasons: dict[Key, str] = {}
     visited: set[Key] = set()
+
+    def is_stale(source: Artifact) -> bool:
+        for twin in alike[source.key[0], source.content]:
+            visit(twin)
+        return all(twin.key in reasons for twin in alike[source.key[0], source.content])
 
     def visit(artifact: Artifact) -> None:
         if artifact.key in visited:
@@ -94,7 +102,7 @@ def stale_reasons(
             return f"the stage is now version {version}, this is of version {manifest.stage_version}"
         for name, facts in manifest.inputs.items():
             if "fingerprint" in facts:
-                reason = _input_reason(name, facts, by_key, successors, reasons)
+                reason = _input_reason(name, facts, by_key, successors, is_stale)
             else:
                 reason = _raw_reason(store, artifact, name, facts, raw_digest)
             if reason:
@@ -111,7 +119,7 @@ def _input_reason(
     facts: Mapping[str, Any],
     by_key: Mapping[Key, Artifact],
     successors: Mapping[Key, Artifact],
-    reasons: Mapping[Key, str],
+    is_stale: Callable[[Artifact], bool],
 ) -> str | None:
     key = (str(facts["stage"]), str(facts["fingerprint"]))
     source = by_key.get(key)
@@ -119,7 +127,7 @@ def _input_reason(
         return f"its {name} {key[0]}@{key[1][:8]} is gone"
     if source.content != facts["content"]:
         return f"its {name} {source.address} was made again and differs"
-    if key in reasons:
+    if is_stale(source):
         return f"its {name} {source.address} is stale"
     latest = successors[key]
     if latest.content != source.content and not _differ_in_seed_only(latest, source):

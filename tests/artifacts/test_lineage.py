@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,16 @@ def test_replaced_input_makes_what_follows_stale(store: Store):
     found = reasons(store)
     assert "was replaced by" in found[fuse.key]
     assert fit.key in found
+
+
+def test_what_a_new_version_makes_alike_leaves_what_follows_current(store: Store):
+    """It is found again by content, and still says which one it was made from."""
+    ingest(store)
+    old, fit = make(store, fake.FUSE), make(store, fake.FIT)
+    assert reasons(store, fuse=2)[fit.key] == f"its clouds {old.address} is stale"
+    new = make(store, replace(fake.FUSE, version=2))
+    assert make(store, fake.FIT).key == fit.key and new.content == old.content and new.key != old.key
+    assert reasons(store, fuse=2).keys() == {old.key}
 
 
 def test_another_seed_stands_beside(store: Store):
