@@ -116,11 +116,8 @@ def loudness(hessian: np.ndarray) -> np.ndarray:
     Args:
         hessian: Of each episode, [E, C, C].
     """
-    total = hessian.sum(0)
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
-    units = np.outer(scale, scale)
-    inverse = np.linalg.inv(total / units + _RIDGE * np.eye(len(scale)))
-    held = np.einsum("ab,eba->e", inverse, hessian / units) * len(hessian) / max(len(scale), 1)
+    scale, inverse = _scaled(hessian.sum(0))
+    held = np.einsum("ab,eba->e", inverse, hessian / np.outer(scale, scale)) * len(hessian) / max(len(scale), 1)
     return np.asarray(np.maximum(held, _UNPULLED) ** LOUDNESS)
 
 
@@ -138,10 +135,9 @@ def clusters(
     """
     known, guess = prior if prior is not None else (np.zeros(hessian.shape[1:]), np.zeros(hessian.shape[-1]))
     loud = loudness(hessian) if loud is None else loud
-    total = hessian.sum(0) + known
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
-    normal, right = hessian / np.outer(scale, scale), gradient / scale
-    inverse = np.linalg.inv(total / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
+    scale, inverse = _scaled(hessian.sum(0) + known)
+    units = np.outer(scale, scale)
+    normal, right = hessian / units, gradient / scale
     values = inverse @ (right.sum(0) + (known @ guess) / scale)
     left = right - normal @ values
     righted = np.stack([_righted(one, inverse) for one in normal])
@@ -149,9 +145,14 @@ def clusters(
     expected = np.einsum("eab,efbc,fdc->efad", to_fit, _left_together(normal, inverse, np.ones(len(loud))), to_fit)
     whole, likely = (inverse @ np.tensordot(weights, normal, 1) @ inverse for weights in (np.ones(len(loud)), loud))
     scatter, shown = _scatter(left, righted, normal, _left_together(normal, inverse, loud))
-    units = np.outer(scale, scale)
     return Clusters(values / scale, np.einsum("ecd,ed->ec", to_fit, left) / scale, expected / units, whole / units,
                     likely / units, scatter, shown, inverse / units)  # fmt: skip
+
+
+def _scaled(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Give units in which the diagonal of a hessian is 1, [C], and its inverse in these units, [C, C]."""
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-30))
+    return scale, np.linalg.inv(total / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
 
 
 def _left_together(normal: np.ndarray, inverse: np.ndarray, loud: np.ndarray) -> np.ndarray:

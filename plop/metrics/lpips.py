@@ -13,6 +13,7 @@ import importlib.util
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Literal
 
 import numpy as np
@@ -138,8 +139,15 @@ def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | 
         return Lpips(backbone, *states)
     except Exception as error:
         raise PlopError("The LPIPS backbone cannot be loaded.", where=path, expected=f"weights of {backbone}, named "
-                        "as in torch's model hub", found=str(error).splitlines()[0],
+                        "as in torch's model hub", found=_found(error),
                         fix=f"Get {BACKBONE_FILES[backbone]} again.") from error  # fmt: skip
+
+
+def _found(error: Exception) -> str:
+    """Say in one line what a file is that cannot be loaded; torch's own advice, to trust any pickle, is left out."""
+    if isinstance(error, UnpicklingError):
+        return "something else than a file of tensors"
+    return next(iter(str(error).splitlines()), "") or "an empty file, or one that is cut short"
 
 
 def hub_folder() -> Path:

@@ -14,14 +14,19 @@ from plop.metrics.lpips import BACKBONE_FILES, Unavailable, alexnet_features, lo
 STACKS = {"alex": alexnet_features, "vgg": vgg16_features}
 
 
-def write_backbone(folder: Path, net: str) -> Path:
+def made_up(net: str) -> nn.Sequential:
+    """The same weights each time."""
     torch.manual_seed(0)
     stack, _ = STACKS[net]()
     for layer in stack:
         if isinstance(layer, nn.Conv2d):
             nn.init.kaiming_normal_(layer.weight)
+    return stack
+
+
+def write_backbone(folder: Path, net: str) -> Path:
     path = folder / BACKBONE_FILES[net]
-    torch.save({f"features.{key}": value for key, value in stack.state_dict().items()}, path)
+    torch.save({f"features.{key}": value for key, value in made_up(net).state_dict().items()}, path)
     return path
 
 
@@ -33,15 +38,9 @@ def images() -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("net", ["alex", "vgg"])
 def test_against_torchmetrics(net, tmp_path, images, monkeypatch):
+    stack = made_up(net)
     path = write_backbone(tmp_path, net)
-    features = {key.removeprefix("features."): value for key, value in torch.load(path, weights_only=True).items()}
-
-    def our_backbone(name, pretrained=False):
-        stack, _ = STACKS[net]()
-        stack.load_state_dict(features)
-        return stack
-
-    monkeypatch.setattr(oracle, "_get_tv_model_features", our_backbone)
+    monkeypatch.setattr(oracle, "_get_tv_model_features", lambda name, pretrained=False: stack)
     reference = oracle._LPIPS(pretrained=True, net=net, pnet_rand=True).eval()
     first, second = (torch.from_numpy(image).float().permute(2, 0, 1)[None] for image in images)
     expected = float(reference(first, second, normalize=True))
@@ -74,9 +73,22 @@ def test_a_named_file_that_is_missing_or_wrong_is_an_error(tmp_path):
     with pytest.raises(PlopError, match="no LPIPS backbone"):
         load_lpips("alex", str(tmp_path / "nowhere.pth"))
     wrong = tmp_path / "wrong.pth"
-    wrong.write_bytes(b"not weights")
-    with pytest.raises(PlopError, match="cannot be loaded"):
-        load_lpips("alex", str(wrong))
+    for content, found in ((b"not weights", "something else"), (b"", "empty"), (b"PK\x03\x04cut", "zip archive")):
+        wrong.write_bytes(content)
+        with pytest.raises(PlopError, match="cannot be loaded") as caught:
+            load_lpips("alex", str(wrong))
+        assert found in caught.value.found
+
+
+def test_a_pickle_that_would_run_something_is_refused_without_running_it(tmp_path):
+    class Harmful:
+        def __reduce__(self):
+            return Path.touch, (tmp_path / "ran",)
+
+    torch.save({"features.0.weight": Harmful()}, tmp_path / "harmful.pth")
+    with pytest.raises(PlopError, match="cannot be loaded") as caught:
+        load_lpips("alex", str(tmp_path / "harmful.pth"))
+    assert caught.value.found == "something else than a file of tensors" and not (tmp_path / "ran").exists()
 
 
 def test_published_pair_is_ranked_as_people_do(shared_data):
