@@ -230,7 +230,7 @@ def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int, earlier: Row |
         "ranks": [order.index(e.name) + 1 for e in hidden if e.name in order],
         "error": found.size.error, "floor": found.size.floor, "left": found.verdict.evidence.get("left"),
         "parameters": {f.name: f.parameters for f in found.findings[:3]},
-        "gains": [f.gain for f in found.findings[:3]],
+        "gains": {f.name: f.gain for f in found.findings[:3]},
         "judged": [asdict(f) for f in (*found.findings[:4], found.findings[-1])], "excess": found.size.excess,
         "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
         "baselines": baselines(found), "seconds": time.perf_counter() - started,

@@ -32,7 +32,7 @@ def test_both_benchmarks_stand_beside_the_goals():
     lines = overview(points, cameras).splitlines()
     null = next(line for line in lines if line.startswith("| nothing hidden"))
     assert null.endswith("| <= 2 % | 25 % (5 to 70 %, n = 4) | **no** | not run | not run |")
-    assert lines[-2] == "| median error of the parameter | <= 10 % | not run | not run | 8 % | yes |"
+    assert "| median error of the parameter | <= 10 % | not run | not run | 8 % | yes |" in lines
 
 
 def test_the_page_shows_what_the_results_hold():

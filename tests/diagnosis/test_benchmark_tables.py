@@ -55,6 +55,15 @@ def test_rates_count_the_right_runs():
     assert confusion(rows())["tilt"] == {"tilt": 1, "drag": 1, "nothing detectable": 1}
 
 
+def test_the_best_of_the_wrong_laws_is_measured():
+    alone = run("single-a", hidden=TILT, gains={"tilt": 0.75, "drag": 0.08, "swelling": 0.04, "stiffness": 0.3})
+    worse = run("single-b", hidden=TILT, gains={"tilt": 0.7, "drag": -0.5})
+    without_gap = run("single-c", hidden=TILT, error=1.05, gains={"drag": 0.5})
+    without_names = run("single-d", hidden=TILT, gains=[0.7, 0.6])
+    found = summary([alone, worse, without_gap, without_names])["wrong_law"]
+    assert found == {"median": pytest.approx(0.05), "n": 2}  # 8 % of 5 are 10 % of 5 - 1; harm closes nothing
+
+
 def test_the_second_of_two_may_be_named_after_the_first():
     both = {**TILT, "swelling": {"rate_per_s": 0.1}}
     pairs = [run("pair-a", hidden=both, next_named=["swelling"]), run("pair-b", hidden=both, next_named=[]),
