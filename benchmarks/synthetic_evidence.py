@@ -8,8 +8,8 @@ import numpy as np
 
 from plop.diagnosis.candidates import Candidate, Column
 from plop.diagnosis.evidence import Evidence, octants
-from plop.diagnosis.findings import State
 from plop.diagnosis.screen import Screen
+from plop.diagnosis.state import State
 
 FRAMES, PATCHES = 6, 32
 NOISE_M = 2e-4

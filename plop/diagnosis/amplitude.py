@@ -9,12 +9,14 @@ for a response that is proportional.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from plop.clusters import Clusters
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.profile import Profile
 
@@ -61,3 +63,16 @@ def _at(value: float, factor: float, profile: Profile | None) -> float:
     if profile is None or factor <= 0 or value * profile.amplitudes[-1] <= 0:
         return value * factor
     return profile.at_response(value, factor)
+
+
+def parameters_of(
+    columns: tuple[Column, ...], fitted: Clusters, profiles: Mapping[str, Profile], alone: bool = True
+) -> dict[str, dict[str, Any]]:  # fmt: skip
+    """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
+    (variances, freedom), own = fitted.steadied(), slice(-len(columns), None)
+    errors, found = np.sqrt(variances), {}
+    for column, value, error, degrees in zip(columns, fitted.values[own], errors[own], freedom[own], strict=True):
+        profile = profiles.get(column.key)
+        amplitude = profile.least() if alone and profile is not None else float(value)
+        found[column.amplitude] = amplitude_of(column, amplitude, float(error), float(degrees), profile)
+    return found

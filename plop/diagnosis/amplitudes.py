@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from plop.diagnosis.candidates import Candidate, Column
-from plop.diagnosis.findings import State
 from plop.diagnosis.profile import STEP, profiles_of
 from plop.diagnosis.screen import one_per_effect
 from plop.diagnosis.starts import begun, one_sided, searched, turned
+from plop.diagnosis.state import State
 from plop.diagnosis.table import Table
 from plop.diagnosis.together import least_together
 from plop.diagnosis.variants import others_of

@@ -11,11 +11,13 @@ import numpy as np
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.finding import Finding
-from plop.diagnosis.findings import State
+from plop.diagnosis.findings import base_finding, beyond, finding_of
+from plop.diagnosis.judge import first_of, judge
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import Score, confounded
 from plop.diagnosis.shams import sham_gains
-from plop.diagnosis.verdict import Verdict, first_of, judge
+from plop.diagnosis.state import State
+from plop.diagnosis.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -55,12 +57,12 @@ def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> D
     """
     scores = state.judged()
     sham = sham_gains(state.screen, seed=seed, count=shams, alone=not state.control)
-    findings = [state.finding(score, sham) for score in scores]
-    base = state.base_finding(sham)
+    findings = [finding_of(state, score, sham) for score in scores]
+    base = base_finding(state, sham)
     first = scores[first_of(findings) or 0] if scores else None
     left = None if first is None else state.left(first)
     alike = [] if first is None else [s.candidate.effect for s in confounded(state.screen, first, scores)]
-    second = None if first is None else state.beyond(first, sham)
+    second = None if first is None else beyond(state, first, sham)
     verdict = judge(findings, alike, base, list(sensors), state.size, left=left, second=second)
     contrasts = {f.name: f.contrast for f in findings if f.contrast is not None}
     limits = detection_limits(state.screen, scores, sham, state.response_rms_m, contrasts, state.would_stand_out)

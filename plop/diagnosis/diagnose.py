@@ -9,12 +9,13 @@ from dataclasses import replace
 from plop.diagnosis.amplitudes import begun_everywhere, of_least_error
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, candidates_of
 from plop.diagnosis.conclusion import Diagnosis, conclusion
-from plop.diagnosis.findings import State
+from plop.diagnosis.judge import judge_pair
 from plop.diagnosis.limits import unseen
 from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.shams import SHAMS
+from plop.diagnosis.state import State
 from plop.diagnosis.table import Measured, RunJobs, Table
-from plop.diagnosis.verdict import Verdict, among, judge_pair
+from plop.diagnosis.verdict import Verdict, among
 from plop.errors import PlopError
 from plop.physics.effects.library import EffectType
 from plop.physics.filled import EngineBase

@@ -17,6 +17,9 @@ AT_BOUND = "a parameter is at its bound"
 """Why a law is named only as a part whose fitted amplitude is at the end of its range."""
 CARRIED = "one episode alone carries it"
 """Why a law is not named that says nothing about the other episodes."""
+PARTLY_SHARE = 0.6
+"""Share of the explainable gap below which an effect is named only as a part: most of what a law that is not in the
+library does, a neighbour can do as well."""
 LONE_SHARE = 0.8
 """Share of what a law explains from which on one episode alone is said to show it."""
 

@@ -15,12 +15,13 @@ from plop.diagnosis.candidates import BASE_COLUMNS, Candidate
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.evidence import corrected, whiten
 from plop.diagnosis.finding import Finding
-from plop.diagnosis.findings import State
+from plop.diagnosis.findings import finding_of
+from plop.diagnosis.judge import PAIR_SHARE
 from plop.diagnosis.responses import Settings
 from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.shams import sham_gains
+from plop.diagnosis.state import State
 from plop.diagnosis.together import directions, least_together
-from plop.diagnosis.verdict import PAIR_SHARE
 
 SECONDS = 2
 """Laws whose amplitudes are looked for in rollout because of what they do beside the first one."""
@@ -145,5 +146,5 @@ def _judged(state: State, both: tuple[Candidate, Candidate], shams: int, seed: i
     if beyond_second is None or beyond_first is None:
         return None
     gains = sham_gains(state.screen, seed=seed, count=shams)
-    first, second = (state.finding(score, gains, beside=True) for score in (beyond_second, beyond_first))
+    first, second = (finding_of(state, score, gains, beside=True) for score in (beyond_second, beyond_first))
     return Pair(first, second, state.left(beyond_first), state.size)

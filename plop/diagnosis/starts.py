@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from plop.diagnosis.candidates import Candidate
-from plop.diagnosis.findings import State
+from plop.diagnosis.state import State
 from plop.diagnosis.together import looked_around
 
 

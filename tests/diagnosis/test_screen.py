@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_evidence import LAWS, candidate, episodes, key, screen, state
-from plop.diagnosis.findings import State
 from plop.diagnosis.regression import gain, held_out_energy
 from plop.diagnosis.screen import confounded, one_per_effect
+from plop.diagnosis.state import State
 
 
 @pytest.mark.parametrize("law", [name for name in LAWS if name != "stiffness"])

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.synthetic_evidence import candidate, episodes, key, state
 from plop.diagnosis.conclusion import conclusion
+from plop.diagnosis.findings import finding_of
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import one_per_effect
 from plop.diagnosis.shams import SIGNS_LEAST, p_value, sham_gains
@@ -99,7 +100,7 @@ def test_what_is_injected_at_twice_its_limit_is_found_and_at_a_third_not(law):
         amplitude = factor * limit["amplitude"]
         loud = [replace(e, residual=e.residual + amplitude * e.responses[key(law)]) for e in quiet]
         then = state(loud)
-        finding = then.finding(then.scores()[0], sham_gains(then.screen, count=99))
+        finding = finding_of(then, then.scores()[0], sham_gains(then.screen, count=99))
         assert (finding.name == law and finding.passes()) == seen
 
 

@@ -11,7 +11,8 @@ import pytest
 from plop.diagnosis.contrast import Contrast
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import Finding
-from plop.diagnosis.verdict import Verdict, among, first_of, judge, judge_pair
+from plop.diagnosis.judge import first_of, judge, judge_pair
+from plop.diagnosis.verdict import Verdict, among
 
 CLEAR, SAME = Contrast(8.0, 0.001, np.array([0.1]), np.zeros(1)), Contrast(3.5, 0.07, np.array([2.0]), np.zeros(1))
 
