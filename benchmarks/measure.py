@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 
 def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2) -> float:
     """Time a piece of work.
@@ -44,8 +46,8 @@ def median_ratio(work: Callable[[], object], over: Callable[[], object], *, bloc
 
 
 def plain_json(value: Any) -> Any:
-    """Turn numpy numbers into Python's, and what is not finite into null."""
-    text = json.dumps(value, default=float)
+    """Turn numpy numbers and arrays into Python's numbers and lists, and what is not finite into null."""
+    text = json.dumps(value, default=lambda value: np.asarray(value).tolist())
     for word in ("-Infinity", "Infinity", "NaN"):
         text = text.replace(word, "null")
     return json.loads(text)

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks import physics
+from benchmarks.measure import plain_json
 from benchmarks.newest import is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DEVELOPED, PLAN, REASONS
 from benchmarks.physics_tables import confusion, summary, wilson, write_results
+from plop.diagnosis.contrast import Contrast
+from plop.diagnosis.finding import Finding
 from stages.diagnose.stage import STAGE
 
 
@@ -62,6 +67,12 @@ def test_the_best_of_the_wrong_laws_is_measured():
     without_names = run("single-d", hidden=TILT, gains=[0.7, 0.6])
     found = summary([alone, worse, without_gap, without_names])["wrong_law"]
     assert found == {"median": pytest.approx(0.05), "n": 2}  # 8 % of 5 are 10 % of 5 - 1; harm closes nothing
+
+
+def test_a_finding_is_kept_with_every_amplitude_of_its_contrast():
+    contrast = Contrast(8.0, np.float64(0.001), np.array([0.1, np.inf]), np.zeros(2))
+    kept = plain_json(asdict(Finding("tilt", "physics", {}, np.float32(0.5), 0.1, None, contrast)))
+    assert kept["contrast"]["least"] == [0.1, None] and kept["gain"] == 0.5
 
 
 def test_the_second_of_two_may_be_named_after_the_first():
