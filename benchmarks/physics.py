@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 
@@ -88,6 +89,8 @@ def main() -> None:
     parser.add_argument("--share", default="1/1", help="K/N: the K-th of N processes; each takes every N-th run.")
     parser.add_argument("--summary", action="store_true", help="Run nothing.")
     options = parser.parse_args()
+    if not options.summary and find_spec("pysindy") is None:
+        parser.error("PySINDy, a baseline, is not installed: pip install -e '.[bench]' (make bench-physics does).")
     options.work.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + (0 if options.summary else 60 * options.minutes)
     written = written_rows(options.out / "results" / f"{options.result}.json")
