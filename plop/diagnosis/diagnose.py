@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from plop.diagnosis.amplitudes import begun_everywhere, of_least_error
@@ -28,7 +28,7 @@ UNSETTLED = ("NONE OF THESE", "PARTLY")
 def diagnose(
     measured: Measured, base: EngineBase, types: Mapping[str, EffectType], run_jobs: RunJobs, *,
     reference: Measured | None = None, effects: Iterable[str] | None = None, sensors: Sequence[str] = (),
-    shams: int = SHAMS, seed: int = 0,
+    shams: int = SHAMS, seed: int = 0, told: Callable[[str], None] = lambda step: None,
 ) -> Diagnosis:  # fmt: skip
     """Find which effect the base is missing.
 
@@ -42,6 +42,7 @@ def diagnose(
         sensors: Significant sensor faults, in words.
         shams: Number of shams.
         seed: Draws the shams.
+        told: Called with what the engine runs that follow are for, in a few words.
 
     Raises:
         PlopError: Too few episodes, the engine cannot follow any or runs with no law, or a law of the user's has a
@@ -51,16 +52,21 @@ def diagnose(
     started = time.perf_counter()
     wanted = [*types] if effects is None else list(effects)
     candidates = candidates_of(types, wanted)
+    told("no law")
     tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
     check_enough(len(tables[0].episodes), tables[0].dropped)
-    for table in tables:
+    for table, name in zip(tables, ("recordings", "reference"), strict=False):
+        told(f"every law, {name}")
         table.respond([column for candidate in candidates for column in candidate.columns])
     _check_laws(tables, candidates)
+    told("where laws begin")
     candidates, state, begins = begun_everywhere(State(tables, candidates), candidates)
     screen_s = time.perf_counter() - started
+    told("amplitudes of the best")
     candidates, state = of_least_error(state, candidates, begins, base, types)
     found = replace(conclusion(state, sensors, shams, seed), screen_s=screen_s)
     if len(tables) == 2 and _two_are_tried(found.verdict):
+        told("two laws at once")
         found = _with_pair(found, find_pair(state, candidates, shams=shams, seed=seed))
     return _with_unheard(found, tables, candidates, whole={*types} <= {c.effect for c in candidates})
 

@@ -40,9 +40,14 @@ class Runs:
     scheduler: str = ""
     """Address of a Dask scheduler, e.g. tcp://10.0.0.5:8786; this machine's processes when empty."""
     progress: Callable[[int, int, str], None] | None = None
-    """Called with (done, total, job) after each job of a batch."""
+    """Called with (done, total, job) after each job of a batch; the job begins with what the batch is for, if told."""
     done: int = field(default=0, init=False)
     """Engine runs carried out, not counting those that were remembered."""
+    _purpose: str = field(default="", init=False)
+
+    def begin(self, purpose: str) -> None:
+        """Say what the batches from now on are for, in a few words that stand before each job in the progress."""
+        self._purpose = f"{purpose}: "
 
     def __call__(self, jobs: Sequence[Job]) -> list[Answer]:
         """Answer all jobs, in their order.
@@ -62,7 +67,7 @@ class Runs:
                 self._remember(jobs[k], answer)
                 ready += 1
                 if self.progress is not None:
-                    self.progress(ready, len(jobs), f"{jobs[k].episode.name} {jobs[k].key}")
+                    self.progress(ready, len(jobs), f"{self._purpose}{jobs[k].episode.name} {jobs[k].key}".rstrip())
         return [answer for answer in answers if answer is not None]
 
     @contextmanager

@@ -88,7 +88,8 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     sensors = _sensors(recordings, measured, config, out)
     runs = Runs(out.cache or out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
     found = diagnose(measured, engine, types, runs, reference=reference, effects=config.effects or None,
-                     sensors=[s["text"] for s in sensors], shams=config.shams, seed=config.seed)  # fmt: skip
+                     sensors=[s["text"] for s in sensors], shams=config.shams, seed=config.seed,
+                     told=runs.begin)  # fmt: skip
     runs.forget()
     facts = facts_of(found, types, sensors, left_out)
     facts |= {"environment": recordings.environment, "seconds": round(time.perf_counter() - started, 1),

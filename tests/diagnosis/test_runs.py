@@ -77,6 +77,16 @@ def test_a_killed_batch_goes_on_where_it_was(tmp_path, counted, monkeypatch):
     assert steps == [(3, 4), (4, 4)]
 
 
+def test_progress_says_what_the_runs_are_for(tmp_path, counted):
+    said: list[str] = []
+    runs = Runs(tmp_path, jobs=1, progress=lambda done, total, label: said.append(label))
+    runs(jobs()[:1])
+    runs.begin("every law, reference")
+    runs(jobs()[1:2])
+    name = jobs()[0].episode.name
+    assert said == [name, f"every law, reference: {name} {jobs()[1].key}"]
+
+
 def test_a_file_that_was_cut_short_is_run_again(tmp_path, counted):
     Runs(tmp_path, jobs=1)(jobs())
     files = sorted(tmp_path.glob("*.npz"))

@@ -39,6 +39,15 @@ def test_a_law_that_moves_nothing_is_told_with_a_limit_that_nothing_reaches():
     assert {f.name for f in found.findings} == {"swelling", "stiffness", "density", "damping"} - {*found.dropped}
 
 
+def test_what_the_runs_are_for_is_told_before_they_are_made():
+    world, steps = Three(), list[tuple[str, int]]()
+    diagnose(world.measured(1, {"swelling": 0.2}), BASE, library(), world.run, reference=world.measured(2, {}),
+             effects=["swelling"], shams=99, told=lambda step: steps.append((step, world.ran)))  # fmt: skip
+    assert [step for step, _ in steps] == ["no law", "every law, recordings", "every law, reference",
+                                           "where laws begin", "amplitudes of the best"]  # fmt: skip
+    assert [ran for _, ran in steps[:2]] == [0, 12]  # six episodes and six of the reference, without any law
+
+
 def test_a_law_with_one_setting_that_runs_can_be_judged():
     world = Three()
     run = world.run
