@@ -44,7 +44,9 @@ bench: setup
 
 bench-physics: setup
 	@$(PIP) -c constraints.txt -e ".[bench]"
-	$(BIN)/python -m benchmarks.physics
+	$(BIN)/python -m benchmarks.physics_cameras --minutes 150
+	$(BIN)/python -m benchmarks.physics_points --minutes 90
+	$(BIN)/python -m benchmarks.physics_overview
 
 reproduce: setup
 	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|cpu-recordings|paper" >&2; exit 2; }

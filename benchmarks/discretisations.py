@@ -1,6 +1,6 @@
 """What the mean over discretisations is worth: `python -m benchmarks.discretisations --work W`.
 
-The engine of the missing-physics benchmark (`benchmarks.physics --work W`) predicts fresh episodes of
+The engine of the missing-physics benchmark (`benchmarks.physics_points --work W`) predicts fresh episodes of
 each kind of motion, in which nothing is hidden, and responds to a few hidden laws: by itself, and as the mean over its
 discretisations. No noise; the truth is the finer simulation. Writes docs/results/discretisations.json.
 """
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from benchmarks.physics import PARTICLES, SCENE, fitted_engine
+from benchmarks.physics_points import PARTICLES, SCENE, fitted_engine
 from benchmarks.physics_response import response_error
 from plop.diagnosis.discretisations import OTHERS, discretised
 from plop.diagnosis.episode import Episode, episode_from_sequence

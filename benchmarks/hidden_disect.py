@@ -35,6 +35,7 @@ from plop.physics.filled import EngineBase
 from plop.physics.material import Material
 from plop.recordings.disect import list_disect, read_disect
 from plop_cli.execute import versions
+from stages.diagnose.stage import STAGE
 
 NOISE_M = 3e-4
 FITTED = ("youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s", "toughness_j_m2")
@@ -124,7 +125,8 @@ def run_set(
     runs = Runs(work / "jobs", jobs=jobs)
     found = diagnose(measured, base, library(), runs, reference=reference)
     row = {
-        "set": name, "verdict": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
+        "set": name, "judged_by": STAGE.version, "verdict": found.verdict.kind, "named": found.verdict.named,
+        "text": found.verdict.text,
         "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p,
                      "contrast": f.contrast and f.contrast.errors, "contrast_p": f.contrast and f.contrast.p,
                      "alone": f.alone, "parameters": f.parameters, "reasons": f.reasons()}

@@ -21,7 +21,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from benchmarks.discretisations import RESPONSE_EPISODES, RESPONSE_SEED, exact_episode
-from benchmarks.physics import SCENE
+from benchmarks.physics_points import SCENE
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import Episode
 from plop.metrics.table import replace_between_markers

@@ -2,7 +2,7 @@
 
 One manipulation, cut and push, as learned models are trained. I2N learns from the followed points of episodes
 without anything hidden (no cameras, no rendering loss: the points are its particles); hidden effects, scene and the
-engine that computes the responses are those of `benchmarks.physics`. It goes on where it stopped.
+engine that computes the responses are those of `benchmarks.physics_points`. It goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import numpy as np
 import torch
 
 from benchmarks.newest import newest_rows
-from benchmarks.physics import SCENE, Setting, fitted_engine, reference, run_missing, simulated
 from benchmarks.physics_plan import PLAN
+from benchmarks.physics_points import SCENE, Setting, fitted_engine, reference, run_missing, simulated
 from benchmarks.physics_tables import summary
 from plop.diagnosis.episode import Episode
 from plop.diagnosis.table import Measured
@@ -56,7 +56,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=-1, help="Processes.")
     parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics-learned"), help="Where runs are.")
     parser.add_argument("--engine-work", type=Path, default=Path("artifacts/.bench-physics"),
-                        help="Folder of `benchmarks.physics`, whose engine is taken.")  # fmt: skip
+                        help="Folder of `benchmarks.physics_points`, whose engine is taken.")  # fmt: skip
     parser.add_argument("--out", type=Path, default=Path("docs/results/physics-learned.json"))
     options = parser.parse_args()
     for folder in (options.work, options.engine_work):

@@ -1,7 +1,8 @@
-"""Goals of the missing-physics benchmark beside what was measured: `python -m benchmarks.physics_overview`.
+"""Both missing-physics benchmarks beside their goals: `python -m benchmarks.physics_overview`.
 
-Reads docs/results/physics.json (followed points) and physics_cameras.json (through cameras), which other commands
-write, and rewrites the first table of docs/results-physics.md.
+Reads docs/results/physics_cameras.json (the whole pipeline) and physics_points.json (followed points, with other
+methods beside), which other commands write, and writes docs/results/physics.json and the first table of
+docs/results-physics.md.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.goals import ShareGoal
-from benchmarks.physics_tables import GOALS, MEDIANS, percent, shown
+from benchmarks.physics_tables import GOALS, MEDIANS, confusion, percent, shown
 from plop.metrics.table import replace_between_markers
 
+COMMAND = "make bench-physics"
 NAMES = {
     ("recovery", "snr_2_and_more"): "one hidden effect, at least twice the noise: named first",
     ("recovery", "snr_2_and_more_in_set"): "the same: in the named set",
@@ -29,16 +31,16 @@ NAMES = {
 }
 
 
-def overview(points: dict[str, Any], cameras: dict[str, Any]) -> str:
+def overview(cameras: dict[str, Any], points: dict[str, Any]) -> str:
     """Give the table from the "sets" of both results."""
-    lines = ["| what | goal | followed points | reached | through cameras | reached |", "|---|---|---|---|---|---|"]
+    lines = ["| what | goal | through cameras | reached | followed points | reached |", "|---|---|---|---|---|---|"]
     for (group, key), name in NAMES.items():
         goal = GOALS.get((group, key))
-        rates = [sets.get(group, {}).get(key) for sets in (points, cameras)]
+        rates = [sets.get(group, {}).get(key) for sets in (cameras, points)]
         cells = [cell for rate in rates for cell in (shown(rate), _reached(goal, rate))]
         lines.append(f"| {name} | {goal or ''} | {' | '.join(cells)} |")
     for name, key, goal in MEDIANS:
-        values = [sets[key]["median"] for sets in (points, cameras)]
+        values = [sets[key]["median"] for sets in (cameras, points)]
         cells = [cell for value in values for cell in (percent(value), goal.reached(value))]
         lines.append(f"| {name} | {goal} | {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -48,15 +50,42 @@ def _reached(goal: ShareGoal | None, rate: dict[str, Any] | None) -> str:
     return "" if goal is None else goal.reached((rate or {}).get("rate"))
 
 
+def facts_of(cameras: dict[str, Any], points: dict[str, Any]) -> dict[str, Any]:
+    """Give what docs/results/physics.json holds: rates through cameras, and the other benchmark's beside them.
+
+    Args:
+        cameras: What physics_cameras.json holds.
+        points: What physics_points.json holds.
+    """
+    told = _told(cameras)
+    # other methods were given an ideal tracker's points
+    told["sets"]["baselines"] = {**points["sets"]["baselines"], "measured_on": "followed points"}
+    return {"command": COMMAND, "versions": cameras["versions"], "measured_on": "recordings through cameras", **told,
+            "followed_points": _told(points)}  # fmt: skip
+
+
+def _told(result: dict[str, Any]) -> dict[str, Any]:
+    """Choose from one benchmark's file; rates of single laws are of those that the goals speak of, from SNR 2 on."""
+    sets, runs = result["sets"], result["runs"]
+    loud = {"top1": sets["recovery"]["snr_2_and_more"], "in_set": sets["recovery"]["snr_2_and_more_in_set"]}
+    single = {**loud, "least_snr": 2.0, "from_snr_1": {key: sets["single"][key] for key in loud},
+              **{key: rate for key, rate in sets["single"].items() if key not in loud}}  # fmt: skip
+    versions = [run["judged_by"] for run in runs if run["set"] != "unreachable"]
+    return {"seeds": result["seeds"], "judged_by": {str(v): versions.count(v) for v in sorted({*versions})},
+            "sets": {**sets, "single": single}, "confusion": confusion(runs)}  # fmt: skip
+
+
 def main() -> None:
-    """Rewrite the table."""
+    """Write the file and the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
     out = parser.parse_args().out
-    points, cameras = (json.loads((out / "results" / f"{name}.json").read_text())["sets"]
-                       for name in ("physics", "physics_cameras"))  # fmt: skip
+    cameras, points = (json.loads((out / "results" / f"{name}.json").read_text())
+                       for name in ("physics_cameras", "physics_points"))  # fmt: skip
+    (out / "results" / "physics.json").write_text(json.dumps(facts_of(cameras, points), indent=1) + "\n")
     page = out / "results-physics.md"
-    page.write_text(replace_between_markers(page.read_text(), "overview", overview(points, cameras)))
+    table = overview(cameras["sets"], points["sets"])
+    page.write_text(replace_between_markers(page.read_text(), "overview", table))
 
 
 if __name__ == "__main__":

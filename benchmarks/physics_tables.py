@@ -1,4 +1,4 @@
-"""Tables and docs/results/physics.json from the runs of the missing-physics benchmark."""
+"""Tables and docs/results/physics_points.json from the runs of the missing-physics benchmark."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks.physics_rows import amplitude_of, closed_by_wrong_law, gap_close
 from plop.metrics.table import replace_between_markers
 from plop_cli.execute import versions
 
-RESULT = "physics"
+RESULT = "physics_points"
 """Name of the file of the benchmark's own result."""
 GOALS = {
     ("recovery", "snr_2_and_more"): ShareGoal(0.9),

@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.physics import SCENE, simulated
 from benchmarks.physics_learned import TRAINING, predicted, rms_m, track_of, train_once
+from benchmarks.physics_points import SCENE, simulated
 from plop.dynamics.model import PlopModel
 from plop_cli.execute import versions
 

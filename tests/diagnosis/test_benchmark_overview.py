@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.goals import ShareGoal
-from benchmarks.physics_overview import overview
+from benchmarks.physics_overview import facts_of, overview
 from benchmarks.physics_tables import verdict_rates, wilson
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -27,15 +27,30 @@ def test_goals_read_as_in_the_tables():
 
 def test_both_benchmarks_stand_beside_the_goals():
     points, cameras = verdict_rates([]), verdict_rates([])
-    points["null"]["false_alarm"] = wilson(1, 4)
-    cameras["parameter_error"]["median"] = 0.08
-    lines = overview(points, cameras).splitlines()
+    cameras["null"]["false_alarm"] = wilson(1, 4)
+    points["parameter_error"]["median"] = 0.08
+    lines = overview(cameras, points).splitlines()
     null = next(line for line in lines if line.startswith("| nothing hidden"))
     assert null.endswith("| <= 2 % | 25 % (5 to 70 %, n = 4) | **no** | not run | not run |")
     assert "| median error of the parameter | <= 10 % | not run | not run | 8 % | yes |" in lines
 
 
-def test_the_page_shows_what_the_results_hold():
-    points, cameras = (json.loads((DOCS / "results" / f"{name}.json").read_text())["sets"]
-                       for name in ("physics", "physics_cameras"))  # fmt: skip
-    assert overview(points, cameras) in (DOCS / "results-physics.md").read_text()
+def test_rates_of_single_laws_are_those_that_the_goals_speak_of():
+    row = {"set": "single", "hidden": {"tilt": {"gx_m_s2": 1.0}}, "verdict": "NOTHING DETECTABLE", "named": [],
+           "ranks": [2], "error": 2.0, "floor": 1.0, "left": 1.5, "judged_by": 30}  # fmt: skip
+    named = {"verdict": "EFFECT", "named": ["tilt"],
+             "parameters": {"tilt": {"gx_m_s2": {"value": 1.0, "low": 0.9, "high": 1.1}}}}  # fmt: skip
+    runs = [row | {"snr": 1.5}, row | named | {"snr": 3.0}]
+    result = {"versions": {}, "seeds": [1, 2], "sets": verdict_rates(runs), "runs": runs}
+    points = result | {"sets": {**result["sets"], "baselines": {"bic_first": wilson(1, 1)}}}
+    found = facts_of(result, points)
+    assert found["sets"]["single"]["top1"] == wilson(1, 1) and found["sets"]["single"]["from_snr_1"]["top1"]["n"] == 2
+    assert found["confusion"]["tilt"] == {"tilt": 1, "nothing detectable": 1} and found["judged_by"] == {"30": 2}
+    assert found["sets"]["baselines"]["measured_on"] == "followed points"
+
+
+def test_page_and_file_show_what_the_results_hold():
+    cameras, points = (json.loads((DOCS / "results" / f"{name}.json").read_text())
+                       for name in ("physics_cameras", "physics_points"))  # fmt: skip
+    assert overview(cameras["sets"], points["sets"]) in (DOCS / "results-physics.md").read_text()
+    assert facts_of(cameras, points) == json.loads((DOCS / "results" / "physics.json").read_text())

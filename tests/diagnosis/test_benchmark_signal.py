@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.physics import fitted_engine
 from benchmarks.physics_plan import PLAN, SNRS
+from benchmarks.physics_points import fitted_engine
 from benchmarks.physics_rounds import named_effects
 from benchmarks.physics_signal import CLOSE, at_signal
 from plop.diagnosis.finding import Finding

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import physics
+from benchmarks import physics_points
 from benchmarks.measure import plain_json
 from benchmarks.newest import is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DEVELOPED, PLAN, REASONS
@@ -89,7 +89,7 @@ def test_what_no_amplitude_makes_visible_is_shown_and_not_counted(tmp_path: Path
     assert summary([*rows(), faint]) == summary(rows()) and confusion([faint]) == {}
     page = tmp_path / "results-physics.md"
     page.write_text("<!-- runs:begin -->\n<!-- runs:end -->")
-    write_results([faint], tmp_path, command="make bench-physics")
+    write_results([faint], tmp_path, command="python -m benchmarks.physics_points")
     assert "| unreachable 2 | tilt: gx_m_s2 1 | - | 0.3 | - | - | - |" in page.read_text()
 
 
@@ -105,11 +105,13 @@ def test_wilson_knows_how_little_few_runs_say():
 def test_the_page_says_what_was_not_run(tmp_path: Path):
     page = "<!-- rates:begin -->\n<!-- rates:end -->\n<!-- runs:begin -->\n<!-- runs:end -->"
     (tmp_path / "results-physics.md").write_text(page)
-    write_results([], tmp_path, command="make bench-physics")
+    write_results([], tmp_path, command="python -m benchmarks.physics_points")
     assert (
         "| nothing hidden: false alarm | not run | not run | <= 2 % |" in (tmp_path / "results-physics.md").read_text()
     )
-    assert json.loads((tmp_path / "results" / "physics.json").read_text())["sets"]["null"]["false_alarm"]["n"] == 0
+    assert (
+        json.loads((tmp_path / "results" / "physics_points.json").read_text())["sets"]["null"]["false_alarm"]["n"] == 0
+    )
 
 
 def test_runs_that_shaped_the_rules_are_told_apart():
@@ -121,20 +123,20 @@ def test_runs_that_shaped_the_rules_are_told_apart():
 
 
 def test_the_tables_of_another_engine_are_a_result_of_their_own(tmp_path: Path):
-    write_results([run("a")], tmp_path, command="make bench-physics")
-    before = (tmp_path / "results" / "physics.json").read_bytes()
-    write_results([run("b")], tmp_path, command="python -m benchmarks.physics --particles 570", result="physics-570")
-    assert (tmp_path / "results" / "physics.json").read_bytes() == before
+    write_results([run("a")], tmp_path, command="python -m benchmarks.physics_points")
+    before = (tmp_path / "results" / "physics_points.json").read_bytes()
+    write_results([run("b")], tmp_path, command="python -m benchmarks.physics_points --result R", result="physics-570")
+    assert (tmp_path / "results" / "physics_points.json").read_bytes() == before
     assert json.loads((tmp_path / "results" / "physics-570.json").read_text())["runs"][0]["name"] == "b"
 
 
 def test_a_row_that_the_file_kept_counts_as_it_did_when_it_was_run(tmp_path: Path):
-    write_results(rows(), tmp_path, command="make bench-physics")
-    path = tmp_path / "results" / "physics.json"
+    write_results(rows(), tmp_path, command="python -m benchmarks.physics_points")
+    path = tmp_path / "results" / "physics_points.json"
     fresh = json.loads(path.read_text())
     kept = newest_rows([row["name"] for row in rows()], tmp_path / "work", written_rows(path))
     assert all("parameters" not in row for row in kept)
-    write_results(kept, tmp_path, command="make bench-physics")
+    write_results(kept, tmp_path, command="python -m benchmarks.physics_points")
     assert json.loads(path.read_text()) == fresh and fresh["sets"]["parameter_error"]["covered"]["n"] == 1
 
 
@@ -159,11 +161,13 @@ def test_what_an_earlier_version_hid_is_hidden_again(tmp_path: Path, monkeypatch
         made.append((plan.name, earlier and earlier["hidden"]))
         return run(plan.name)
 
-    monkeypatch.setattr(physics, "run_plan", noted)
+    monkeypatch.setattr(physics_points, "run_plan", noted)
     plans = [plan for plan in PLAN if plan.name in ("snr4-tilt", "snr4-viscosity", "snr4-swelling")]
     written = {"snr4-tilt": run("snr4-tilt", hidden=TILT), "snr4-viscosity": run("snr4-viscosity", set="unreachable")}
-    physics.run_missing(plans, None, tmp_path, 1, time.monotonic() + 60, written)
+    physics_points.run_missing(plans, None, tmp_path, 1, time.monotonic() + 60, written)
     assert sorted(made) == [("snr4-swelling", None), ("snr4-tilt", TILT)]
     swelling = next(plan for plan in plans if plan.name == "snr4-swelling")
-    effects, reached = physics._hidden(swelling, physics.SCENE, 1, run("x", hidden={"swelling": {"rate_per_s": 0.03}}))
+    effects, reached = physics_points._hidden(
+        swelling, physics_points.SCENE, 1, run("x", hidden={"swelling": {"rate_per_s": 0.03}})
+    )
     assert ([(e.name, e.values) for e in effects], reached) == ([("swelling", {"rate_per_s": 0.03})], None)

@@ -1,4 +1,4 @@
-"""The missing-physics benchmark: `python -m benchmarks.physics --minutes 60` (it goes on where it stopped).
+"""The missing-physics benchmark on followed points: `python -m benchmarks.physics_points --minutes 60` (it goes on).
 
 Each run hides something in episodes of the block scene, follows 400 surface points with noise (what an ideal
 tracker would give: no cameras), and diagnoses them with an engine of another discretisation and another elastic
@@ -104,9 +104,9 @@ def main() -> None:
                 _add_sindy(plan, setting.engine, options.work, options.jobs)
     kept = options.work / "base.json"
     engine = json.loads(kept.read_text()) if kept.is_file() else {}
-    command = "make bench-physics"
+    command = "python -m benchmarks.physics_points"
     if options.result != RESULT:
-        command = f"python -m benchmarks.physics --particles {options.particles} --work W --result {options.result}"
+        command += f" --particles {options.particles} --work W --result {options.result}"
     rows = newest_rows([plan.name for plan in PLAN], options.work, written)
     write_results(rows, options.out, command=command, engine=engine, result=options.result)
 
