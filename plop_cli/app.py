@@ -10,6 +10,7 @@ from plop.errors import PlopError
 from plop.freed_memory import keep_freed_memory
 from plop_cli.commands import add_commands
 from plop_cli.console import Console
+from plop_cli.help_option import HELP
 from stages import PIPELINE, StageRef
 
 app = typer.Typer(
@@ -20,9 +21,10 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
+    context_settings=HELP,
 )
 ingest = typer.Typer(help="Turn raw data into recordings.", no_args_is_help=True, add_completion=False,
-                     rich_markup_mode="rich", pretty_exceptions_enable=False)  # fmt: skip
+                     rich_markup_mode="rich", pretty_exceptions_enable=False, context_settings=HELP)  # fmt: skip
 
 STAGES = "Stages, in order"
 

@@ -17,6 +17,7 @@ from plop.artifacts.store import Store
 from plop_cli.console import Console
 from plop_cli.convert import describe
 from plop_cli.execute import execute, is_first_process, plan
+from plop_cli.help_option import HELP
 from plop_cli.outcome import report, report_plan, report_unplanned
 from plop_cli.prepare import MODELS, RECORDINGS, Preparation, takes_model_instead, wants_preparation
 from plop_cli.prepare_augment import FIT, augment_inputs
@@ -57,7 +58,9 @@ PLAIN = {int: "<int>", float: "<float>"}
 def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
     """Import a stage, parse its arguments, run it and report."""
     stage = ref.load()
-    app = typer.Typer(add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False)
+    app = typer.Typer(
+        add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False, context_settings=HELP
+    )
     app.command(help=escape(stage.help))(stage_function(ref, stage))
     code = app(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
     raise typer.Exit(code if isinstance(code, int) else 0)

@@ -25,6 +25,8 @@ from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read
 from plop.artifacts.whole_file import in_the_way, write_json
 from plop.errors import PlopError
 
+_TOLD = 12
+"""Names that are told where none resembles what was asked for."""
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
@@ -171,7 +173,7 @@ class Store:
         raise self._unknown(address, [a.address for a in self.artifacts()])
 
     def _unknown(self, address: str, known: list[str]) -> PlopError:
-        close = get_close_matches(address, known, n=3) or known[-5:]
+        close = get_close_matches(address, known, n=3) or known[-_TOLD:]
         return PlopError(
             f"There is no artifact {address!r} in this workspace.",
             where=self.root,

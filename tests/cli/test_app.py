@@ -42,6 +42,12 @@ def test_help_lists_the_pipeline_in_order(capsys: pytest.CaptureFixture[str]):
     assert places == sorted(places)
 
 
+@pytest.mark.parametrize("words", [[], ["status"], ["simulate"], ["ingest"], ["ingest", "disect"]])
+def test_help_is_short_for_the_hasty(words: list[str], capsys: pytest.CaptureFixture[str]):
+    assert main([*words, "-h"]) == 0
+    assert f"Usage: {' '.join(['plop', *words])} [OPTIONS]" in capsys.readouterr().out
+
+
 def test_help_imports_nothing_heavy():
     heavy = ("torch", "numpy", "open3d", "numba", "cv2", "h5py")
     code = f"import sys; from plop_cli.app import main; main(['--help']); print('HEAVY', sys.modules.keys() & {heavy})"
