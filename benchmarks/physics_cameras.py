@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks.newest import Row, is_judged, newest_rows, shared, written_rows
 from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
-from benchmarks.physics_tables import GOALS, MEDIANS, percent, runs_table, shown, verdict_rates
+from benchmarks.physics_tables import GOALS, MEDIANS, median_shown, runs_table, shown, verdict_rates
 from benchmarks.workspace import Typed
 from plop.artifacts.lock import locked
 from plop.errors import PlopError
@@ -240,7 +240,7 @@ def rates_table(sets: dict[str, Any]) -> str:
     lines = ["| what | runs | goal |", "|---|---|---|"]
     lines += [f"| {name} | {shown(sets[group][key])} | {GOALS.get((group, key), '')} |" for name, (group, key) in rows]
     for name, key, goal in MEDIANS:
-        lines.append(f"| {name} | {percent(sets[key]['median'])} | {goal} |")
+        lines.append(f"| {name} | {median_shown(sets[key])} | {goal} |")
     return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.goals import ShareGoal
-from benchmarks.physics_tables import GOALS, MEDIANS, confusion, percent, shown
+from benchmarks.physics_tables import GOALS, MEDIANS, confusion, median_shown, shown
 from plop.metrics.table import replace_between_markers
 
 COMMAND = "make bench-physics"
@@ -40,8 +40,8 @@ def overview(cameras: dict[str, Any], points: dict[str, Any]) -> str:
         cells = [cell for rate in rates for cell in (shown(rate), _reached(goal, rate))]
         lines.append(f"| {name} | {goal or ''} | {' | '.join(cells)} |")
     for name, key, goal in MEDIANS:
-        values = [sets[key]["median"] for sets in (cameras, points)]
-        cells = [cell for value in values for cell in (percent(value), goal.reached(value))]
+        found = [sets[key] for sets in (cameras, points)]
+        cells = [cell for each in found for cell in (median_shown(each), goal.reached(each["median"]))]
         lines.append(f"| {name} | {goal} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -241,10 +241,15 @@ def _rates(sets: dict[str, Any], fresh: dict[str, Any]) -> str:
         goal = BASELINE if group == "baselines" else GOALS.get((group, key), "")
         lines.append(f"| {name} | {shown(sets[group][key])} | {shown(fresh.get(group, {}).get(key))} | {goal} |")
     for name, key, goal in MEDIANS:
-        lines.append(f"| {name} | {percent(sets[key]['median'])} | {percent(fresh[key]['median'])} | {goal} |")
+        lines.append(f"| {name} | {median_shown(sets[key])} | {median_shown(fresh[key])} | {goal} |")
     left = [percent(each["baselines"]["residual_error_share"]) for each in (sets, fresh)]
     lines.append(f"| learned residual: error left, in-sample, median | {left[0]} | {left[1]} | {BASELINE} |")
     return "\n".join(lines)
+
+
+def median_shown(found: dict[str, Any]) -> str:
+    """Give a median and of how many."""
+    return percent(found["median"]) + (f" (n = {found['n']})" if found["n"] else "")
 
 
 def percent(value: float | None) -> str:

@@ -114,7 +114,7 @@ def test_tables_are_written_beside_their_goals(loop, tmp_path):
     write(rows, tmp_path)
     assert "| one effect, SNR >= 2: named first | 100 % (21 to 100 %, n = 1) | >= 90 % |" in page.read_text()
     assert "| a sensor fault only: called physics | 100 % (21 to 100 %, n = 1) | <= 5 % |" in page.read_text()
-    assert "| median error of the parameter | 10 % | <= 10 % |" in page.read_text()
+    assert "| median error of the parameter | 10 % (n = 1) | <= 10 % |" in page.read_text()
     facts = json.loads((tmp_path / "results" / "physics_cameras.json").read_text())
     assert facts["planned"] == len(planned()) and len(facts["runs"]) == 2
     assert "| EFFECT | tilt | 1 | 27 |" in page.read_text()

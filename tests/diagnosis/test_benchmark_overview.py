@@ -28,11 +28,11 @@ def test_goals_read_as_in_the_tables():
 def test_both_benchmarks_stand_beside_the_goals():
     points, cameras = verdict_rates([]), verdict_rates([])
     cameras["null"]["false_alarm"] = wilson(1, 4)
-    points["parameter_error"]["median"] = 0.08
+    points["parameter_error"] |= {"median": 0.08, "n": 14}
     lines = overview(cameras, points).splitlines()
     null = next(line for line in lines if line.startswith("| nothing hidden"))
     assert null.endswith("| <= 2 % | 25 % (5 to 70 %, n = 4) | **no** | not run | not run |")
-    assert "| median error of the parameter | <= 10 % | not run | not run | 8 % | yes |" in lines
+    assert "| median error of the parameter | <= 10 % | not run | not run | 8 % (n = 14) | yes |" in lines
 
 
 def test_rates_of_single_laws_are_those_that_the_goals_speak_of():
