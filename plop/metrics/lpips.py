@@ -122,7 +122,7 @@ def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | 
         The score, or the reason why there is none.
 
     Raises:
-        PlopError: A backbone file was named that is missing or does not fit.
+        PlopError: A backbone file was named that is missing, or weights do not fit.
     """
     path = Path(backbone_file) if backbone_file else hub_folder() / BACKBONE_FILES[backbone]
     if not path.is_file():
@@ -133,14 +133,29 @@ def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | 
     heads = _head_file(backbone)
     if heads is None:
         return Unavailable("neither the package lpips nor torchmetrics, which hold the head weights, is installed")
+    weights = _tensors(path, backbone, f"Get {BACKBONE_FILES[backbone]} again.")
+    head_weights = _tensors(heads, backbone, "Install the package that holds it again.")
     try:
-        # published as .pth only; weights_only takes tensors and refuses every other pickle
-        states = [torch.load(file, map_location="cpu", weights_only=True) for file in (path, heads)]
-        return Lpips(backbone, *states)
+        return Lpips(backbone, weights, head_weights)
     except Exception as error:
-        raise PlopError("The LPIPS backbone cannot be loaded.", where=path, expected=f"weights of {backbone}, named "
-                        "as in torch's model hub", found=_found(error),
-                        fix=f"Get {BACKBONE_FILES[backbone]} again.") from error  # fmt: skip
+        raise _unfit(path, backbone, error, f"Get {BACKBONE_FILES[backbone]} again.") from error
+
+
+def _tensors(path: Path, backbone: Backbone, fix: str) -> dict[str, Tensor]:
+    """Read a file of weights; they are published as .pth only.
+
+    Raises:
+        PlopError: The file holds anything but tensors; nothing in it is run.
+    """
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)  # type: ignore[no-any-return]
+    except Exception as error:
+        raise _unfit(path, backbone, error, fix) from error
+
+
+def _unfit(path: Path, backbone: Backbone, error: Exception, fix: str) -> PlopError:
+    return PlopError("The LPIPS weights cannot be loaded.", where=path, expected=f"weights of {backbone}, named "
+                     "as in torch's model hub", found=_found(error), fix=fix)  # fmt: skip
 
 
 def _found(error: Exception) -> str:

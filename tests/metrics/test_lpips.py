@@ -80,6 +80,16 @@ def test_a_named_file_that_is_missing_or_wrong_is_an_error(tmp_path):
         assert found in caught.value.found
 
 
+def test_broken_head_weights_are_not_blamed_on_the_backbone(tmp_path, monkeypatch):
+    write_backbone(tmp_path, "alex")
+    heads = tmp_path / "heads.pth"
+    heads.write_bytes(b"not weights")
+    monkeypatch.setattr("plop.metrics.lpips._head_file", lambda backbone: heads)
+    with pytest.raises(PlopError, match="cannot be loaded") as caught:
+        load_lpips("alex", str(tmp_path / BACKBONE_FILES["alex"]))
+    assert caught.value.where == str(heads)
+
+
 def test_a_pickle_that_would_run_something_is_refused_without_running_it(tmp_path):
     class Harmful:
         def __reduce__(self):
