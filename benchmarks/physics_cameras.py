@@ -221,8 +221,8 @@ def write(rows: list[dict[str, Any]], out: Path) -> None:
 def rates_table(sets: dict[str, Any]) -> str:
     """Set the rates beside their goals."""
     rows = [
-        ("one effect, SNR >= 2: named first", ("recovery", "snr_2_and_more")),
-        ("one effect, SNR >= 2: in the named set", ("recovery", "snr_2_and_more_in_set")),
+        ("one effect, SNR >= 2: named first", ("single", "top1")),
+        ("one effect, SNR >= 2: in the named set", ("single", "in_set")),
         ("one effect, SNR 1 to 2: named first", ("recovery", "snr_1_to_2")),
         ("one effect: ranked first", ("single", "ranked_first")),
         ("one effect: a wrong name", ("single", "wrong_name")),

@@ -18,8 +18,8 @@ from plop.metrics.table import replace_between_markers
 
 COMMAND = "make bench-physics"
 NAMES = {
-    ("recovery", "snr_2_and_more"): "one hidden effect, at least twice the noise: named first",
-    ("recovery", "snr_2_and_more_in_set"): "the same: in the named set",
+    ("single", "top1"): "one hidden effect, at least twice the noise: named first",
+    ("single", "in_set"): "the same: in the named set",
     ("single", "all_amplitudes_top1"): "one hidden effect of any strength: named first",
     ("null", "false_alarm"): "nothing hidden: something is named",
     ("sensor", "called_physics"): "only a sensor fault: called physics",
@@ -59,20 +59,17 @@ def facts_of(cameras: dict[str, Any], points: dict[str, Any]) -> dict[str, Any]:
     """
     told = _told(cameras)
     # other methods were given an ideal tracker's points
-    told["sets"]["baselines"] = {**points["sets"]["baselines"], "measured_on": "followed points"}
+    others = {**points["sets"]["baselines"], "measured_on": "followed points"}
+    told["sets"] = {**told["sets"], "baselines": others}
     return {"command": COMMAND, "versions": cameras["versions"], "measured_on": "recordings through cameras", **told,
             "followed_points": _told(points)}  # fmt: skip
 
 
 def _told(result: dict[str, Any]) -> dict[str, Any]:
-    """Choose from one benchmark's file; rates of single laws are of those that the goals speak of, from SNR 2 on."""
-    sets, runs = result["sets"], result["runs"]
-    loud = {"top1": sets["recovery"]["snr_2_and_more"], "in_set": sets["recovery"]["snr_2_and_more_in_set"]}
-    single = {**loud, "least_snr": 2.0, "from_snr_1": {key: sets["single"][key] for key in loud},
-              **{key: rate for key, rate in sets["single"].items() if key not in loud}}  # fmt: skip
-    versions = [run["judged_by"] for run in runs if run["set"] != "unreachable"]
+    """Choose from one benchmark's file what tells of all its runs."""
+    versions = [run["judged_by"] for run in result["runs"] if run["set"] != "unreachable"]
     return {"seeds": result["seeds"], "judged_by": {str(v): versions.count(v) for v in sorted({*versions})},
-            "sets": {**sets, "single": single}, "confusion": confusion(runs)}  # fmt: skip
+            "sets": result["sets"], "confusion": confusion(result["runs"])}  # fmt: skip
 
 
 def main() -> None:

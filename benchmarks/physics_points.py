@@ -173,7 +173,8 @@ def _add_sindy(plan: Plan, base: EngineBase, work: Path, jobs: int) -> None:
     row = json.loads(path.read_text()) if path.is_file() else {}
     if "sindy" in row.get("baselines", {"sindy": ()}):  # or not diagnosed
         return
-    episodes = simulated(SCENE, plan.seed, EPISODES, plan.effects(library()), jobs)
+    hidden, _ = _hidden(plan, SCENE, jobs, row)  # as the run hid it: scaled to its signal
+    episodes = simulated(SCENE, plan.seed, EPISODES, hidden, jobs)
     answers = Runs(work / "jobs", jobs=jobs)([Job(episode, base) for episode in episodes])
     pairs = [(e, a.points) for e, a in zip(episodes, answers, strict=True) if a.points is not None]
     row["baselines"]["sindy"] = sindy_ranking([e for e, _ in pairs], [points for _, points in pairs])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from plop.diagnosis.candidates import BASE_COLUMNS
+from plop.diagnosis.error_size import ErrorSize
 
 _NO_GAP = 1.1
 """Error over the reference's below which there is nothing to close."""
@@ -30,14 +31,15 @@ def amplitude_error(truth: dict[str, float], found: dict[str, Any]) -> tuple[flo
     return off / length, [e["low"] is not None and e["low"] <= truth[k] <= e["high"] for k, e in fitted.items()]
 
 
-def has_gap(row: dict[str, Any]) -> bool:
-    """Tell whether the error is so far above the reference's that a share of the difference means something."""
-    return bool(row["floor"]) and row["error"] > _NO_GAP * row["floor"]
+def gap_closed(row: dict[str, Any], left: float | None) -> float | None:
+    """Give the share of the explainable gap that is closed where `left` is left.
 
-
-def gap_closed(row: dict[str, Any], left: float) -> float:
-    """Give the share of the explainable gap (error less the reference's) that is closed where `left` is left."""
-    return float((row["error"] - left) / (row["error"] - row["floor"]))
+    Returns:
+        None where `left` is not known, or the error so little above the reference's that a share means nothing.
+    """
+    if not row["floor"] or row["error"] <= _NO_GAP * row["floor"]:
+        return None
+    return ErrorSize(row["error"], row["error"], row["floor"]).closed(left)
 
 
 def closed_by_wrong_law(row: dict[str, Any]) -> float | None:
@@ -49,8 +51,7 @@ def closed_by_wrong_law(row: dict[str, Any]) -> float | None:
         None where the row does not tell its laws' gains by their names, or where there is no gap.
     """
     gains = row.get("gains")
-    if not isinstance(gains, dict) or not has_gap(row):
+    if not isinstance(gains, dict):
         return None
     wrong = [gain for name, gain in gains.items() if name not in row["hidden"] and name not in BASE_COLUMNS]
-    best = max([0.0, *wrong])
-    return gap_closed(row, row["error"] * (1 - best))
+    return gap_closed(row, row["error"] * (1 - max([0.0, *wrong])))

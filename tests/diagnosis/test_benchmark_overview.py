@@ -44,7 +44,7 @@ def test_rates_of_single_laws_are_those_that_the_goals_speak_of():
     result = {"versions": {}, "seeds": [1, 2], "sets": verdict_rates(runs), "runs": runs}
     points = result | {"sets": {**result["sets"], "baselines": {"bic_first": wilson(1, 1)}}}
     found = facts_of(result, points)
-    assert found["sets"]["single"]["top1"] == wilson(1, 1) and found["sets"]["single"]["from_snr_1"]["top1"]["n"] == 2
+    assert found["sets"]["single"]["top1"] == wilson(1, 1) and found["sets"]["single"]["from_snr_1_top1"]["n"] == 2
     assert found["confusion"]["tilt"] == {"tilt": 1, "nothing detectable": 1} and found["judged_by"] == {"30": 2}
     assert found["sets"]["baselines"]["measured_on"] == "followed points"
 

@@ -48,6 +48,7 @@ def rows() -> list[dict[str, Any]]:
 def test_rates_count_the_right_runs():
     found = summary(rows())
     assert found["single"]["top1"]["n"] == 2 and found["single"]["top1"]["rate"] == 0.5
+    assert found["single"]["from_snr_1_top1"]["n"] == 2
     assert found["single"]["all_amplitudes_top1"]["n"] == 3
     assert [found["recovery"][key]["n"] for key in ("snr_2_and_more", "snr_1_to_2", "snr_below_1")] == [2, 0, 1]
     assert found["single"]["wrong_name"]["rate"] == pytest.approx(1 / 3)
@@ -171,3 +172,20 @@ def test_what_an_earlier_version_hid_is_hidden_again(tmp_path: Path, monkeypatch
         swelling, physics_points.SCENE, 1, run("x", hidden={"swelling": {"rate_per_s": 0.03}})
     )
     assert ([(e.name, e.values) for e in effects], reached) == ([("swelling", {"rate_per_s": 0.03})], None)
+
+
+def test_other_methods_are_given_what_the_run_hid(tmp_path, monkeypatch):
+    plan = next(plan for plan in PLAN if plan.name == "snr4-swelling")
+    row = run(plan.name, set="single", hidden={"swelling": {"rate_per_s": 0.03}})
+    (tmp_path / f"{plan.name}.json").write_text(json.dumps(row))
+    given: list[dict[str, float]] = []
+
+    def noted(scene, seed, count, effects, jobs):
+        given.extend(effect.values for effect in effects)
+        return []
+
+    monkeypatch.setattr(physics_points, "simulated", noted)
+    monkeypatch.setattr(physics_points, "sindy_ranking", lambda episodes, predictions: [["swelling"]])
+    physics_points._add_sindy(plan, None, tmp_path, 1)
+    assert given == [{"rate_per_s": 0.03}]  # scaled to the run's signal, not as the plan starts from
+    assert json.loads((tmp_path / f"{plan.name}.json").read_text())["baselines"]["sindy"] == [["swelling"]]
