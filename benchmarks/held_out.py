@@ -49,7 +49,7 @@ def held_out_score(data: Path, episode: str, config: FitInitConfig) -> dict[str,
             pass
         with Recording(path) as recording:
             started = time.perf_counter()
-            score = fit_episode(recording, None, config, lambda step, figures: None).score
+            score = fit_episode(recording, None, None, config, lambda step, figures: None).score
     return {key: score[key] for key in KEPT} | {"seconds": round(time.perf_counter() - started, 1)}
 
 

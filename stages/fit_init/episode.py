@@ -18,7 +18,7 @@ from stages.fit_init.held_out import check_held_out, choose_held_out, score_view
 from stages.fit_init.inside import paper_filler, solid_filler, typical_spacing
 from stages.fit_init.optimise import Fill, Report, fit
 from stages.fit_init.shell import Surface, seed_gaussians, seen_by, surface_from_cloud, surface_from_views
-from stages.fit_init.tool_splats import tool_gaussians
+from stages.fit_init.tool_splats import ToolViews, same_tool, spread_over, tool_gaussians
 from stages.fit_init.virtual_views import virtual_views
 
 if TYPE_CHECKING:
@@ -48,11 +48,13 @@ class EpisodeFit:
     """Measured | predicted | difference of the scored views, uint8, by name."""
 
 
-def fit_episode(recording: Recording, cloud: Path | None, config: FitInitConfig, report: Report) -> EpisodeFit:
+def fit_episode(recording: Recording, training_episode: Recording | None, cloud: Path | None, config: FitInitConfig,
+                report: Report) -> EpisodeFit:  # fmt: skip
     """Fit object and tool.
 
     Args:
         recording: The episode.
+        training_episode: Episode whose later frames may be looked at too: itself, or another one with the same tool.
         cloud: Cloud to start from; depth images when absent.
         config: Settings.
         report: Told about the progress.
@@ -74,8 +76,8 @@ def fit_episode(recording: Recording, cloud: Path | None, config: FitInitConfig,
     shell, inner = fit_object(surface, training, recording.table_z_m, config, report)
     gaussians = concatenate([shell, inner])
     gaussians = gaussians.with_(ids=torch.arange(len(gaussians)))
-    tool, tool_seen = tool_gaussians(recording, [view.camera.name for view in training if view.camera.name in
-                                                 recording.camera_names], config.tool_count, config.seed)  # fmt: skip
+    tool, tool_seen = tool_gaussians(recording.tool_mesh, _tool_views(recording, training_episode, training),
+                                     config.tool_count, config.seed)  # fmt: skip
     if tool_seen == 0:
         warnings.append("no camera shows the tool: its Gaussians are grey")
     if config.filling != "none" and len(inner) == 0:
@@ -97,6 +99,17 @@ def fit_episode(recording: Recording, cloud: Path | None, config: FitInitConfig,
     }
     pictures = {f"view_{name}": picture for name, (_, picture) in scores.items()}
     return EpisodeFit(gaussians, tool, facts, pictures)
+
+
+def _tool_views(recording: Recording, training_episode: Recording | None, training: list[View]) -> list[ToolViews]:
+    """Choose what colours the tool: frame 0 of the episode, and frames of a training episode with the same tool."""
+    cameras = [view.camera.name for view in training if view.camera.name in recording.camera_names]
+    if training_episode is recording:
+        return [spread_over(recording, cameras)]
+    views = [ToolViews(recording, cameras, [0])]
+    if training_episode is not None and same_tool(recording.tool_mesh, training_episode.tool_mesh):
+        views.append(spread_over(training_episode, [name for name in training_episode.camera_names if name in cameras]))
+    return views
 
 
 def fit_object(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf
@@ -133,9 +134,13 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
     def report(step: int, figures: dict[str, float]) -> None:
         out.progress(step, max(config.steps, 1), name, **figures)
 
-    with recordings.open(name) as recording:
-        cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
-        _write_episode(out.path / name, fit_episode(recording, cloud, config, report))
+    cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
+    with ExitStack() as opened:
+        recording = opened.enter_context(recordings.open(name))
+        shown = recording if name in recordings.train else None
+        if shown is None and recordings.train:
+            shown = opened.enter_context(recordings.open(recordings.train[0]))
+        _write_episode(out.path / name, fit_episode(recording, shown, cloud, config, report))
 
 
 def _check(config: FitInitConfig) -> None:
@@ -176,7 +181,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=7,
+    version=8,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={

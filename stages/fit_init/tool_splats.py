@@ -1,6 +1,12 @@
-"""The tool as Gaussians in its own frame: evenly over its mesh, coloured by the images."""
+"""The tool as Gaussians in its own frame: evenly over its mesh, coloured by the images.
+
+Later frames of a test episode are what a rollout is scored on: they colour nothing.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -22,14 +28,37 @@ _DRAWN_IN = 0.4
 _SINGLE_GAP_M = 1e-3
 _ROUNDS = 5
 _FRAMES = 6
+_SAME_M = 1e-6
+"""Vertices closer than this are the same [m]."""
 
 
-def tool_gaussians(recording: Recording, cameras: list[str], count: int, seed: int) -> tuple[Gaussians, float]:
+@dataclass(frozen=True)
+class ToolViews:
+    """Images that colour a tool."""
+
+    recording: Recording
+    cameras: list[str]
+    frames: list[int]
+
+
+def spread_over(recording: Recording, cameras: list[str]) -> ToolViews:
+    """Take frames from the whole of a training episode: a moving tool shows more of its sides."""
+    frames = np.unique(np.linspace(0, len(recording) - 1, _FRAMES).astype(int))
+    return ToolViews(recording, cameras, frames.tolist())
+
+
+def same_tool(one: Mesh, two: Mesh) -> bool:
+    """Tell whether two recordings have the same mesh as their tool."""
+    return (one.vertices.shape == two.vertices.shape and np.array_equal(one.faces, two.faces)
+            and np.allclose(one.vertices, two.vertices, atol=_SAME_M))  # fmt: skip
+
+
+def tool_gaussians(mesh: Mesh, views: Sequence[ToolViews], count: int, seed: int) -> tuple[Gaussians, float]:
     """Sample the tool's surface and colour it from the pixels that show it.
 
     Args:
-        recording: Episode with a tool.
-        cameras: Cameras that give colours, at frames spread over the episode.
+        mesh: The tool.
+        views: What gives colours; none may be a later frame of a test episode.
         count: Number of Gaussians.
         seed: Of the sampling.
 
@@ -37,8 +66,8 @@ def tool_gaussians(recording: Recording, cameras: list[str], count: int, seed: i
         Gaussians in the tool's frame, opacity 0.99, and the share of them that a camera saw. The others
         take the colour of the nearest seen one; all are grey when none was seen.
     """
-    points, normals = sample_mesh(drawn_in(recording.tool_mesh, count), count, seed)
-    colours, seen = _colours(recording, cameras, points)
+    points, normals = sample_mesh(drawn_in(mesh, count), count, seed)
+    colours, seen = _colours(views, points)
     if seen.any():
         means, donors = torch.from_numpy(points), torch.from_numpy(np.flatnonzero(seen))
         colours = colours[donors[nearest_index(means, means[donors])].numpy()]
@@ -144,19 +173,19 @@ def _sides_apart(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return np.concatenate([points, np.ptp(points, axis=0).max() * normals], axis=1)
 
 
-def _colours(recording: Recording, cameras: list[str], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _colours(views: Sequence[ToolViews], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Average the pixels that show each point; grey where there are none. [N, 3] and bool [N]."""
     total, hits = np.zeros((len(points), 3)), np.zeros(len(points))
-    frames = np.unique(np.linspace(0, len(recording) - 1, _FRAMES).astype(int))
-    poses = recording.world_from_tool
-    for frame in frames:
-        world = transform_points(poses[frame], points)
-        for name in cameras:
-            view = recording.view(name, int(frame))
-            inside, row, column, depth = view.camera.pixels_of(world)
-            measured = view.depth_m[row, column]
-            shown = inside & view.tool_mask[row, column] & (np.abs(measured - depth) < _DEPTH_TOLERANCE_M)
-            total[shown] += view.rgb[row[shown], column[shown]] / 255
-            hits += shown
+    for source in views:
+        poses = source.recording.world_from_tool
+        for frame in source.frames:
+            world = transform_points(poses[frame], points)
+            for name in source.cameras:
+                view = source.recording.view(name, frame)
+                inside, row, column, depth = view.camera.pixels_of(world)
+                measured = view.depth_m[row, column]
+                shown = inside & view.tool_mask[row, column] & (np.abs(measured - depth) < _DEPTH_TOLERANCE_M)
+                total[shown] += view.rgb[row[shown], column[shown]] / 255
+                hits += shown
     seen = hits > 0
     return np.where(seen[:, None], total / np.maximum(hits, 1)[:, None], 0.5), seen
