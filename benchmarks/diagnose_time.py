@@ -38,7 +38,7 @@ def main() -> None:
     options = parser.parse_args()
     loop = Loop(options.work)
     loop.plop("simulate", "block.toml", "--seed", str(REFERENCE_SEED), *EPISODES, "--name", "plain")
-    loop.plop("identify", "--recordings", "plain", "--name", "base", *FINER)
+    loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
     loop.plop("simulate", "block.toml", "--seed", str(SEED), *EPISODES, "--hide", HIDDEN, "--snr", str(SNR),
               "--name", "mystery")  # fmt: skip
     loop.plop("compare", "--model", "base", "--recordings", "mystery")  # makes the tracks

@@ -70,7 +70,7 @@ class Sets(Typed):
         jelly = ("--environment", "prism-jelly")
         # 005 is left out: a fault of the recording, which no engine follows (docs/engine.md)
         self.filmed(self.data / "disect", "part", *jelly, "--episodes", "*_part_00[0-4]")
-        self.plop("identify", "--recordings", "part", "--name", "jelly-engine")
+        self.plop("identify", "--recordings", "part", "--split", "all", "--name", "jelly-engine")
         if base == "engine":
             return
         self.filmed(self.data / "disect", "jelly", *jelly)

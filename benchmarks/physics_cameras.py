@@ -108,7 +108,7 @@ class Loop(Typed):
     def base(self) -> None:
         """Film recordings without anything hidden and fit the engine to them, once."""
         self.plop("simulate", "block.toml", "--seed", "100", "--name", "plain", *self.recorded)
-        self.plop("identify", "--recordings", "plain", "--name", "base", *FINER)
+        self.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
 
     def carry_out(self, run: Run) -> dict[str, Any]:
         """Hide, diagnose and score; the answer is opened only after the verdict."""

@@ -10,7 +10,7 @@ model.json says the kind:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from plop.physics.augmented import AugmentedModel
 from plop.physics.base_io import base_from_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
+from plop.physics.effects.trust import trusted_copies
 from plop.physics.filled import EngineBase
 from plop.physics.filled_model import FilledEngineModel
 
@@ -40,7 +41,7 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsMode
         device: Where a learned model runs; the engine runs on the CPU.
 
     Raises:
-        PlopError: A file is missing, damaged or of an unknown kind.
+        PlopError: A file is missing, damaged or of an unknown kind, or a program of a stranger's.
     """
     facts = read_facts(folder)
     kind = facts.get("kind")
@@ -67,11 +68,15 @@ def device_of(model: DynamicsModel) -> torch.device:
 
 
 def effects_of(folder: Path) -> tuple[Effect, ...]:
-    """Give the effects that were added to a model, innermost first; none for a model without."""
+    """Give the effects that were added to a model, innermost first; none for a model without.
+
+    Raises:
+        UntrustedEffectError: It holds effect files that were not trusted here.
+    """
     facts = read_facts(folder)
     if facts.get("kind") != "augmented":
         return ()
-    types = library(sorted((folder / "effects").glob("*.py")))
+    types = library(trusted_copies(sorted((folder / "effects").glob("*.py"))))
     own = tuple(_effect(types, entry) for entry in facts["effects"])
     return (*effects_of(folder / "base"), *own)
 
@@ -97,6 +102,24 @@ def innermost(folder: Path) -> Path:
 def trained_on(folder: Path) -> frozenset[str]:
     """Give the names of the recordings that a model was trained on (`train` keeps their tracks); none for an engine."""
     return frozenset(path.stem for path in (innermost(folder) / "tracks").glob("*.h5"))
+
+
+def seen_by(folder: Path, names: Collection[str], recordings: Sequence[str]) -> list[str]:
+    """Give those of some episodes that an engine, or an effect added to it, was fitted to.
+
+    Args:
+        folder: The model.
+        names: Names of the episodes.
+        recordings: Content of their recordings (`recordings_content`); where nothing is known, names alone decide.
+    """
+    facts, found = read_facts(folder), set[str]()
+    for part in ("training", "fitted"):
+        told = facts.get(part, {})
+        same = set(told.get("recordings", ())) & set(recordings)
+        if same or not (told.get("recordings") and recordings):
+            found |= set(told.get("episodes", ())) & set(names)
+    below = seen_by(folder / "base", names, recordings) if facts.get("kind") == "augmented" else []
+    return sorted(found | set(below))
 
 
 def judges_of(folder: Path) -> dict[str, Path]:

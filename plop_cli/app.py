@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
         if "--debug" in given:
             raise
         console.error(error)
-        return 1
+        return main([*given, "--trust-effects"]) if _trusts(error, given) else 1
     except KeyboardInterrupt:
         code = INTERRUPTED
     except Exception as error:
@@ -82,6 +82,18 @@ def main(arguments: list[str] | None = None) -> int:
     if code == INTERRUPTED:
         console.warn("interrupted; finished pieces are kept, and the same command goes on from there")
     return code if isinstance(code, int) else 0
+
+
+def _trusts(error: PlopError, given: list[str]) -> bool:
+    """Ask whether effect files that came inside a model may run; no where nobody can answer."""
+    from plop.physics.effects.trust import UntrustedEffectError
+
+    if not isinstance(error, UntrustedEffectError) or "--json" in given:
+        return False
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    names = ", ".join(path.name for path in error.files)
+    return typer.confirm(f"Run {names} now, and whenever the same content is met again?", err=True)
 
 
 def _unexpected(console: Console, error: Exception, *, debug: bool) -> int:

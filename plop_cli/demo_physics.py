@@ -38,7 +38,7 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
         settings.write_text((importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text(encoding="utf-8"))
     steps = Steps(workspace, console, run)
     steps("simulate", "block.toml", "--seed", str(100 + seed), "--name", "plain")
-    steps("identify", "--recordings", "plain", "--name", "base")
+    steps("identify", "--recordings", "plain", "--split", "all", "--name", "base")
     steps("simulate", "block.toml", "--hide", "random", "--snr", "5", "--seed", str(200 + seed), "--name", "mystery")
     steps("compare", "--model", "base", "--recordings", "mystery")
     steps("diagnose", "--model", "base", "--recordings", "mystery", "--name", "verdict")

@@ -15,6 +15,9 @@ from typing import Any
 from plop.errors import PlopError
 from plop_cli.convert import convert
 
+SETTINGS_FILE = "plop.toml"
+"""In the workspace."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
@@ -26,6 +29,8 @@ class Setting:
     default: Any
     help: str
     """The docstring under the field: meaning and unit."""
+    names_program: bool = False
+    """It names a program to run: a workspace that came from somebody else must not choose it."""
 
 
 def settings_of(config: type) -> list[Setting]:
@@ -41,7 +46,8 @@ def settings_of(config: type) -> list[Setting]:
                 value = _dig(default, inner.key)
                 found.append(dataclasses.replace(inner, key=f"{field.name}.{inner.key}", default=value))
         else:
-            found.append(Setting(field.name, kind, default, texts.get(field.name, "")))
+            found.append(Setting(field.name, kind, default, texts.get(field.name, ""),
+                                 bool(field.metadata.get("names_program"))))  # fmt: skip
     return found
 
 
@@ -93,6 +99,10 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
         for key, value in layer.items():
             if key not in known:
                 raise unknown_key(key, known, where=source, owner=stage)
+            if known[key].names_program and source == SETTINGS_FILE:
+                raise PlopError("A settings file names a program to run.", where=f"{source}: {stage}.{key}",
+                                expected="programs named on the command line only: a workspace may be a stranger's",
+                                found=str(value), fix=f"Remove the line, and give --{key} yourself.")  # fmt: skip
             values[key] = checked(value, known[key].kind, key=f"{stage}.{key}", where=source)
     try:
         return _build(config, values)

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from plop.errors import PlopError
+from plop_cli.settings import SETTINGS_FILE as SETTINGS_FILE
 from plop_cli.settings import unknown_key
-
-SETTINGS_FILE = "plop.toml"
 
 
 def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, Any]]:

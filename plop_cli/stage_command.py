@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from plop.artifacts.fingerprint import plain
 from plop.artifacts.store import Store
+from plop.physics.effects.trust import trusting
 from plop_cli.console import Console
 from plop_cli.convert import describe
 from plop_cli.execute import execute, is_first_process, plan
@@ -44,6 +45,10 @@ COMMON: dict[str, tuple[Any, Any]] = {
     "set_": (_common(list[str] | None, "--set", help="Override a setting.", metavar="KEY=VALUE"), None),
     "dry_run": (_common(bool, "--dry-run", help="Say what would run, and run nothing."), False),
     "force": (_common(bool, "--force", help="Run although the artifact is there."), False),
+    "trust_effects": (
+        _common(bool, "--trust-effects", help="Run the effect files that came inside a model, now and later."),
+        False,
+    ),
     "quiet": (_common(bool, "--quiet", "-q", help="Print nothing but warnings and errors."), False),
     "as_json": (_common(bool, "--json", help="Print the result as JSON."), False),
     "debug": (_common(bool, "--debug", help="Show tracebacks."), False),
@@ -86,7 +91,8 @@ def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
     parameters += [_parameter(name, *option) for name, option in COMMON.items()]
 
     def command(**values: Any) -> None:
-        run_parsed(ref, stage, settings, values)
+        with trusting(values["trust_effects"]):
+            run_parsed(ref, stage, settings, values)
 
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {p.name: p.annotation for p in parameters}

@@ -37,6 +37,20 @@ def made_from(made: Manifest, name: str, own: Manifest) -> bool:
     return not known or source.get("content") == content_digest(content_files(own))
 
 
+def recordings_content(manifest: Manifest | None) -> list[str]:
+    """Give the content digests of recordings and of those they were made from (calibrated ones: as ingested).
+
+    Two sets may have episodes of the same names; sets that share a digest are the same recordings.
+
+    Args:
+        manifest: Of recordings; None gives an empty list.
+    """
+    if manifest is None:
+        return []
+    return [content_digest(content_files(manifest)), *([str(manifest.inputs["recordings"]["content"])]
+                                                       if "recordings" in manifest.inputs else [])]  # fmt: skip
+
+
 def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:
     """Give an artifact and all it comes from, as far as it is among the known ones."""
     seen: set[Key] = set()

@@ -37,7 +37,7 @@ class CameraSettings:
     """Brightness that the lamp adds, 0..1."""
     renderer: Literal["raycast", "blender"] = "raycast"
     """Who makes the colour: raycast needs nothing else, blender runs Cycles in Blender's own environment."""
-    blender: str = field(default="blender", metadata={"in_fingerprint": False})
+    blender: str = field(default="blender", metadata={"in_fingerprint": False, "names_program": True})
     """Blender's executable, or a Python that has the package bpy."""
     blender_samples: int = 16
     """Cycles samples a pixel."""

@@ -18,7 +18,8 @@ from plop.models import effects_of, engine_of, load_model
 from plop.physics.base_io import base_to_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from plop.physics.effects.trust import remember
+from stages.contract import Input, Inputs, InputSpec, Output, Stage, Summary
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,14 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     if files:
         (out.path / "effects").mkdir(exist_ok=True)
         shutil.copy(files[0], out.path / "effects" / Path(files[0]).name)
+        remember(out.path / "effects" / Path(files[0]).name)
     base = inputs["model"].manifest
     facts = {
         "schema": MODEL_SCHEMA, "kind": "augmented", "engine": base_to_dict(engine),
         "effects": [{"effect": name, "parameters": parameters}],
         "base": {"stage": base.stage, "fingerprint": base.fingerprint} if base else {},
         "training": read_facts(folder).get("training", {}),
+        **({} if config.value or not diagnosis else {"fitted": _fitted_to(inputs["diagnosis"], diagnosis)}),
     }  # fmt: skip
     write_json(out.path / "model.json", facts)
     load_model(out.path)
@@ -85,6 +88,12 @@ def check(config: AugmentConfig, given: Mapping[str, str | Path]) -> None:
     types = library([given["effect_file"]] if "effect_file" in given else [])
     if config.effect and not config.remove:
         effect_type(config.effect, types)(**values)
+
+
+def _fitted_to(given: Input, diagnosis: dict[str, Any]) -> dict[str, Any]:
+    """Tell which episodes an effect was fitted to: nothing that is taught by it may be tested on them."""
+    source = given.manifest.inputs.get("recordings", {}) if given.manifest else {}
+    return {"episodes": diagnosis.get("episodes", []), "recordings": [source["content"]] if "content" in source else []}
 
 
 def _check_present(effect: Effect) -> None:
@@ -179,7 +188,7 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
 
 STAGE = Stage(
     name="augment",
-    version=4,
+    version=5,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

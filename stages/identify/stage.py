@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.lineage import recordings_content
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
@@ -60,8 +61,9 @@ class IdentifyConfig:
     """Distance of the particles [m]; 0 chooses about 1300 of them."""
     iterations: int = 5
     """Most Gauss-Newton steps."""
-    split: str = "all"
-    """Episodes: "train", "test" or "all"."""
+    split: str = "train"
+    """Episodes: "train", "test" or "all". What is fitted to test episodes cannot be scored on them; "all" is for a
+    model that is only scored on other recordings."""
     seed: int = 0
     """Chooses the points that are followed."""
     jobs: int = field(default=-1, metadata={"in_fingerprint": False})
@@ -95,6 +97,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
              "estimates": {name: _estimate(e) for name, e in found.estimates.items()},
              "training": {"environment": recordings.environment, "size_m": size_m(episodes).tolist(),
                           "episodes": [e.name for e in episodes],
+                          "recordings": recordings_content(inputs["recordings"].manifest),
                           "rms_before_mm": 1000 * found.rms_before_m, "rms_after_mm": 1000 * found.rms_after_m,
                           "engine_runs": found.rollouts}}  # fmt: skip
     write_json(out.path / "model.json", facts)
@@ -128,7 +131,7 @@ def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
     if not _names(recordings, config):
         raise PlopError("There is no episode to fit the engine to.", where=recordings.folder,
                         expected=f"an episode of split {config.split}", found="none",
-                        fix="Change --split.")  # fmt: skip
+                        fix="Change --split: \"all\" takes every episode.")  # fmt: skip
 
 
 def _names(recordings: RecordingSet, config: IdentifyConfig) -> list[str]:
@@ -172,7 +175,7 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=7,
+    version=8,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={

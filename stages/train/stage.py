@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.lineage import recordings_content
 from plop.artifacts.whole_file import write_json
 from plop.determinism import deterministic
 from plop.device import chosen_device
@@ -29,7 +30,7 @@ from plop.dynamics.model import PlopConfig
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
-from plop.models import FOLDS
+from plop.models import FOLDS, seen_by
 from plop.physics.varied_motion import VariationRanges
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import every_piece
@@ -60,12 +61,14 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
         Figures of the tracks and of the chosen weights.
 
     Raises:
-        PlopError: No training episode, one without fitted Gaussians, or an engine that is none or of another object.
+        PlopError: No training episode, one without fitted Gaussians, or an engine that is none, of another object, or
+            fitted to test episodes.
     """
     check_settings(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     if "engine" in inputs:
         engine_model(inputs["engine"].path)
+        _check_engine_is_clean(inputs["engine"].path, recordings, recordings_content(inputs["recordings"].manifest))
         check_same_object(inputs["engine"].path, recordings.environment, [],
                           fix="Give the engine that was fitted to these recordings.")  # fmt: skip
     if not recordings.train:
@@ -82,6 +85,20 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
             _make_up(recordings, inputs, config, out)
         processes.wait()
         return _train_on_tracks(recordings, inputs, config, out)
+
+
+def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list[str]) -> None:
+    """Refuse an engine that was fitted to test episodes, or has an effect that was: the network would learn from them.
+
+    Raises:
+        PlopError: It was; says how to fit one that was not.
+    """
+    seen = seen_by(engine, recordings.test, content)
+    if seen:
+        raise PlopError("The engine was fitted to episodes that are for testing.", where=engine / "model.json",
+                        expected="an engine fitted to training episodes only", found=", ".join(seen),
+                        fix="Fit one to them: `plop identify --split train --name clean`, then "
+                            "`plop train --engine clean`.")  # fmt: skip
 
 
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:

@@ -36,7 +36,8 @@ def test_the_fit_is_no_worse_and_the_model_can_be_loaded(inputs, tmp_path):
     np.testing.assert_allclose(facts["training"]["size_m"], [0.06, 0.05, 0.04], rtol=0.05)
     found = facts["estimates"]["youngs_modulus_pa"]["value"]
     assert summary.figures["rms_after_mm"] <= summary.figures["rms_before_mm"]
-    assert summary.table[0]["parameter"] == "youngs_modulus_pa" and summary.figures["episodes"] == 2
+    assert summary.table[0]["parameter"] == "youngs_modulus_pa"
+    assert facts["training"]["episodes"] == RecordingSet.load(inputs["recordings"].path).train, "no test episode"
     model = load_model(tmp_path)
     assert isinstance(model, FilledEngineModel) and model.base.material.youngs_modulus_pa == pytest.approx(found)
 

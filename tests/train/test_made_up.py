@@ -154,6 +154,46 @@ def test_an_engine_of_another_object_is_refused(inputs, tmp_path):
     assert not list((tmp_path / "out").iterdir())
 
 
+def fitted_engine(folder, episodes, recordings=(), effect_episodes=None):
+    """An engine whose model.json tells what it was fitted to; with an added effect that was fitted, too."""
+    given = write_engine(folder / "base" if effect_episodes else folder, "block")
+    facts = json.loads((given.path / "model.json").read_text())
+    facts["training"] |= {"episodes": episodes, "recordings": list(recordings)}
+    (given.path / "model.json").write_text(json.dumps(facts))
+    if not effect_episodes:
+        return given
+    effect = {"effect": "tilt", "parameters": {"gx_m_s2": {"value": 0.5}}}
+    facts |= {"kind": "augmented", "effects": [effect], "fitted": {"episodes": effect_episodes, "recordings": []}}
+    (folder / "model.json").write_text(json.dumps(facts))
+    return Input(folder)
+
+
+@pytest.mark.parametrize("more", [{"episodes": ["episode_0", "episode_2"]},
+                                  {"episodes": ["episode_0"], "effect_episodes": ["episode_2"]}])  # fmt: skip
+def test_an_engine_that_has_seen_test_episodes_is_refused_before_anything_is_tracked(inputs, tmp_path, more):
+    (tmp_path / "out").mkdir()
+    with pytest.raises(PlopError, match="episodes that are for testing") as caught:
+        run({**inputs, "engine": fitted_engine(tmp_path / "engine", **more)}, QUICK, Output(tmp_path / "out"))
+    assert caught.value.found == "episode_2" and "plop identify --split train" in caught.value.fix
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_recordings_are_told_apart_by_content_not_by_the_names_of_their_episodes(inputs, tmp_path):
+    from plop.artifacts.lineage import recordings_content
+    from plop.artifacts.manifest import Manifest
+
+    ingested = Manifest("ingest", "a" * 16, 1, {}, {}, files={"episodes/episode_0.h5": "1" * 64})
+    content = recordings_content(ingested)
+    calibrated = Manifest("calibrate", "b" * 16, 1, {}, {"recordings": {"content": content[0]}}, files={"x": "2" * 64})
+    own = replace(inputs["recordings"], manifest=calibrated)
+    (tmp_path / "out").mkdir()
+    with pytest.raises(PlopError, match="episodes that are for testing"):
+        run({**inputs, "recordings": own, "engine": fitted_engine(tmp_path / "same", ["episode_2"], content)}, QUICK,
+            Output(tmp_path / "out"))  # fmt: skip
+    other = fitted_engine(tmp_path / "other", ["episode_2"], ["3" * 64])
+    assert run({**inputs, "recordings": own, "engine": other}, QUICK, Output(tmp_path / "out")).figures
+
+
 @pytest.mark.parametrize("setting", [{"made_up": -1}, {"made_up_speed": 0.5}, {"made_up_turn_deg": 200.0}])
 def test_settings_out_of_range_are_refused(inputs, tmp_path, setting):
     with pytest.raises(PlopError, match=next(iter(setting))):
