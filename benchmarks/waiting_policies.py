@@ -1,4 +1,4 @@
-"""A step of the model under three ways of waiting, quiet and beside a busy core: `python -m benchmarks.waiting_policies`.
+"""A step of the model under ways of waiting, quiet and beside a busy core: `python -m benchmarks.waiting_policies`.
 
 Each way is measured in processes of its own, in turn, since OpenMP reads its environment once.
 """
