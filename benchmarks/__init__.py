@@ -1,1 +1,3 @@
-"""Speed, measured by hand and by `make bench`; never a timed test."""
+"""Measurements, run by hand."""
+
+import plop as plop  # before torch: it says how torch's threads wait

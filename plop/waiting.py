@@ -1,0 +1,28 @@
+"""How threads wait for one another: spinning for as long as falling asleep costs, and no longer.
+
+Between two parallel sections the threads of GNU OpenMP, which torch uses, spin for up to 15 ms before they sleep.
+Where another program keeps a core busy, a thread that spins holds the core that the thread it waits for needs, and each
+of the hundreds of sections of a step costs a time slice of the scheduler. Who never spins pays for falling asleep and
+waking up in each section. Spinning for about as long as that costs loses at most as much again, whatever happens
+(Karlin et al., Empirical studies of competitive spinning, 1991). docs/speed.md has the three beside each other.
+
+An OpenMP library reads its environment when it is loaded, so this has to happen before torch is imported: `plop` does
+it when it is imported itself, in every command and every worker process. A program that imports torch first sets the
+variables on its own.
+"""
+
+from __future__ import annotations
+
+import os
+
+POLICY = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")
+"""Names in the environment that say how OpenMP threads wait: the standard's, GNU's (turns of a loop), LLVM's and
+Intel's [ms]."""
+SPIN = {"GOMP_SPINCOUNT": "1000", "KMP_BLOCKTIME": "1"}
+"""A turn is a pause of the processor, 140 cycles on recent ones of Intel: 1,000 are about 50 us, a wake-up's time."""
+
+
+def wait_briefly() -> None:
+    """Let OpenMP threads of this process and of those it starts spin briefly; what the user has set stays."""
+    if not any(name in os.environ for name in POLICY):
+        os.environ.update(SPIN)
