@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import imageio.v3 as iio
 import numpy as np
+from PIL import Image
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
@@ -121,7 +121,8 @@ class BlenderRenderer:
     def recolour(self, view: MeshView, frame: int, camera: Camera) -> MeshView:
         """Give a ray-cast view Blender's colour; depth and labels stay."""
         name = f"{frame:04d}_{self._index[camera.name]:02d}.png"
-        return MeshView(iio.imread(Path(self._folder.name) / name)[..., :3], view.depth_m, view.mask)
+        with Image.open(Path(self._folder.name) / name) as picture:
+            return MeshView(np.asarray(picture.convert("RGB")), view.depth_m, view.mask)
 
 
 def _write_scene(
