@@ -13,7 +13,7 @@ TORCH_FLAGS ?=
 UV ?= $(shell command -v uv 2>/dev/null)
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-PIP := $(BIN)/python -m pip install -q --no-compile --disable-pip-version-check --no-warn-conflicts
+PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check --no-warn-conflicts
 # uv, where it is there, is faster and takes torch's CPU build by itself (pyproject.toml); it does not read pip's
 # configuration, so that pip is asked when uv cannot find something. `make setup UV=` goes without it.
 install = $(if $(UV),$(UV) pip install -q --python $(BIN)/python $(1) ||) $(PIP) $(1)

@@ -121,8 +121,13 @@ class BlenderRenderer:
     def recolour(self, view: MeshView, frame: int, camera: Camera) -> MeshView:
         """Give a ray-cast view Blender's colour; depth and labels stay."""
         name = f"{frame:04d}_{self._index[camera.name]:02d}.png"
-        with Image.open(Path(self._folder.name) / name) as picture:
-            return MeshView(np.asarray(picture.convert("RGB")), view.depth_m, view.mask)
+        return MeshView(read_picture(Path(self._folder.name) / name), view.depth_m, view.mask)
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """Read a PNG of Blender's, without its alpha, as uint8, shape [H, W, 3]."""
+    with Image.open(path) as picture:
+        return np.asarray(picture)[..., :3]
 
 
 def _write_scene(
