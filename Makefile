@@ -10,6 +10,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PROFILE ?= cpu
 TORCH_FLAGS ?=
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 8 ? n : 8)))
 UV ?= $(shell command -v uv 2>/dev/null)
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
@@ -47,11 +48,11 @@ demo: setup
 demo-physics: setup
 	$(BIN)/plop demo-physics -w demo-physics
 
-# one process a core, each with one thread; a file's tests stay together, for its fixtures are made once
+# one process a core, each with one thread; a file's tests stay together, since its fixtures are made once
 test: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --durations 20
+	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n $(WORKERS) --dist loadfile --durations 20
 
 bench: setup
 	$(BIN)/python -m benchmarks
