@@ -9,38 +9,38 @@
 PYTHON ?= python3
 VENV ?= .venv
 PROFILE ?= cpu
+# torch's build: cpu, auto (what fits this machine's GPU), cu128, ...; TORCH_FLAGS="--index-url ..." takes it from an index of your own
+TORCH ?= cpu
 TORCH_FLAGS ?=
 WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 8 ? n : 8)))
 UV ?= $(shell command -v uv 2>/dev/null)
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check --no-warn-conflicts
-# uv, where it is there, is faster and takes torch's CPU build by itself (pyproject.toml); it does not read pip's
-# configuration, so that pip is asked when uv cannot find something. `make setup UV=` goes without it.
-install = $(if $(UV),$(UV) pip install -q --python $(BIN)/python $(1) ||) $(PIP) $(1)
+, := ,
+PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check -c constraints.txt
+# uv, where it is there, is faster; it does not read pip's configuration, so that pip is asked when uv finds something missing
+install = $(if $(UV),$(UV) pip install -q --python $(BIN)/python -c constraints.txt $(1) || { echo "uv could not: asking pip"; $(PIP) $(1); },$(PIP) $(1))
 
 .PHONY: setup demo demo-physics test bench bench-physics reproduce clean
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt scripts/check_machine.py plop/system_libraries.py
+$(STAMP): pyproject.toml constraints.txt scripts/check_machine.py scripts/install_torch.sh plop/system_libraries.py
 	@$(PYTHON) scripts/check_machine.py
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing torch and the rest into $(VENV) (about a minute the first time)"
-	@$(if $(TORCH_FLAGS),$(PIP) $(TORCH_FLAGS) -c constraints.txt torch)
-	@$(call install,-c constraints.txt -e .)
+	@$(if $(TORCH_FLAGS),$(PIP) $(TORCH_FLAGS) torch,scripts/install_torch.sh $(BIN)/python $(TORCH))
+	@$(call install,-e .)
 	@touch $@
 
 $(STAMP)-dev: $(STAMP)
 	@echo "installing what the tests need"
-	@$(call install,-c constraints.txt -e ".[dev$(,)disect]")
+	@$(call install,-e ".[dev$(,)disect]")
 	@touch $@
 
 $(STAMP)-disect: $(STAMP)
-	@$(call install,-c constraints.txt -e ".[disect]")
+	@$(call install,-e ".[disect]")
 	@touch $@
-
-, := ,
 
 demo: setup
 	$(BIN)/plop demo -w demo
@@ -58,7 +58,7 @@ bench: setup
 	$(BIN)/python -m benchmarks
 
 bench-physics: setup
-	@$(call install,-c constraints.txt -e ".[bench]")
+	@$(call install,-e ".[bench]")
 	$(BIN)/python -m benchmarks.physics_cameras --minutes 150
 	$(BIN)/python -m benchmarks.physics_points --minutes 90
 	$(BIN)/python -m benchmarks.physics_overview

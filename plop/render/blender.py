@@ -127,7 +127,7 @@ class BlenderRenderer:
 def read_picture(path: Path) -> np.ndarray:
     """Read a PNG of Blender's, without its alpha, as uint8, shape [H, W, 3]."""
     with Image.open(path) as picture:
-        return np.asarray(picture)[..., :3]
+        return np.array(picture)[..., :3]
 
 
 def _write_scene(
