@@ -4,28 +4,42 @@
 # make test        what CI runs: style, types, tests
 # make bench       speed; writes docs/results/bench.json
 # make reproduce DATA=<folder> PROFILE=cpu|cpu-recordings|paper    the nine DiSECt environments, from raw recordings to the table
-# make setup       everything the others need; they call it
-# make system-libs the system libraries, on Debian and Ubuntu, as root
+# make setup       everything `make demo` needs; the others add what they need themselves
 
 PYTHON ?= python3
 VENV ?= .venv
 PROFILE ?= cpu
+# torch's build: cpu, auto (what fits this machine's GPU), cu128, ...; TORCH_FLAGS="--index-url ..." takes it from an index of your own
+TORCH ?= cpu
 TORCH_FLAGS ?=
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 8 ? n : 8)))
+UV ?= $(shell command -v uv 2>/dev/null)
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
-SYSTEM_LIBS := libusb-1.0-0 libx11-6 libgl1 libegl1 libgomp1
+, := ,
+PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check -c constraints.txt
+# uv, where it is there, is faster; it does not read pip's configuration, so that pip is asked when uv finds something missing
+install = $(if $(UV),$(UV) pip install -q --python $(BIN)/python -c constraints.txt $(1) || { echo "uv could not: asking pip"; $(PIP) $(1); },$(PIP) $(1))
 
-.PHONY: setup demo demo-physics test bench bench-physics reproduce system-libs clean
+.PHONY: setup demo demo-physics test bench bench-physics reproduce clean
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt scripts/check_machine.py
+$(STAMP): pyproject.toml constraints.txt scripts/check_machine.py scripts/install_torch.sh plop/system_libraries.py
 	@$(PYTHON) scripts/check_machine.py
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing torch, then everything else (some minutes the first time)"
-	@$(PIP) $(TORCH_FLAGS) -c constraints.txt torch
-	@$(PIP) -c constraints.txt -e ".[dev,disect]"
+	@echo "installing torch and the rest into $(VENV) (about a minute the first time)"
+	@$(if $(TORCH_FLAGS),$(PIP) $(TORCH_FLAGS) torch,scripts/install_torch.sh $(BIN)/python $(TORCH))
+	@$(call install,-e .)
+	@touch $@
+
+$(STAMP)-dev: $(STAMP)
+	@echo "installing what the tests need"
+	@$(call install,-e ".[dev$(,)disect]")
+	@touch $@
+
+$(STAMP)-disect: $(STAMP)
+	@$(call install,-e ".[disect]")
 	@touch $@
 
 demo: setup
@@ -34,27 +48,24 @@ demo: setup
 demo-physics: setup
 	$(BIN)/plop demo-physics -w demo-physics
 
-test: setup
+# one process a core, each with one thread; a file's tests stay together, since its fixtures are made once
+test: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	OMP_NUM_THREADS=1 $(BIN)/pytest -q
+	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n $(WORKERS) --dist loadfile --durations 20
 
 bench: setup
 	$(BIN)/python -m benchmarks
 
 bench-physics: setup
-	@$(PIP) -c constraints.txt -e ".[bench]"
+	@$(call install,-e ".[bench]")
 	$(BIN)/python -m benchmarks.physics_cameras --minutes 150
 	$(BIN)/python -m benchmarks.physics_points --minutes 90
 	$(BIN)/python -m benchmarks.physics_overview
 
-reproduce: setup
+reproduce: $(STAMP)-disect
 	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|cpu-recordings|paper" >&2; exit 2; }
 	$(BIN)/plop reproduce "$(DATA)" --profile $(PROFILE) -w reproduce
-
-system-libs:
-	apt-get update -qq
-	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(SYSTEM_LIBS)
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from importlib import metadata
+from typing import Annotated
 
 import typer
 
 from plop.errors import PlopError
 from plop.freed_memory import keep_freed_memory
 from plop_cli.commands import add_commands
+from plop_cli.completion import completed_by
 from plop_cli.console import Console
 from plop_cli.help_option import HELP
 from stages import PIPELINE, StageRef
@@ -18,7 +21,6 @@ app = typer.Typer(
     help="Recordings of a robot cutting a soft object in; a learned, scored dynamics model out, "
     "and the name of the physics that it misses.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     context_settings=HELP,
@@ -41,8 +43,27 @@ def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
 
         run_stage_command(ref, list(context.args))
 
-    owner.command(name, help=ref.help, context_settings=PASS_ON, rich_help_panel=STAGES,
+    def inner() -> typer.Typer:
+        from plop_cli.stage_command import stage_app
+
+        return stage_app(ref)
+
+    owner.command(name, cls=completed_by(inner), help=ref.help, context_settings=PASS_ON, rich_help_panel=STAGES,
                   add_help_option=False)(command)  # fmt: skip
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"plop {metadata.version('plop')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _front(
+    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True,
+                                          help="Print the version.")] = False,
+) -> None:  # fmt: skip
+    pass
 
 
 def _ingest(context: typer.Context) -> None:
@@ -54,7 +75,8 @@ def _ingest(context: typer.Context) -> None:
 for _ref in PIPELINE:
     if _ref.name == "ingest":
         if not ingest.registered_commands:  # the first of them says where the group stands in the list
-            app.command("ingest", context_settings=PASS_ON, add_help_option=False, rich_help_panel=STAGES)(_ingest)
+            app.command("ingest", cls=completed_by(lambda: ingest, group=True), context_settings=PASS_ON,
+                        add_help_option=False, rich_help_panel=STAGES)(_ingest)  # fmt: skip
         _add(ingest, _ref.command.split()[1], _ref)
     else:
         _add(app, _ref.command, _ref)

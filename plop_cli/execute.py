@@ -232,7 +232,7 @@ def _portable(path: Path, workspace: Path) -> str:
 def versions() -> dict[str, str]:
     """Give the versions of what computes: Python and the main packages, without importing them."""
     found = {"python": platform.python_version()}
-    for package in ("plop", "numpy", "torch", "numba", "open3d"):
+    for package in ("plop", "numpy", "torch", "numba", "open3d", "open3d-cpu"):
         try:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:

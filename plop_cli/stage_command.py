@@ -62,13 +62,18 @@ PLAIN = {int: "<int>", float: "<float>"}
 
 def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
     """Import a stage, parse its arguments, run it and report."""
+    code = stage_app(ref)(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
+    raise typer.Exit(code if isinstance(code, int) else 0)
+
+
+def stage_app(ref: StageRef) -> typer.Typer:
+    """Import a stage and make the app that parses its arguments."""
     stage = ref.load()
     app = typer.Typer(
         add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False, context_settings=HELP
     )
     app.command(help=escape(stage.help))(stage_function(ref, stage))
-    code = app(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
-    raise typer.Exit(code if isinstance(code, int) else 0)
+    return app
 
 
 def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:

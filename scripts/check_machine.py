@@ -1,51 +1,73 @@
-"""Check what `make setup` needs before it installs anything; plain Python, any version.
+"""Check what `make setup` needs before it installs anything, and install what is missing of the system.
+
+Plain Python, any version. On Debian and Ubuntu missing packages are installed with apt-get: as root, or through a sudo
+that asks for no password. Without either, the one command is named and the exit code is 1.
 
 Usage: python3 scripts/check_machine.py
 """
 
-import ctypes
 import importlib.util
+import os
+import shutil
+import subprocess
 import sys
 
-LIBRARIES = {
-    "libusb-1.0.so.0": "libusb-1.0-0",
-    "libX11.so.6": "libx11-6",
-    "libGL.so.1": "libgl1",
-    "libEGL.so.1": "libegl1",
-    "libgomp.so.1": "libgomp1",
-}
+LIBRARIES = os.path.join(os.path.dirname(os.path.abspath(__file__)), os.pardir, "plop", "system_libraries.py")
+_spec = importlib.util.spec_from_file_location("system_libraries", LIBRARIES)
+libraries = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(libraries)  # by its path: `import plop` would ask for a Python that may not be there
 
 
-def missing_packages():
-    """Give the Debian packages whose library cannot be loaded."""
-    found = []
-    for library, package in sorted(LIBRARIES.items()):
-        try:
-            ctypes.CDLL(library)
-        except OSError:
-            found.append(package)
+def needed_packages():
+    """Give the Debian packages that are missing: libraries, and venv, which Debian splits from Python."""
+    found = libraries.missing_packages()
+    if importlib.util.find_spec("venv") is None or importlib.util.find_spec("ensurepip") is None:
+        found.append("python{}.{}-venv".format(*sys.version_info[:2]))
     return found
+
+
+def root_prefix():
+    """Give what comes before a command to run it as root without a question; None when there is no way."""
+    if not shutil.which("apt-get"):
+        return None
+    if os.geteuid() == 0:
+        return []
+    sudo = shutil.which("sudo")
+    if sudo and subprocess.call([sudo, "-n", "true"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) == 0:
+        return [sudo, "-n"]
+    return None
+
+
+def install(packages, prefix):
+    """Install packages; give what apt-get said when it failed, else ''."""
+    how = "with sudo" if prefix else "as root"
+    sys.stdout.write("installing system packages ({}): {}\n".format(how, " ".join(packages)))
+    sys.stdout.flush()
+    apt = prefix + ["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]
+    # a source that cannot be reached fails the update but not what the others hold
+    subprocess.call(apt + ["update", "-qq"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    words = apt + libraries.install_command(packages).split()[1:] + ["-qq"]
+    done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    said = done.stdout.decode(errors="replace").strip().splitlines()
+    return (said[-1] if said else "exit code {}".format(done.returncode)) if done.returncode else ""
 
 
 def problems():
-    """List what is missing, each with its remedy."""
-    found = []
+    """List what is missing after all that could be done, each with its remedy."""
     if sys.version_info < (3, 11):
-        found.append(
-            "Python 3.11 or newer is needed, this is {}.{}: make PYTHON=/path/to/python3.11 setup".format(
-                *sys.version_info[:2]
-            )
-        )
-    if importlib.util.find_spec("venv") is None or importlib.util.find_spec("ensurepip") is None:
-        found.append("Python's venv module is missing: apt-get install -y python3-venv")
-    packages = missing_packages() if sys.platform.startswith("linux") else []
-    if packages:
-        found.append(
-            "system libraries are missing: apt-get install -y {}   (as root; or: make system-libs)".format(
-                " ".join(packages)
-            )
-        )
-    return found
+        here = "{}.{}".format(*sys.version_info[:2])
+        return ["Python 3.11 or newer is needed, this is {}: make PYTHON=/path/to/python3.11 setup".format(here)]
+    packages, said = needed_packages(), ""
+    prefix = root_prefix() if packages else None
+    if prefix is not None:
+        said = install(packages, prefix)
+        importlib.invalidate_caches()
+        packages = needed_packages()
+    if not packages:
+        return []
+    why = " ({})".format(said) if said else ""
+    command = libraries.install_command(packages)
+    return ["system packages are missing{}. On Debian and Ubuntu, as root: {}".format(why, command)]
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.pointcloud import PointCloud
+from plop.lazy_open3d import o3d
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Convention: images in [0, 1] are mapped to [-1, 1]; a shorter side below 64 px is enlarged
 to 64 px (bilinear), because deep layers see nothing of a small crop. The network stacks are
 written here in plain torch. The head weights come from the installed `lpips` or
-`torchmetrics` package; the ImageNet backbone is a file the user provides. Without either the
+`torchmetrics` package (extra `lpips`); the ImageNet backbone is a file the user provides. Without either the
 score is unavailable, with the reason, and never a number.
 """
 
@@ -27,6 +27,7 @@ Backbone = Literal["alex", "vgg"]
 BACKBONE_FILES: dict[Backbone, str] = {"alex": "alexnet-owt-7be5be79.pth", "vgg": "vgg16-397923af.pth"}
 """File names under which torch's model hub keeps the backbones."""
 
+_NO_HEADS = "no package that holds the head weights is installed (pip install torchmetrics)"
 _MIN_SIDE_PX = 64
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
 _VGG_PLAN = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
@@ -129,10 +130,11 @@ def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | 
         if backbone_file:
             raise PlopError("There is no LPIPS backbone at this path.", where=path, expected=BACKBONE_FILES[backbone],
                             found="no file", fix="Correct the path, or leave it empty.")  # fmt: skip
-        return Unavailable(f"no backbone file {path.name} in torch's hub folder")
+        also = "" if _head_file(backbone) else f", and {_NO_HEADS}"
+        return Unavailable(f"no backbone file {path.name} in torch's hub folder{also}")
     heads = _head_file(backbone)
     if heads is None:
-        return Unavailable("neither the package lpips nor torchmetrics, which hold the head weights, is installed")
+        return Unavailable(_NO_HEADS)
     weights = _tensors(path, backbone, f"Get {BACKBONE_FILES[backbone]} again.")
     head_weights = _tensors(heads, backbone, "Install the package that holds it again.")
     try:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from plop.errors import PlopError
+from plop.lazy_open3d import o3d
 
 _LEAST_SHARE = 0.04
 """Particles with a smaller share of a cell are left out; their neighbours take the volume."""

@@ -162,7 +162,7 @@ def _read_usd(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     except ImportError as error:
         raise PlopError("Reading USD files needs usd-core, which is not installed.", where=path,
                         expected="the package usd-core", found=str(error),
-                        fix='In the folder of plop: pip install -e ".[disect]"') from error  # fmt: skip
+                        fix="pip install usd-core") from error  # fmt: skip
     damaged = PlopError("The USD file is missing or damaged.", where=path, expected="a complete USD file",
                         found=f"{path.stat().st_size} bytes" if path.is_file() else "no file",
                         fix=_COPY_AGAIN)  # fmt: skip

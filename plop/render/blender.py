@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import imageio.v3 as iio
 import numpy as np
+from PIL import Image
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
@@ -121,7 +121,13 @@ class BlenderRenderer:
     def recolour(self, view: MeshView, frame: int, camera: Camera) -> MeshView:
         """Give a ray-cast view Blender's colour; depth and labels stay."""
         name = f"{frame:04d}_{self._index[camera.name]:02d}.png"
-        return MeshView(iio.imread(Path(self._folder.name) / name)[..., :3], view.depth_m, view.mask)
+        return MeshView(read_picture(Path(self._folder.name) / name), view.depth_m, view.mask)
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """Read a PNG of Blender's, without its alpha, as uint8, shape [H, W, 3]."""
+    with Image.open(path) as picture:
+        return np.array(picture)[..., :3]
 
 
 def _write_scene(

@@ -14,10 +14,10 @@ from functools import cache
 
 import cv2
 import numpy as np
-import open3d as o3d
 
 from plop.geometry.cameras import Camera
 from plop.geometry.rigid import invert_rigid, transform_points
+from plop.lazy_open3d import o3d
 from plop.recordings.recording import MaskLabel
 from plop.render.silhouette import coverage
 from plop.sensors.parameters import ABSENT, COUNT, SLICES

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import transform_points
+from plop.lazy_open3d import o3d
 from plop.recordings.recording import Mesh, Recording, View
 
 MAX_FRAMES = 26

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import open3d as o3d
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.depth_planes import PixelPlanes, pixel_planes
+from plop.lazy_open3d import o3d
 from plop.recordings.recording import MaskLabel, View
 from plop.render.rays import pixel_rays, window
 from stages.fit_init.shell import carved

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 
 from plop.errors import PlopError
 from plop.geometry.rigid import invert_rigid, transform_points
 from plop.geometry.tool_reach import check_tool_reach
+from plop.lazy_open3d import o3d
 from plop.recordings.mesh_sequence import MeshSequence
 from stages.ingest.untouched import untouched
 

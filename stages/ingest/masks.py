@@ -8,11 +8,11 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-import open3d as o3d
 from scipy.spatial import cKDTree
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
+from plop.lazy_open3d import o3d
 from plop.recordings.recording import MaskLabel, Mesh
 from stages.ingest.depth_points import world_points
 

@@ -1,10 +1,11 @@
-"""The log of a training: log.jsonl (one JSON object a step) and TensorBoard.
+"""The log of a training: log.jsonl (one JSON object a step), and the same for TensorBoard where that is installed.
 
 After a stop, what was logged beyond the checkpoint is dropped, so that no step stands there twice.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,17 +35,16 @@ class Journal:
         if not enabled:
             yield cls(None, None)
             return
-        from torch.utils.tensorboard import SummaryWriter
-
         path = folder / "log.jsonl"
         kept = [line for line in _lines(path) if line["step"] < from_step]
         write_text(path, "".join(json.dumps(line) + "\n" for line in kept))
-        board = SummaryWriter(str(folder / "tensorboard"), purge_step=from_step)
+        board = _board(folder, from_step)
         with path.open("a", buffering=1) as file:
             try:
                 yield cls(file, board)
             finally:
-                board.close()
+                if board is not None:
+                    board.close()
 
     def write(self, step: int, loss: float, terms: dict[str, float]) -> None:
         """Log one step: the loss, its terms, counts of Gaussians, splits and merges a frame."""
@@ -52,9 +52,20 @@ class Journal:
             return
         rounded = {name: float(f"{value:.6g}") for name, value in terms.items()}
         self._file.write(json.dumps({"step": step, "loss": float(f"{loss:.6g}"), **rounded}) + "\n")
+        if self._board is None:
+            return
         self._board.add_scalar("loss", loss, step)
         for name, value in terms.items():
             self._board.add_scalar(name, value, step)
+
+
+def _board(folder: Path, from_step: int) -> Any:
+    """Open TensorBoard's writer; None where the package is not installed (extra `tensorboard`)."""
+    if importlib.util.find_spec("tensorboard") is None:
+        return None
+    from torch.utils.tensorboard import SummaryWriter
+
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=from_step)
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:
