@@ -176,7 +176,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=7,
+    version=8,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={
