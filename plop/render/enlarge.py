@@ -22,7 +22,7 @@ _LEAST_SIDE = 0.75
 """Shorter side of a part, as a share of the longer, where the image allows: a strip is hard to look at."""
 _LEAST_PX = 24
 """Least side of a part [px of the recording], where the image allows: a few pixels enlarged show nothing around."""
-_SMOOTH_PX, _THIN_PX = 1.3, 0.7
+_SMOOTH_PX, _THIN_PX = 1.3, 0.45
 """Smoothing of outlines [px of the recording]: the first takes the steps of pixels away; with the second, for what is
 one pixel thin, a line of one pixel is left."""
 
