@@ -111,7 +111,8 @@ def disturbed_render(
 
 
 def _renderer(sequence: MeshSequence, cameras: list[Camera], settings: CameraSettings, stack: ExitStack) -> Render:
-    texture = SolidTexture.from_seed(seed_from(sequence.environment, settings.seed))
+    seed = seed_from(sequence.environment, settings.seed)
+    texture = SolidTexture.dough(seed) if settings.texture == "dough" else SolidTexture.from_seed(seed)
     look = Look(texture, Light(settings.ambient, settings.directional))
     if settings.renderer == "raycast":
         return MeshRenderer(sequence, look, supersample=settings.supersample).render

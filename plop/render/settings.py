@@ -7,6 +7,7 @@ from typing import Literal
 
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
+from plop.render.texture import TEXTURES
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,9 @@ class CameraSettings:
     """Brightness without the lamp, 0..1."""
     directional: float = 0.25
     """Brightness that the lamp adds, 0..1."""
+    texture: Literal["waves", "dough"] = "waves"
+    """What the object looks like: waves of strong colours, which the published results were recorded with, or dough,
+    marbled in one warm colour, for people."""
     renderer: Literal["raycast", "blender"] = "raycast"
     """Who makes the colour: raycast needs nothing else, blender runs Cycles in Blender's own environment."""
     blender: str = field(default="blender", metadata={"in_fingerprint": False, "names_program": True})
@@ -67,7 +71,7 @@ def check_cameras(config: CameraSettings, stage: str) -> None:
         "depth_quantization_m": (0, 0.1), "low_deg": (-89, 89), "high_deg": (-89, 89), "distance_m": (0, 100),
         "azimuth_deg": (-360, 360), "ambient": (0, 1), "directional": (0, 1),
     })  # fmt: skip
-    check_choices(config, stage, {"renderer": ("raycast", "blender")})
+    check_choices(config, stage, {"renderer": ("raycast", "blender"), "texture": TEXTURES})
     if config.supersample % 2 == 0:
         raise PlopError("A setting is out of range.", where=f"{stage}.supersample", expected="an odd number",
                         found=str(config.supersample), fix="Depth and mask use the middle ray.")  # fmt: skip

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import colorsys
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+TEXTURES = ("waves", "dough")
+"""What an object may look like: strong colours that tell every place from every other, or a plausible soft object."""
+_DOUGHS = ((0.80, 0.62, 0.40), (0.76, 0.50, 0.36), (0.66, 0.58, 0.34), (0.72, 0.42, 0.40))
+"""Colours of crust, caramel, pistachio and red bean."""
 
 
 def seed_from(*parts: str | int) -> int:
@@ -62,6 +67,26 @@ class SolidTexture:
             phases=random.uniform(0, 2 * np.pi, count).astype(np.float32),
             weights=weights.astype(np.float32),
         )
+
+    @classmethod
+    def dough(cls, seed: int, *, contrast: float = 0.13) -> SolidTexture:
+        """Draw a marbled dough: one warm colour that gets lighter and darker, a paler one where it is cut.
+
+        Nearly all of the pattern is brightness, as in food, so that it can be tracked but is not garish.
+
+        Args:
+            seed: Same seed, same texture.
+            contrast: Root mean square of the pattern around the base colour, mean of the channels.
+        """
+        random = np.random.default_rng(seed)
+        base = np.array(_DOUGHS[random.integers(len(_DOUGHS))], np.float32)
+        drawn = cls.from_seed(seed, shortest_m=0.009, longest_m=0.045, count=14, contrast=contrast)
+        # Darker dough is redder: the three channels go together, blue the most.
+        grey = drawn.weights.mean(1)
+        grey *= contrast / np.sqrt((grey**2).sum() / 2)
+        tint = np.array([0.8, 1.0, 1.2], np.float32)
+        return replace(drawn, outside=base, inside=0.45 * base + 0.55 * np.array([0.97, 0.90, 0.76], np.float32),
+                       weights=(grey[:, None] * tint + 0.1 * drawn.weights).astype(np.float32))  # fmt: skip
 
     def colour(self, rest_points: np.ndarray, is_inside: np.ndarray) -> np.ndarray:
         """Give the colour of material points.

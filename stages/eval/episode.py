@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from os import cpu_count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
-from plop.artifacts.whole_file import whole
 from plop.errors import PlopError
 from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
+from plop.gaussians.trajectory import Trajectory
 from plop.metrics.clouds import back_project_all
 from plop.metrics.frame import FrameOptions, Scores, score_frame
 from plop.metrics.lpips import Lpips, Unavailable
 from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
-from plop.render.panels import over_black, sheet, side_by_side
+from plop.render.comparison import Comparison
+from plop.render.panels import sheet, write_png
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile
 from stages.contract import Progress
@@ -88,8 +88,6 @@ def score_episode(
         material = stack.enter_context(MaterialPoints(recording.path, paths.rollout / "states.h5", use=config.truth))
         _check_match(views, recording)
         frames, times = len(recording), recording.time_s
-        camera = busiest_camera(recording, config.picture_camera)
-        pictures = {}
         for frame in _frames(recording, views, paths.init, config):
             with_emd = config.emd_every > 0 and (frame.index % config.emd_every == 0 or frame.index == frames - 1)
             options = FrameOptions(config.seed, with_emd, lpips.score if isinstance(lpips, Lpips) else None)
@@ -97,13 +95,21 @@ def score_episode(
                 row = {"episode": name, "method": method, "frame": frame.index, "time_s": float(times[frame.index])}
                 jobs.append((row, pool.submit(score_frame, predicted, frame.measured, options)))
             material.add(frame.index, config.method, frame.rigid_pose)
-            if frame.index in (0, frames // 2, frames - 1):
-                pictures[frame.index] = _picture(frame, config.method, camera, times[frame.index])
             progress(frame.index + 1, frames, name)
         rows = [row | job.result() | material.score(row["frame"], row["method"]) for row, job in jobs]
-    with whole(paths.picture) as scratch:
-        Image.fromarray(sheet(list(pictures.values()))).save(scratch, format="PNG")
+        _draw(recording, views, paths, config)
     return rows
+
+
+def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: EvalConfig) -> None:
+    """Write the picture of the first, the middle and the last frame."""
+    camera = busiest_camera(recording, config.picture_camera)
+    _, tool = _read_init(paths.init)
+    frames = sorted({0, len(recording) // 2, len(recording) - 1})
+    path = paths.rollout / "states.h5"
+    with Trajectory(path) if path.is_file() else nullcontext() as states:
+        drawn = Comparison(recording, views, states, tool, camera, frames=frames, backend=config.backend)  # type: ignore[arg-type]
+        write_png(paths.picture, sheet([drawn.picture(frame) for frame in frames]))
 
 
 def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfig) -> Iterator[Frame]:
@@ -148,9 +154,3 @@ def _check_match(views: ViewFile, recording: Recording) -> None:
         if expected != found:
             raise PlopError(f"The rollout and the recording differ in {what}.", where=views.path, expected=expected,
                             found=found, fix="Give the recordings that the rollout was made from.")  # fmt: skip
-
-
-def _picture(frame: Frame, method: str, camera: str, time_s: float) -> np.ndarray:
-    place = next(place for place, view in enumerate(frame.measured) if view.camera.name == camera)
-    shown, predicted = (over_black(views[place]) for views in (frame.measured, frame.predictions[method]))
-    return side_by_side(shown, predicted, label=f"frame {frame.index}, {time_s:.2f} s")

@@ -111,7 +111,7 @@ def _summary(report: dict) -> Summary:
 
 STAGE = Stage(
     name="eval",
-    version=3,
+    version=4,
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={

@@ -11,10 +11,10 @@ from torch import Tensor
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.metrics.psnr import psnr_db
-from plop.recordings.recording import View
+from plop.recordings.recording import MaskLabel, View
+from plop.render.comparison import compared_views
 from plop.render.interface import Rendering
 from plop.render.losses import Target, lay_over, target_from_view, target_over_measured
-from plop.render.panels import side_by_side
 from plop.render.rasterize import render
 from stages.fit_init.shell import seen_by
 
@@ -99,7 +99,7 @@ def score_view(gaussians: Gaussians, view: View) -> tuple[ViewScore, np.ndarray]
         view: Measured frame that shows the object.
 
     Returns:
-        The score, and the picture measured | predicted | difference, uint8 [H, W, 3].
+        The score, and the picture measured | predicted | distance, uint8 [H, W, 3].
     """
     with torch.no_grad():
         rendering = render(gaussians, view.camera)
@@ -112,8 +112,9 @@ def score_view(gaussians: Gaussians, view: View) -> tuple[ViewScore, np.ndarray]
         depth_error_mm=_depth_error(rendering, over_black),
         coverage=float(coverage),
     )
-    pictures = [(image * 255).round().byte().numpy() for image in (over_measured.rgb, shown)]
-    return score, side_by_side(*pictures, label=view.camera.name)
+    rgb = (shown * 255).round().byte().numpy()
+    drawn = np.where(rendering.alpha.numpy() > 0.5, np.uint8(MaskLabel.OBJECT), np.uint8(MaskLabel.BACKGROUND))
+    return score, compared_views(view, View(view.camera, rgb, rendering.depth_m.numpy(), drawn))
 
 
 def _shown(rendering: Rendering, target: Target) -> Tensor:

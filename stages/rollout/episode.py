@@ -1,4 +1,4 @@
-"""Roll out one episode: states, rendered views, a side-by-side video and, if wanted, splat files.
+"""Roll out one episode: states, rendered views and, if wanted, splat files; then its video and a still of it.
 
 The prediction sees frame 0 (its Gaussians and its depth), the tool's motion, the times and the table. Measured
 images of later frames go into the video beside it (and the choice of its camera), nowhere else.
@@ -18,15 +18,16 @@ from plop.dynamics.rollout import predict
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
-from plop.gaussians.trajectory import TrajectoryWriter
+from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
 from plop.models import device_of
 from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
-from plop.render.panels import over_black, side_by_side
+from plop.render.comparison import Comparison
+from plop.render.panels import write_png
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.video import VideoWriter
-from plop.render.view_file import ViewWriter
+from plop.render.view_file import ViewFile, ViewWriter
 from stages.contract import Output
 
 if TYPE_CHECKING:
@@ -58,11 +59,9 @@ def roll_out(
         video_camera = busiest_camera(recording, config.video_camera)
         _check_same_object(start, recording, config.min_inside)
         frames, poses = len(recording), recording.world_from_tool
-        rate = config.video_rate_hz or (frames - 1) / float(np.ptp(recording.time_s))
         with (
             TrajectoryWriter(folder / "states.h5") as states,
             ViewWriter(folder / "images.h5", name=name, environment=recording.environment, frames=frames) as images,
-            VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
         ):
             moves = Actions.of(recording, device).steps()
             initial = at_rest(start, first_surface(recording, start))
@@ -72,20 +71,37 @@ def roll_out(
                 placed = tool_above_table(tool, poses[frame], recording.table_z_m)
                 views = render_scene(state.gaussians, placed, cameras, backend=config.backend)  # type: ignore[arg-type]
                 images.write_frame(frame, views)
-                video.append(_picture(recording.view(video_camera, frame), views, recording.time_s[frame]))
                 if config.animation:
                     (folder / "animation").mkdir(exist_ok=True)
                     write_splat(folder / "animation" / f"frame_{frame:05d}.ply", state.gaussians)
                 steps_ms += [ms] if frame else []
                 out.progress(frame + 1, frames, name, gaussians=len(state.gaussians))
+        _film(recording, tool, video_camera, folder, config, out)
     row = {"episode": name, "frames": frames, "gaussians_first": len(start), "gaussians_last": len(state.gaussians),
            "step_ms": round(float(np.median(steps_ms)), 2)}  # fmt: skip
     return row, steps_ms
 
 
-def _picture(measured: View, views: list[View], time_s: float) -> np.ndarray:
-    predicted = next(view for view in views if view.camera.name == measured.camera.name)
-    return side_by_side(over_black(measured), over_black(predicted), label=f"{time_s:.2f} s")
+def _film(
+    recording: Recording, tool: Gaussians, camera: str, folder: Path, config: RolloutConfig, out: Output
+) -> None:  # fmt: skip
+    """Write the video and a still of its most telling frame, from the files of the rollout."""
+    frames = len(recording)
+    rate = config.video_rate_hz or (frames - 1) / float(np.ptp(recording.time_s))
+    with (
+        ViewFile(folder / "images.h5") as images,
+        Trajectory(folder / "states.h5") as states,
+        VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
+    ):
+        device = tool.means.device
+        drawn = Comparison(recording, images, states, tool, camera, backend=config.backend, device=device)  # type: ignore[arg-type]
+        still = drawn.telling_frame()
+        for frame in range(frames):
+            picture = drawn.picture(frame)
+            video.append(picture)
+            if frame == still:
+                write_png(folder / "still.png", picture)
+            out.progress(frame + 1, frames, f"{recording.name} video")
 
 
 def _check_same_object(start: Gaussians, recording: Recording, least: float) -> None:

@@ -48,7 +48,7 @@ class RolloutConfig:
 
 
 def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
-    """Write states, views and a video for each chosen episode.
+    """Write states, views, a video and a still of it for each chosen episode.
 
     Raises:
         PlopError: Nothing chosen, an episode without a fit, a model or a fit of another object, states that are
@@ -118,7 +118,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
 
 STAGE = Stage(
     name="rollout",
-    version=9,
+    version=10,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

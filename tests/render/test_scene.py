@@ -8,7 +8,6 @@ from plop.errors import PlopError
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera, look_at
 from plop.recordings.recording import MaskLabel, View
-from plop.render.panels import side_by_side
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.sh import C0
 from plop.render.video import VideoWriter
@@ -89,14 +88,6 @@ def test_a_failure_leaves_no_file(tmp_path):
         video.append(np.zeros((32, 32, 3), np.uint8))
         raise RuntimeError("stopped")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_panels_show_measured_predicted_and_their_difference():
-    measured, predicted = np.full((30, 40, 3), 200, np.uint8), np.full((30, 40, 3), 50, np.uint8)
-    picture = side_by_side(measured, predicted, least_px=60)
-    assert picture.shape[0] % 2 == picture.shape[1] % 2 == 0
-    row = picture[50]
-    assert [row[column, 0] for column in (40, 84 + 40, 168 + 40)] == [200, 50, 150]
 
 
 def test_a_video_plays_back_what_was_written(tmp_path):

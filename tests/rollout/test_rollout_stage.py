@@ -66,8 +66,25 @@ def test_the_video_has_every_frame_side_by_side(run, tmp_path):
     assert len(frames) == 4
     height, width = frames.shape[1:3]
     assert width > 2.5 * height
-    third = frames[-1][:, 2 * width // 3 + 8 :].astype(int)
-    assert third[24:].max() < 40, "a perfect prediction leaves a black difference"
+    assert height >= 384 and height % 2 == width % 2 == 0
+    still = iio.imread(tmp_path / "out" / "a" / "still.png")
+    assert still.shape == frames[0].shape
+    assert min(np.abs(still.astype(int) - frame).mean() for frame in frames) < 3, "one of the frames"
+
+
+def red_share(picture: np.ndarray) -> float:
+    """Share of a comparison's last panel that is drawn orange to dark red, as far away."""
+    third = picture[72:, 2 * picture.shape[1] // 3 : -110].astype(int)
+    return float((third[..., 0] - third[..., 2] > 120).mean())
+
+
+def test_a_wrong_prediction_is_red_and_a_right_one_is_not(run, tmp_path):
+    import imageio.v3 as iio
+
+    run(episodes="a")
+    run(Persistence(), out="still", episodes="a")
+    right, wrong = (iio.imread(tmp_path / out / "a" / "still.png") for out in ("out", "still"))
+    assert red_share(right) < 0.001 < 0.01 < red_share(wrong)
 
 
 def test_the_model_sees_the_actions_of_the_recording(run, inputs):
