@@ -62,7 +62,7 @@ class Clock:
     """False: it counts from a start of its own."""
     where: str
     notes: tuple[str, ...] = ()
-    """What a person should know: another unit than documented, stamps left out, steps back."""
+    """What a person should know: stamps left out, steps back. (Compare `unit` with what is documented, too.)"""
 
     @property
     def known(self) -> np.ndarray:
@@ -97,8 +97,6 @@ def read_clock(values: np.ndarray | Sequence[Any], *, documented: TimeUnit, wher
         return None
     unit, since_1970 = _unit(exact, known, documented, where, own_start_step_s)
     notes = []
-    if unit is not documented:
-        notes.append(f"{where}: the clock is in {unit.plural} (not in {documented.plural}) and is read so")
     with np.errstate(invalid="ignore"):
         astray = known & (np.abs(exact - np.median(exact[known])) > ASTRAY_S * 1e9 / unit.value)
     if astray.any():

@@ -66,7 +66,7 @@ class DroidCamera:
     frame_of_row: np.ndarray
     """Frame number of every row, shape [T]; -1 none."""
     capture_ms: np.ndarray
-    """When the row's picture was taken, Unix ms, shape [T], float64; NaN unknown."""
+    """When the row's picture was taken, shape [T] [ms since the trajectory's origin]; NaN unknown."""
     world_from_cam: np.ndarray
     """Pose at capture time of every row, shape [T, 4, 4]."""
     intrinsics: np.ndarray
@@ -111,6 +111,8 @@ def open_camera(
     Raises:
         PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock.
     """
+    if serial in trajectory.bad_clocks:
+        raise trajectory.bad_clocks[serial]
     wrist = trajectory.camera_type[serial] == 0
     exported = episode.recordings / "depth" / serial
     use_exported = exported.is_dir() and any(exported.glob("*.png"))
@@ -121,11 +123,12 @@ def open_camera(
                         expected=f"MP4/{serial}.mp4 or MP4/{serial}-stereo.mp4",
                         found=f"only {svo.name}" if svo else "; ".join(warnings) or "nothing",
                         fix="Convert the SVO to MP4." if svo else "Copy the files again.")  # fmt: skip
-    received = trajectory.received_ms.get(serial, np.full(trajectory.rows, -1))
+    unknown = np.full(trajectory.rows, np.nan)
+    received = trajectory.received_ms.get(serial, unknown)
     stamps = episode.recordings / "MP4" / f"{serial}_timestamps.json"
-    frame_of_row, more = frames_of_rows(received, video.frames, stamps, video.path)
+    frame_of_row, more = frames_of_rows(received, video.frames, stamps, trajectory.origin_ns, video.path)
     warnings += more
-    captured = capture_times(trajectory.captured_ms.get(serial, received), received, trajectory.robot_time_ms)
+    captured = capture_times(trajectory.captured_ms.get(serial, unknown), received, trajectory.robot_time_ms)
     captured = captured - options.settings.camera_delay_ms
     poses, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
     warnings += more

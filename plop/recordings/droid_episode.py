@@ -8,7 +8,7 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.droid_align import active_rows, poses_at
+from plop.recordings.droid_align import active_rows, check_overlap, poses_at
 from plop.recordings.droid_camera import DroidCamera, DroidOptions, open_camera
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import EpisodeNotes, read_notes
@@ -125,6 +125,7 @@ def _choose_rows(
     known = np.stack([camera.capture_ms for camera in cameras])
     counts = np.isfinite(known).sum(0)
     time_ms = np.where(counts > 0, np.nansum(known, axis=0) / np.maximum(counts, 1), np.nan)
+    check_overlap(trajectory.robot_time_ms, time_ms, str(trajectory.path))
     _check_lag(trajectory, time_ms, warnings)
     has_frame = np.all([camera.frame_of_row >= 0 for camera in cameras], axis=0)
     good = has_frame & np.isfinite(trajectory.flange).all(1) & np.isfinite(time_ms)
@@ -152,7 +153,7 @@ def _choose_rows(
 
 
 def _check_lag(trajectory: DroidTrajectory, time_ms: np.ndarray, warnings: list[str]) -> None:
-    known = np.isfinite(time_ms) & (trajectory.robot_time_ms > 0)
+    known = np.isfinite(time_ms) & np.isfinite(trajectory.robot_time_ms)
     lag = np.median(time_ms[known] - trajectory.robot_time_ms[known]) if known.any() else 0.0
     if abs(lag) > 250:
         warnings.append(f"{trajectory.path}: pictures are {lag:.0f} ms off the robot's clock (median); "

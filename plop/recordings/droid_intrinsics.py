@@ -116,7 +116,7 @@ def side_of_episode(episode: DroidFolder, side: dict[str, Any]) -> dict[str, Any
     for uuid, entry in side.items():
         if episode.matches_uuid(uuid) and isinstance(entry, dict):
             return entry
-    return side if side and all(key.isdigit() or key == "source" for key in side) else {}
+    return side if not any("+" in key for key in side) else {}  # a DROID uuid is <lab>+<user>+<time>
 
 
 def _side_entry(episode: DroidFolder, serial: str, side: dict[str, Any]) -> Any | None:

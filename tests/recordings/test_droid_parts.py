@@ -96,26 +96,26 @@ def test_extrinsics_that_are_no_zed_baseline_warn_and_millimetres_fail():
 def test_rows_follow_time_stamps(tmp_path):
     stamps = tmp_path / "1_timestamps.json"
     stamps.write_text(json.dumps([1000, 1067, 1201, 1268]))
-    index, warnings = frames_of_rows(np.array([1000, 1067, 1134, 1201, 1268]), 4, stamps, tmp_path / "1.mp4")
+    index, warnings = frames_of_rows(np.array([1000, 1067, 1134, 1201, 1268.0]), 4, stamps, 0, tmp_path / "1.mp4")
     assert index.tolist() == [0, 1, -1, 2, 3]
     assert "1 of 5 rows (2)" in warnings[0]
 
 
 @pytest.mark.parametrize("frames, last", [(5, 4), (4, -1)])
 def test_without_time_stamps_row_is_frame(tmp_path, frames, last):
-    index, warnings = frames_of_rows(np.full(5, 7), frames, tmp_path / "1_timestamps.json", tmp_path / "1.mp4")
+    index, warnings = frames_of_rows(np.full(5, 7.0), frames, tmp_path / "1_timestamps.json", 0, tmp_path / "1.mp4")
     assert index.tolist() == [0, 1, 2, 3, last] and "missing" in warnings[0]
 
 
 def test_without_time_stamps_other_counts_fail(tmp_path):
     with pytest.raises(PlopError, match="cannot be matched"):
-        frames_of_rows(np.full(5, 7), 3, tmp_path / "1_timestamps.json", tmp_path / "1.mp4")
+        frames_of_rows(np.full(5, 7.0), 3, tmp_path / "1_timestamps.json", 0, tmp_path / "1.mp4")
 
 
 def test_time_stamps_of_another_episode_fail(tmp_path):
-    (tmp_path / "1_timestamps.json").write_text("[1, 2, 3]")
+    (tmp_path / "1_timestamps.json").write_text("[100, 167, 234]")
     with pytest.raises(PlopError, match="No time stamp"):
-        frames_of_rows(np.array([10, 11, 12]), 3, tmp_path / "1_timestamps.json", tmp_path / "1.mp4")
+        frames_of_rows(np.array([1000, 1067, 1134.0]), 3, tmp_path / "1_timestamps.json", 0, tmp_path / "1.mp4")
 
 
 def test_poses_between_rows_are_interpolated():
