@@ -48,6 +48,7 @@ def test_what_the_reader_noticed_is_told_with_its_refusal(tmp_path):
         poses = file["observation/camera_extrinsics"]
         for key in list(poses):
             poses.move(key, f"other_{key}")
+    next((tmp_path / "raw").rglob("metadata_*.json")).unlink()  # it gives the poses, too
     error, report = refused(tmp_path / "raw", tmp_path / "out")
     assert "another rig's" in str(error.found)
     assert any("another rig's" in text for text in report["warnings"])
