@@ -9,7 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from plop.errors import PlopError
+from plop.causes import Cause, Noticed
+from plop.errors import PlopError, remembering
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.droid_align import capture_times, frames_of_rows, poses_at
 from plop.recordings.droid_depth import DepthSource, ExportedDepth, StereoDepth, ZedDepth, find_svo, zed_sdk_present
@@ -109,14 +110,24 @@ def open_camera(
         The camera and warnings.
 
     Raises:
-        PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock.
+        PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock. It holds
+            the warnings that were gathered before.
     """
+    warnings: list[str] = []
+    with remembering(warnings):
+        return _opened(episode, trajectory, serial, options, warnings), warnings
+
+
+def _opened(
+    episode: DroidFolder, trajectory: DroidTrajectory, serial: str, options: DroidOptions, warnings: list[str]
+) -> DroidCamera:
     if serial in trajectory.bad_clocks:
         raise trajectory.bad_clocks[serial]
     wrist = trajectory.camera_type[serial] == 0
     exported = episode.recordings / "depth" / serial
     use_exported = exported.is_dir() and any(exported.glob("*.png"))
-    video, warnings = find_video(episode.recordings, serial, stereo=not use_exported)
+    video, more = find_video(episode.recordings, serial, stereo=not use_exported)
+    warnings += more
     if video is None:
         svo = find_svo(episode.recordings, serial)
         raise PlopError("A camera has no video.", where=f"{episode.recordings}: {serial}.mp4",
@@ -143,7 +154,7 @@ def open_camera(
     else:
         depth, more = _computed_depth(episode, serial, video, intrinsics, offset_pair, options)
         warnings += more
-    return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth), warnings
+    return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth)
 
 
 def _poses(
@@ -179,7 +190,8 @@ def _poses(
     if not wrist:
         moved = float(np.nanmax(np.linalg.norm(own[:, :3] - _first(own)[:3], axis=1)))
         if moved > 1e-3:
-            warnings.append(f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used")
+            warnings.append(Noticed(f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used",
+                                    Cause.EXTRINSICS, "Check the pose of this camera."))  # fmt: skip
         own = np.repeat(_first(own)[None], trajectory.rows, 0)
         return pose_from_euler_xyz(own), pair, warnings
     return poses_at(own, clock, captured), pair, [f"{where}_gripper_offset: missing; the row's own pose is used"]
@@ -230,9 +242,10 @@ def _baseline(where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p
                         found=f"{measured:.4f} m", fix="Correct the extrinsics, or set baseline_m.")  # fmt: skip
     nearest = min(BASELINES_M.values(), key=lambda built: abs(built - measured))
     if abs(measured - nearest) > 0.02 * nearest:
-        return measured, [f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
-                          f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
-                          "set baseline_m if you know it"]  # fmt: skip
+        text = (f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
+                f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
+                "set baseline_m if you know it")  # fmt: skip
+        return measured, [Noticed(text, Cause.DEPTH, "Set baseline_m.")]
     return measured, []
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.recordings.clock import Clock, TimeUnit, check_together, read_clock
 from plop.recordings.droid_h5 import node_of
 
@@ -73,7 +73,9 @@ def read_trajectory(path: Path, *, serials: dict[str, int] | None = None) -> Dro
                         fix="Copy the file again, or leave the episode out.")  # fmt: skip
     try:
         with h5py.File(path, "r") as file:
-            return _Reader(path, file).read(serials or {})
+            reader = _Reader(path, file)
+            with remembering(reader.warnings):
+                return reader.read(serials or {})
     except (OSError, RuntimeError) as error:
         raise PlopError("The trajectory cannot be read.", where=path, expected="a complete HDF5 file",
                         found=str(error), fix="Copy the file again, or leave the episode out.") from error  # fmt: skip

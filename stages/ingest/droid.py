@@ -174,7 +174,10 @@ def _ingest(
         written = write_episode(episode, path, write, lambda done, all_: out.progress(
             number + done / all_, total, folder.name, frames=done))  # fmt: skip
     except PlopError as error:
-        facts["skipped"] = _relative(" | ".join(line.strip() for line in error.render().splitlines()), folder.root)
+        reason = error.first_cause()
+        facts["skipped"] = _relative(reason.one_line(), folder.root)
+        facts["fix"] = _relative(reason.fix or "", folder.root)
+        facts["warnings"] = [_relative(text, folder.root) for text in error.noticed]
         return facts
     facts |= asdict(written)
     facts["warnings"] = [_relative(text, folder.root) for text in [*episode.warnings, *written.warnings]]
@@ -187,9 +190,10 @@ def _finish(
     skipped = {name: str(report["skipped"]) for name, report in reports.items() if "skipped" in report}
     usable = [name for name in reports if name not in skipped]
     if not usable:
+        advice = next((str(report["fix"]) for report in reports.values() if report.get("fix")), "")
         raise PlopError("No episode can be used.", where=root, expected="one usable episode or more",
                         found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
-                        fix="See docs/your-data.md for what an episode must have.")  # fmt: skip
+                        fix=f"{advice} See docs/your-data.md for what an episode must have.".strip())  # fmt: skip
     test = _test_names(usable, config)
     train = [name for name in usable if name not in test]
     environment = config.environment or chosen[0].lab or "droid"
