@@ -18,6 +18,7 @@ from plop.recordings.droid_intrinsics import find_intrinsics, side_of_episode
 from plop.recordings.droid_layout import DroidFolder
 from plop.recordings.droid_trajectory import DroidTrajectory, check_pose, pose_from_json
 from plop.recordings.droid_video import DroidVideo, find_video
+from plop.recordings.side_pictures import find_side_pictures
 
 BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
 """Distance between the eyes as built [m]."""
@@ -150,7 +151,9 @@ def _opened(
     )  # fmt: skip
     warnings += more
     if use_exported:
-        depth: DepthSource = ExportedDepth(exported)
+        pictures = find_side_pictures(exported, video.frames, what="depth pictures", cause=Cause.DEPTH)
+        warnings += [Noticed(note, Cause.DEPTH, "Check the numbers of the depth pictures.") for note in pictures.notes]
+        depth: DepthSource = ExportedDepth(pictures)
     else:
         depth, more = _computed_depth(episode, serial, video, intrinsics, offset_pair, options)
         warnings += more
@@ -223,10 +226,13 @@ def _computed_depth(
     svo = find_svo(episode.recordings, serial)
     if svo is not None and zed_sdk_present():
         return ZedDepth(svo), []
+    others = sorted(path.name for path in (episode.recordings / "depth" / serial).glob("*"))
     raise PlopError("A camera has no depth.", where=f"{episode.recordings}: camera {serial}",
                     expected=f"depth/{serial}/<frame>.png, MP4/{serial}-stereo.mp4, or SVO and ZED SDK",
-                    found=f"{video.path.name} (one eye)" + (f", {svo.name} but no pyzed" if svo else ""),
-                    fix="Export depth pictures (uint16 millimetres), or bring the stereo video.")  # fmt: skip
+                    found=f"{video.path.name} (one eye)" + (f", {svo.name} but no pyzed" if svo else "")
+                    + (f", depth/{serial}/{others[0]} and others that are no PNG" if others else ""),
+                    fix="Export depth as 16-bit PNG, np.uint16(np.round(1000 * metres)), or bring the stereo video.",
+                    cause=Cause.DEPTH)  # fmt: skip
 
 
 def _baseline(where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p: float, given: float

@@ -87,7 +87,11 @@ def _written(
     geometric = GeometricMasker(workspace, table_z, episode.tool, options.rules)
     masker: Masker = geometric
     if options.masks is not None:
-        masker = FolderMasker(options.masks, binary=options.binary_masks, geometric=geometric)
+        frames = {(name, camera.serial): camera.video.frames for camera in episode.cameras}
+        if episode.scan is not None:
+            frames[episode.scan.episode, episode.scan.camera.serial] = episode.scan.camera.video.frames
+        masker = FolderMasker(options.masks, frames, binary=options.binary_masks, geometric=geometric)
+        warnings += masker.warnings()
     clouds = object_cloud(first, {serial: masker.mask(picture) for serial, picture in first.items()})
     warnings += check_views(first, clouds, workspace, table_z, name)  # before what wrong extrinsics lead to
     warnings += check_object(first, clouds, workspace, name)

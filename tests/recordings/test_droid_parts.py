@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from plop.causes import Cause
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.droid_align import active_rows, frames_of_rows, poses_at
@@ -22,6 +23,7 @@ from plop.recordings.droid_tool import tool_mesh
 from plop.recordings.droid_trajectory import check_pose
 from plop.recordings.droid_video import find_video, open_video
 from plop.recordings.droid_writer import write_video
+from plop.recordings.side_pictures import find_side_pictures
 from tests.droid_scene import EXT1, Scene, exterior_poses, make_episode, right_eye
 
 
@@ -192,7 +194,7 @@ def test_exported_depth_checks_its_pictures(tmp_path):
     depth[0, 0], depth[0, 1] = 0, 65535
     cv2.imwrite(str(tmp_path / "000000.png"), depth)
     cv2.imwrite(str(tmp_path / "000002.png"), depth.astype(np.uint8))
-    source = ExportedDepth(tmp_path)
+    source = ExportedDepth(find_side_pictures(tmp_path, 10, what="depth pictures", cause=Cause.DEPTH))
     got = source.depth_m(0, left, None)
     assert got[0, 0] == 0 and got[0, 1] == 0 and got[5, 5] == np.float32(0.5)
     assert not source.depth_m(1, left, None).any()
