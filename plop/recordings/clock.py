@@ -2,9 +2,9 @@
 
 A unit is decided by two facts of a column, never by its name. By its size: 1.7e9, 1.7e12, 1.7e15 and 1.7e18 are
 today's Unix time in s, ms, us and ns, a thousand apart, while all dates from 2000 to 2050 lie within a factor of 2.7.
-By its step: consecutive rows of a recording are between 0.2 ms and 4 s apart. A clock that counts from a start of its own
-has no size to go by: it stays in the unit that its format documents where that gives a possible step, and is otherwise
-read in the one unit whose step is that of a camera (2 to 400 Hz: less than a factor of 1000, so never two units).
+By its step: consecutive rows of a recording are between 0.2 ms and 4 s apart. A clock that counts from a start of its
+own has no size to go by: it stays in the unit that its format documents where that gives a possible step, and is
+otherwise read in the one unit whose step is that of a camera (2 to 400 Hz: less than a factor of 1000, so never two).
 What remains open (1 Hz in s against 1 kHz in ms, both from a start of their own) only the motion can tell.
 """
 
@@ -70,7 +70,7 @@ class Clock:
         return self.ns != UNKNOWN
 
     def since(self, origin_ns: int) -> np.ndarray:
-        """Give seconds since a moment, float64, shape [N]; the difference is taken in whole nanoseconds; NaN unknown."""
+        """Give seconds since a moment, float64, shape [N], from a difference of whole nanoseconds; NaN unknown."""
         return np.where(self.known, (np.where(self.known, self.ns, origin_ns) - origin_ns) / 1e9, np.nan)
 
 
@@ -207,8 +207,8 @@ def _unit(
                           f"({1 / fits[unit]:.3g} rows a second)" for unit in camera or right)  # fmt: skip
     raise PlopError("A recording cannot be as short or as long as its clock says.", where=where,
                     expected=f"rows {own_start_step_s[0]:.3g} to {own_start_step_s[1]:g} s apart",
-                    found=f"in {read.plural}{', as the size of its stamps says,' if sized else ''} it lasts {_long(lasts)}, "
-                          f"rows {fits[read]:.3g} s apart" + (f"; {advice}" if advice else ""),
+                    found=f"in {read.plural}{', as the size of its stamps says,' if sized else ''} it lasts "
+                          f"{_long(lasts)}, rows {fits[read]:.3g} s apart" + (f"; {advice}" if advice else ""),
                     fix=f"Write the stamps in {documented.plural}.")  # fmt: skip
 
 
@@ -235,13 +235,13 @@ def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: st
                             "store int64 nanoseconds or float64 seconds.")  # fmt: skip
     if not sized and len(steps) > 1 and (steps == np.diff(rows)).all() and exact[rows[0]] in (0, 1):
         raise PlopError("Times are frame numbers.", where=where, expected="times",
-                        found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: each 1 more than the one before",
-                        fix="Divide them by the frame rate (and write them in the unit that the format asks for).")  # fmt: skip
+                        found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: each 1 more than before",
+                        fix="Divide them by the frame rate, in the unit that the format asks for.")  # fmt: skip
     return step
 
 
 def _nanoseconds(exact: np.ndarray, known: np.ndarray, unit: TimeUnit) -> np.ndarray:
-    """Convert to int64 nanoseconds; whole and decimal part apart, so that nothing above a float's own digits is lost."""
+    """Convert to int64 nanoseconds; whole and decimal part apart: only a float's own digits count."""
     known = known & (np.abs(exact) < np.iinfo(np.int64).max // unit.value)
     values = np.where(known, exact, 0)
     whole = np.floor(values) if values.dtype.kind == "f" else values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.clock import TimeUnit, read_clock
+from plop.recordings.side_file import read_json
 
+FASTEST_M_S = 5.0
+"""Mean speed that no arm reaches over a recording (the fastest joints give about 4 m/s for a moment) [m/s]."""
 CAPTURE_LATENCY_MS = 41
 """DROID's own estimate: a frame was captured so long before it was received [ms]."""
 
@@ -72,8 +74,8 @@ def frames_of_rows(
 def _nearest(stamps: np.ndarray, received_ms: np.ndarray) -> np.ndarray:
     """Give the frame whose stamp is that of the row, shape [T]; -1 none.
 
-    Both may be written in different units, and rounded by that: DROID's own are whole ms, so they may differ by less than
-    1 ms, and never by half the step between frames.
+    Both may be written in different units, and rounded by that: DROID's own are whole ms, so they may differ by less
+    than 1 ms, and never by half the step between frames.
     """
     known = np.flatnonzero(np.isfinite(stamps))
     order = known[np.argsort(stamps[known], kind="stable")]
@@ -100,7 +102,7 @@ def read_stamps(path: Path, origin_ns: int) -> tuple[np.ndarray | None, list[str
     if not path.is_file():
         return None, [f"{path}: missing; row i is taken as frame i"]
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path)
         clock = read_clock(content, documented=TimeUnit.MILLISECONDS, where=str(path)) \
             if isinstance(content, list) else None  # fmt: skip
     except PlopError as error:
@@ -142,6 +144,27 @@ def check_overlap(robot_ms: np.ndarray, time_ms: np.ndarray, where: str) -> None
                     expected=f"pictures within the {np.ptp(robot) / 1000:.3g} s of the robot's poses",
                     found=f"pictures {abs(lag):.6g} s {'after' if lag > 0 else 'before'} them",
                     fix="Write all stamps from one clock (whole hours: time zones).")  # fmt: skip
+
+
+def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
+    """Refuse a clock under which the robot moves faster than any arm: what tells 1 Hz in s from 1 kHz in ms.
+
+    Args:
+        flange: Poses of the kept rows, shape [N, 6] [m].
+        time_ms: Their times, shape [N] [ms].
+        where: The trajectory, for the message.
+
+    Raises:
+        PlopError: The mean speed is beyond FASTEST_M_S.
+    """
+    path = float(np.linalg.norm(np.diff(flange[:, :3], axis=0), axis=1).sum())
+    speed = path / max((time_ms[-1] - time_ms[0]) / 1000, 1e-9)
+    if speed > FASTEST_M_S:
+        raise PlopError("The robot cannot be as fast as the clock says.", where=where,
+                        expected=f"a mean speed of the flange below {FASTEST_M_S:g} m/s",
+                        found=f"{path:.2f} m in {(time_ms[-1] - time_ms[0]) / 1000:.4g} s, {speed:.3g} m/s",
+                        fix="Write the stamps in milliseconds: in seconds they would be 1000 times as far apart, and the "
+                            f"robot would move at {speed / 1000:.2g} m/s.")  # fmt: skip
 
 
 def poses_at(poses6: np.ndarray, pose_ms: np.ndarray, wanted_ms: np.ndarray) -> np.ndarray:

@@ -16,7 +16,8 @@ from plop.recordings.droid_align import capture_times, frames_of_rows, poses_at
 from plop.recordings.droid_depth import DepthSource, ExportedDepth, StereoDepth, ZedDepth, find_svo, zed_sdk_present
 from plop.recordings.droid_intrinsics import find_intrinsics, side_of_episode
 from plop.recordings.droid_layout import DroidFolder
-from plop.recordings.droid_trajectory import DroidTrajectory, check_pose, pose_from_json
+from plop.recordings.droid_pose import check_pose, pose_from_json
+from plop.recordings.droid_trajectory import DroidTrajectory
 from plop.recordings.droid_video import DroidVideo, find_video
 from plop.recordings.side_pictures import find_side_pictures
 
@@ -74,6 +75,8 @@ class DroidCamera:
     intrinsics: np.ndarray
     """K of the video, pixel centres at half-integers, shape [3, 3] [px]."""
     depth: DepthSource
+    stored_pose6: np.ndarray | None = None
+    """The six numbers from which the pose of a fixed camera was read, shape [6]."""
 
     def size(self, longest: int) -> tuple[int, int]:
         """Width and height after shrinking so that the longest side is at most `longest` [px]."""
@@ -142,7 +145,7 @@ def _opened(
     warnings += more
     captured = capture_times(trajectory.captured_ms.get(serial, unknown), received, trajectory.robot_time_ms)
     captured = captured - options.settings.camera_delay_ms
-    poses, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
+    poses, stored, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
     warnings += more
     focal = options.settings.wrist_focal_px if wrist else options.settings.exterior_focal_px
     intrinsics, more = find_intrinsics(
@@ -157,14 +160,14 @@ def _opened(
     else:
         depth, more = _computed_depth(episode, serial, video, intrinsics, offset_pair, options)
         warnings += more
-    return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth)
+    return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth, stored)
 
 
 def _poses(
     episode: DroidFolder, trajectory: DroidTrajectory, serial: str, wrist: bool, captured: np.ndarray,
     options: DroidOptions,
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None, list[str]]:  # fmt: skip
-    """Give poses [T, 4, 4], the pair of 6-vectors whose distance is the baseline, and warnings."""
+) -> tuple[np.ndarray, np.ndarray | None, tuple[np.ndarray, np.ndarray] | None, list[str]]:  # fmt: skip
+    """Give poses [T, 4, 4], a fixed camera's as stored [6], the 6-vectors whose distance is the baseline, warnings."""
     clock = trajectory.robot_time_ms
     where = f"{trajectory.path}:/observation/camera_extrinsics/{serial}_left"
     if wrist:
@@ -173,15 +176,15 @@ def _poses(
         if offset is not None and np.isfinite(offset).all():
             check_pose(offset, where=f"{where}_gripper_offset", what="camera")
             flange = poses_at(trajectory.flange, clock, captured)
-            return flange @ pose_from_euler_xyz(offset), pair, []
+            return flange @ pose_from_euler_xyz(offset), None, pair, []
     own = trajectory.extrinsics.get(f"{serial}_left", np.full((trajectory.rows, 6), np.nan))
     pair = _pair({key: _first(value) for key, value in trajectory.extrinsics.items()}, serial)
     side = side_of_episode(episode, options.extrinsics).get(serial)
     if not wrist and side is not None:
         given = pose_from_json(side, where=f"{options.extrinsics_name}: {serial}", what="camera")
         pose = pose_from_euler_xyz(given)
-        return np.repeat(pose[None], trajectory.rows, 0), pair, [f"{episode.name}: pose of camera {serial} from "
-                                                                 f"{options.extrinsics_name}"]  # fmt: skip
+        note = f"{episode.name}: pose of camera {serial} from {options.extrinsics_name}"
+        return np.repeat(pose[None], trajectory.rows, 0), given, pair, [note]
     warnings: list[str] = []
     if not np.isfinite(own).all(1).any() and not wrist:
         own, warnings = _from_metadata(episode, trajectory, serial, where)
@@ -196,8 +199,9 @@ def _poses(
             warnings.append(Noticed(f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used",
                                     Cause.EXTRINSICS, "Check the pose of this camera."))  # fmt: skip
         own = np.repeat(_first(own)[None], trajectory.rows, 0)
-        return pose_from_euler_xyz(own), pair, warnings
-    return poses_at(own, clock, captured), pair, [f"{where}_gripper_offset: missing; the row's own pose is used"]
+        return pose_from_euler_xyz(own), own[0], pair, warnings
+    note = f"{where}_gripper_offset: missing; the row's own pose is used"
+    return poses_at(own, clock, captured), None, pair, [note]
 
 
 def _from_metadata(

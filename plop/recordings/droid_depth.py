@@ -82,7 +82,8 @@ class ExportedDepth:
 
     def warnings(self) -> list[str]:
         """Say which frames had no picture, ran over, or are of another size than the video."""
-        named = ((f"no depth picture (there are {self.pictures.range_text()})", self.missing), ("65535 (ran over, taken as not measured)", self.saturated),
+        nothing = f"no depth picture (there are {self.pictures.range_text()})"
+        named = ((nothing, self.missing), ("65535 (ran over, taken as not measured)", self.saturated),
                  *self.other_size.items())  # fmt: skip
         return [f"{self.folder}: {what} for {len(frames)} frames: {', '.join(f'{x:06d}' for x in sorted(frames)[:8])}"
                 for what, frames in named if frames]  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError, remembering
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.droid_align import active_rows, check_overlap, poses_at
+from plop.recordings.droid_align import active_rows, check_overlap, check_speed, poses_at
 from plop.recordings.droid_camera import DroidCamera, DroidOptions, open_camera
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import EpisodeNotes, read_notes
@@ -151,6 +151,7 @@ def _choose_rows(
                         found=f"{len(rows)} ({int(trajectory.skipped[first : last + 1].sum())} rows have skip_action, "
                               f"{int((~has_frame[first : last + 1]).sum())} have no frame)",
                         fix="Leave the episode out, or set keep_skipped / idle_s / min_frames.")  # fmt: skip
+    check_speed(trajectory.flange[rows], time_ms[rows], str(trajectory.path))
     if dropped:
         warnings.append(f"{trajectory.path}: {dropped} of {last + 1 - first} rows left out "
                         "(skip_action, standing still, no frame or no pose)")  # fmt: skip

@@ -64,5 +64,6 @@ def _check_filters(data: h5py.Dataset, where: str) -> None:
         known = FILTERS.get(code) or BUILT_IN.get(code) or stored or "an unknown filter"
         fix = "pip install hdf5plugin, and run again; or" if code in FILTERS and code != 305 else "Re-write the file:"
         raise PlopError("The file is compressed with a filter that is missing here.", where=where,
-                        expected="gzip or lzf, or hdf5plugin installed", found=f"{known} (filter {code}); the file is whole",
+                        expected="gzip or lzf, or hdf5plugin installed",
+                        found=f"{known} (filter {code}); the file is whole",
                         fix=f"{fix} h5repack -f GZIP=1 <file> <new file> where the filter is there.")  # fmt: skip

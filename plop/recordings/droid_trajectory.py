@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -13,14 +12,13 @@ import numpy as np
 from plop.errors import PlopError, remembering
 from plop.recordings.clock import Clock, TimeUnit, check_together, read_clock
 from plop.recordings.droid_h5 import node_of
+from plop.recordings.droid_pose import check_pose
 
 FLANGE = "observation/robot_state/cartesian_position"
 OFFSET = "_gripper_offset"
 """Ends the key of a pose in the flange instead of the base."""
 CONTROL_HZ = 15.0
 """DROID's control rate; a clock only where no other is stored."""
-FARTHEST_M = 5.0
-"""A robot or camera farther than this from the robot's base is taken for millimetres [m]."""
 
 
 @dataclass(frozen=True)
@@ -208,11 +206,11 @@ class _Reader:
         robot = self._clock("observation/timestamp/robot_state/read_end")
         robot = robot or self._clock("observation/timestamp/control/step_start")
         if robot is None:
-            serial, robot = next(((name, clock) for name, pair in cameras.items() for clock in pair if clock), ("", None))
-            self.warnings.append(
-                f"{self.path}: the robot's clock is missing; camera {serial}'s is used, so a lag between pose and picture "
-                "stays in" if robot else f"{self.path}: no clock is stored; {CONTROL_HZ:g} rows a second are assumed"
-            )  # fmt: skip
+            others = [(serial, clock) for serial, pair in cameras.items() for clock in pair if clock is not None]
+            serial, robot = others[0] if others else ("", None)
+            text = f"the robot's clock is missing; camera {serial}'s is used, so a lag between pose and picture stays in"
+            self.warnings.append(f"{self.path}: {text}" if others else
+                                 f"{self.path}: no clock is stored; {CONTROL_HZ:g} rows a second are assumed")  # fmt: skip
         for serial, pair in cameras.items():
             try:
                 for clock in pair:
@@ -257,56 +255,6 @@ def _eye(key: str, cameras: Mapping[str, int]) -> str | None:
     if eye.endswith(("_left", "_right")) and eye.rpartition("_")[0] in cameras:
         return eye + offset
     return f"{eye}_left{offset}" if eye in cameras else None
-
-
-def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
-    """Refuse poses whose numbers cannot be metres and radians.
-
-    Args:
-        poses: [x, y, z, a, b, c], shape [..., 6]; NaN rows are passed over.
-        where: File and key, for the message.
-        what: Whose pose it is, for the message.
-
-    Raises:
-        PlopError: Positions look like millimetres, or angles like degrees.
-    """
-    poses = np.atleast_2d(poses)
-    poses = poses[np.isfinite(poses).all(-1)]
-    if not len(poses):
-        return
-    distance = float(np.linalg.norm(poses[:, :3], axis=1).max())
-    if distance > FARTHEST_M:
-        raise PlopError(f"The {what}'s position does not look like metres.", where=where,
-                        expected=f"within {FARTHEST_M:g} m of the robot's base", found=f"{distance:.1f}",
-                        fix="Positions are metres: divide millimetres by 1000.")  # fmt: skip
-    angle = float(np.abs(poses[:, 3:]).max())
-    if angle > 2 * np.pi + 1e-3:
-        raise PlopError(f"The {what}'s angles do not look like radians.", where=where,
-                        expected="Euler angles xyz in radians", found=f"{angle:.1f}",
-                        fix="Convert degrees to radians.")  # fmt: skip
-
-
-def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
-    """Read [x, y, z, a, b, c] from a JSON file, shape [6], metres and radians.
-
-    Args:
-        value: What the file holds.
-        where: File and key, for the message.
-        what: Whose pose it is, for the message.
-
-    Raises:
-        PlopError: These are not six finite numbers, or no metres and radians.
-    """
-    try:
-        pose = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        pose = np.zeros(0)
-    if pose.shape != (6,) or not np.isfinite(pose).all():
-        raise PlopError(f"The {what}'s pose cannot be read.", where=where,
-                        expected="[x, y, z, a, b, c]: six finite numbers, metres and radians", found=str(value)[:120],
-                        fix="Correct the file.")  # fmt: skip
-    check_pose(pose, where=where, what=what)
-    return pose
 
 
 def _first_finite(poses: np.ndarray) -> np.ndarray:

@@ -70,14 +70,15 @@ def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) ->
         return SidePictures(folder, {number - first: path for number, path in numbered.items()}, (note,))
     if last >= frames + (1 if first == 0 and whole else 0):
         raise PlopError(f"The numbers of the {what} are not those of the video's frames.", where=folder,
-                        expected=f"numbers 0 to {frames - 1}, as the video has {frames} frames; or one picture per frame, "
-                        "numbered without a gap", found=seen, fix=_advice(sorted(numbered), frames), cause=cause)  # fmt: skip
+                        expected=f"numbers 0 to {frames - 1}, as the video has {frames} frames; or one picture per "
+                        "frame, numbered without a gap", found=seen, cause=cause,
+                        fix=_advice(sorted(numbered), frames))  # fmt: skip
     notes = []
     if last >= frames:
         notes.append(f"{folder}: {seen}, but the video has {frames} frames: {numbered[last].name} is not used")
     elif first == 1 and whole and count == frames - 1:
-        notes.append(f"{folder}: {seen} for {frames} frames, taken as frames 1 to {last}: if they are numbered from 1 and "
-                     "the last is missing, every one is a frame late: rename them to begin with 0")  # fmt: skip
+        notes.append(f"{folder}: {seen} for {frames} frames, taken as frames 1 to {last}: if they are numbered from 1 "
+                     "and the last is missing, every one is a frame late: rename them to begin with 0")  # fmt: skip
     return SidePictures(folder, numbered, tuple(notes))
 
 
@@ -92,5 +93,5 @@ def _advice(numbers: list[int], frames: int) -> str:
     if numbers[-1] > 100 * frames and len(steps) > 1:
         return "They look like time stamps: rename them to the frame of the video, from 000000.png."
     if len(steps) == 1 and (step := steps.pop()) > 1:
-        return f"Every number is {step} more than the one before: rename them to the frame of the video, from 000000.png."
+        return f"Every number is {step} more than the last: rename them to the frame of the video, from 000000.png."
     return "Export one picture per frame of the video, named by the frame, from 000000.png."

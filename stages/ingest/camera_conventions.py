@@ -1,9 +1,9 @@
 """Cameras whose pose cannot be right: find the convention, or the unit of depth, in which it would be.
 
-The judge is the table. A camera that sees the workspace sees a horizontal plane at the table's height, from above. A pose
-under which none of the largest planes of its depth is one is wrong. Read in another convention, the same six numbers put
-a plane there within TILT_DEG and HEIGHT_M by chance once in some thousand times, so what does is named. It is never
-applied: a name tells the user what to correct in the data, for every program that reads them.
+The judge is the table. A camera that sees the workspace sees a horizontal plane at the table's height, from above; a
+pose under which none of the largest planes of its depth is such a plane is wrong. A convention in which the same six
+numbers put one there for every camera is named. It is never applied: the data must be corrected, for every program that
+reads them. What keeps the table level and in place (a turn about the vertical) is not found.
 """
 
 from __future__ import annotations
@@ -22,17 +22,19 @@ from plop.geometry.pose_conventions import readings_of
 from plop.geometry.rigid import transform_points
 from stages.ingest.masks import Picture
 
-LOOSE_DEG, LOOSE_M = 10.0, 0.06
-"""A camera whose plane is nearer to the table than this is not accused: worse than any calibration error that
-`plop calibrate` corrects (5 deg, 5 cm)."""
-TILT_DEG, HEIGHT_M = 4.0, 0.025
-"""A reading under which the plane is nearer than this puts the camera right: real poses of DROID are 1 to 2 deg off."""
-APART_M = 0.04
-"""How far the cameras' tables may lie apart where no table_z is given, twice HEIGHT_M less what both share [m]."""
+LOOSE_DEG, LOOSE_M = 12.0, 0.08
+"""A camera whose plane is nearer to the table than this is not accused: real poses are 1 to 2 deg off, so 2 to 4 cm at
+1 m, and `plop calibrate` is there for them."""
+TILT_DEG, HEIGHT_M = 5.0, 0.05
+"""A reading under which the plane is nearer than this puts the camera right: the same errors with a margin."""
+APART_M = 0.07
+"""How far apart the cameras' tables may then lie: sqrt(2) HEIGHT_M, as the errors are independent [m]."""
 SMALLEST_PLANE = 0.08
 """A plane that holds a smaller share of a camera's points is not looked at."""
 IN_WORKSPACE = 0.05
 """Smallest share of a camera's points in the workspace, on or above its table."""
+TIE = 0.1
+"""Guesses whose clouds agree as well, to this share of their points, cannot be told apart: all are named."""
 NEAR_M = 0.02
 """Points of two cameras nearer than this are of one surface [m]."""
 DEPTH_UNITS = {
@@ -97,19 +99,27 @@ def check_conventions(
     if not wrong:
         return
     for names in (list(looks), wrong):
-        best = _best(names, looks, own, stored, workspace, table_z_m)
-        if best is not None:
-            tilts = [_tilt(looks[name], own[name]) for name in names]
-            raise PlopError(
-                "Poses of cameras are in another convention." if best[0].scale == 1 else "Depth is in another unit.",
-                where=f"{episode}: camera {', '.join(names)}",
-                expected="camera -> robot base, metres, extrinsic xyz Euler angles in radians, OpenCV axes (right, down, "
-                "forward)" if best[0].scale == 1 else "millimetres",
-                found=f"{best[0].name}: so read, the table is level at {best[1]:.3f} m; as stored, the largest plane is "
-                f"tilted by {' and '.join(f'{tilt:.0f}' for tilt in tilts)} deg or lies elsewhere",
-                fix="Convert the poses and run again." if best[0].scale == 1 else
-                f"Multiply the depth pictures by {best[0].scale:g} and run again.",
-                cause=Cause.EXTRINSICS if best[0].scale == 1 else Cause.DEPTH)  # fmt: skip
+        likely = _best(names, looks, own, stored, workspace, table_z_m)
+        if likely:
+            raise _refusal(names, likely, [_as_stored(looks[name], own[name], workspace) for name in names],
+                           episode)
+
+
+def _refusal(names: list[str], likely: list[tuple[_Guess, float]], as_stored: list[str], episode: str) -> PlopError:
+    units = likely[0][0].scale != 1
+    told = ", or ".join(f"{guess.name} (the table is then level at {height:.3f} m)" for guess, height in likely[:4])
+    planes = f"as stored, the largest plane of each is {', '.join(as_stored)} (180 deg: seen from below)"
+    if units:
+        factors = " or ".join(f"{guess.scale:g}" for guess, _ in likely)
+        which = "" if len(likely) == 1 else " (table_z in plop_episode.json would tell which)"
+        return PlopError("Depth is in another unit.", where=f"{episode}: camera {', '.join(names)}",
+                         expected="millimetres", found=told, cause=Cause.DEPTH,
+                         fix=f"Multiply the depth pictures by {factors} and run again{which}.")  # fmt: skip
+    return PlopError("Poses of cameras are in another convention.", where=f"{episode}: camera {', '.join(names)}",
+                     expected="camera -> robot base, metres, extrinsic xyz Euler angles in radians, OpenCV axes "
+                     "(right, down, forward)", found=f"probably {told}; {planes}", cause=Cause.EXTRINSICS,
+                     fix="Convert the poses to plop's convention and run again. (If they are in it, workspace or "
+                     "table_z of plop_episode.json is wrong.)")  # fmt: skip
 
 
 def _look(picture: Picture, count: int = 3000) -> _Look:
@@ -172,8 +182,11 @@ def _apart(
 def _best(
     names: list[str], looks: Mapping[str, _Look], own: Mapping[str, _Guess], stored: Mapping[str, np.ndarray],
     workspace: np.ndarray, table_z_m: float | None,
-) -> tuple[_Guess, float] | None:  # fmt: skip
-    """Give the guess, the same for all `names`, that puts them right beside the others, and the table's height."""
+) -> list[tuple[_Guess, float]]:  # fmt: skip
+    """Give the guesses that put all `names` right beside the others, with the table's height; the likeliest first.
+
+    One guess is the same for all of `names`. Fewer departures are likelier, then clouds of cameras that agree.
+    """
     found = []
     for guesses in zip_longest(*(_guesses(own[name], stored[name]) for name in names)):
         chosen = dict(own) | dict(zip(names, guesses, strict=True))
@@ -182,13 +195,12 @@ def _best(
             continue
         best = [max(options, key=lambda fit: fit.in_workspace) for options in fits.values()]
         heights = [fit.height_m for fit in best]
-        if np.ptp(heights) > APART_M:
-            continue
-        found.append((guesses[0].departures, -_agreement([fit.cloud for fit in best]), guesses[0], float(np.mean(heights))))
-    if not found:
-        return None
-    found.sort(key=lambda item: (item[0], item[1]))
-    return found[0][2], found[0][3]
+        if np.ptp(heights) <= APART_M:
+            agreement = _agreement([fit.cloud for fit in best])
+            found.append((guesses[0].departures, -agreement, guesses[0], float(np.mean(heights))))
+    found.sort(key=lambda item: item[:2])
+    likely = [item for item in found if item[0] == found[0][0] and item[1] <= found[0][1] + TIE]
+    return [(guess, height) for _, _, guess, height in likely]
 
 
 def _guesses(own: _Guess, pose6: np.ndarray) -> Iterator[_Guess]:
@@ -206,7 +218,6 @@ def _agreement(clouds: list[np.ndarray]) -> float:
     return float(np.mean(shares)) if shares else 0.0
 
 
-def _tilt(look: _Look, guess: _Guess) -> float:
-    (plane, _), *_ = look.planes or [(Plane(np.array([0, 0, 1.0]), 0.0, 0.0), np.zeros(3))]
-    up = guess.pose[:3, :3] @ plane.normal
-    return float(np.degrees(np.arccos(np.clip(abs(up[2]), 0, 1))))
+def _as_stored(look: _Look, guess: _Guess, workspace: np.ndarray) -> str:
+    fit = next(_fits(look, guess, workspace), None)
+    return f"tilted by {fit.tilt_deg:.0f} deg at {fit.height_m:.2f} m" if fit else "not found"

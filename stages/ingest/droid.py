@@ -97,7 +97,8 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         if not out.is_done(folder.name):
             report = _ingest(folder, options, inputs, config, out, number, len(chosen))
             write_json(report_path, report)
-            out.mark_done(folder.name)
+            if "skipped" not in report:  # what was missing, e.g. a filter of HDF5, may be there the next time
+                out.mark_done(folder.name)
         reports[folder.name] = json.loads(report_path.read_text())
         out.progress(number + 1, len(chosen), folder.name)
     summary = _finish(reports, config, chosen, out, root)
@@ -238,7 +239,7 @@ def _relative(text: str, root: Path) -> str:
 
 INGEST_DROID = Stage(
     name="ingest",
-    version=1,
+    version=2,
     help="Turn episodes of a DROID robot into recordings.",
     config=DroidConfig,
     inputs={

@@ -17,9 +17,11 @@ from plop.recordings.droid_depth import ExportedDepth
 from plop.recordings.droid_episode import DroidEpisode
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.writer import RecordingWriter
+from stages.ingest.camera_conventions import check_conventions
 from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.droid_checks import check_object, check_views, closest_touch_m, object_cloud, sees_nothing
-from stages.ingest.masks import FolderMasker, GeometricMasker, Masker, MaskRules, Picture
+from stages.ingest.folder_masks import FolderMasker
+from stages.ingest.masks import GeometricMasker, Masker, MaskRules, Picture
 from stages.ingest.untouched import untouched
 
 
@@ -83,6 +85,8 @@ def _written(
     name = episode.folder.name
     workspace = options.workspace if episode.notes.workspace is None else episode.notes.workspace
     first = _first_pictures(episode, options, warnings)
+    stored = {camera.serial: camera.stored_pose6 for camera in episode.cameras if camera.stored_pose6 is not None}
+    check_conventions(first, stored, workspace, episode.notes.table_z_m, name)
     table_z = _table_height(episode, first, workspace, warnings)
     geometric = GeometricMasker(workspace, table_z, episode.tool, options.rules)
     masker: Masker = geometric

@@ -19,8 +19,8 @@ from plop.recordings.droid_depth import ExportedDepth, StereoDepth
 from plop.recordings.droid_intrinsics import find_intrinsics, matrix_from_side
 from plop.recordings.droid_layout import find_episodes, inside, stamp_of
 from plop.recordings.droid_notes import read_notes
+from plop.recordings.droid_pose import check_pose
 from plop.recordings.droid_tool import tool_mesh
-from plop.recordings.droid_trajectory import check_pose
 from plop.recordings.droid_video import find_video, open_video
 from plop.recordings.droid_writer import write_video
 from plop.recordings.side_pictures import find_side_pictures
