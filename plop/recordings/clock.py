@@ -154,14 +154,15 @@ def _exact(values: np.ndarray | Sequence[Any], where: str) -> tuple[np.ndarray, 
         known = (array >= 0) & (array <= np.iinfo(np.int64).max)
         exact = np.where(known, array, 0).astype(np.int64)
     zero = known & (exact == 0)
-    starts_at_zero = zero.sum() == 1 and known.sum() > 1 and int(np.argmax(known)) == int(np.argmax(zero)) \
-        and not _like_1970(exact[known & ~zero])  # fmt: skip
-    return exact, known if starts_at_zero else known & ~zero
+    return exact, known if _starts_at_zero(exact, known, zero) else known & ~zero
 
 
-def _like_1970(values: np.ndarray) -> bool:
-    middle = float(np.median(values))
-    return any(UNIX_S[0] <= middle * unit.value / 1e9 < UNIX_S[1] for unit in TimeUnit)
+def _starts_at_zero(exact: np.ndarray, known: np.ndarray, zero: np.ndarray) -> bool:
+    """Tell whether the only zero is the first stamp, no farther from the next than ten usual steps."""
+    rows = np.flatnonzero(known)
+    if zero.sum() != 1 or len(rows) < 3 or not zero[rows[0]]:
+        return False
+    return bool(exact[rows[1]] <= 10 * np.median(np.abs(np.diff(exact[rows[1:]]))))
 
 
 def _from_list(values: Sequence[Any], where: str) -> np.ndarray:
@@ -235,7 +236,7 @@ def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: st
                             "store int64 nanoseconds or float64 seconds.")  # fmt: skip
     if not sized and len(steps) > 1 and (steps == np.diff(rows)).all() and exact[rows[0]] in (0, 1):
         raise PlopError("Times are frame numbers.", where=where, expected="times",
-                        found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: each 1 more than before",
+                        found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: steps of 1",
                         fix="Divide them by the frame rate, in the unit that the format asks for.")  # fmt: skip
     return step
 

@@ -80,13 +80,13 @@ def _nearest(stamps: np.ndarray, received_ms: np.ndarray) -> np.ndarray:
     known = np.flatnonzero(np.isfinite(stamps))
     order = known[np.argsort(stamps[known], kind="stable")]
     steps = np.diff(stamps[order])
-    allowed = min(0.999, float(np.median(steps)) / 2) if len(steps) and np.median(steps) > 0 else 0.999
+    allowed = min(1.0, float(np.median(steps)) / 2) if len(steps) and np.median(steps) > 0 else 1.0
     wanted = np.nan_to_num(received_ms, nan=-np.inf)
     after = np.searchsorted(stamps[order], wanted)
     sides = np.stack([np.clip(after - 1, 0, len(order) - 1), np.clip(after, 0, len(order) - 1)])
     distance = np.abs(stamps[order][sides] - wanted)
     best = np.take_along_axis(sides, distance.argmin(0)[None], 0)[0]
-    return np.where(distance.min(0) <= allowed, order[best], -1)
+    return np.where(distance.min(0) < allowed, order[best], -1)
 
 
 def _seconds(ms: float) -> str:
@@ -163,8 +163,8 @@ def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
         raise PlopError("The robot cannot be as fast as the clock says.", where=where,
                         expected=f"a mean speed of the flange below {FASTEST_M_S:g} m/s",
                         found=f"{path:.2f} m in {(time_ms[-1] - time_ms[0]) / 1000:.4g} s, {speed:.3g} m/s",
-                        fix="Write the stamps in milliseconds: in seconds they would be 1000 times as far apart, and the "
-                            f"robot would move at {speed / 1000:.2g} m/s.")  # fmt: skip
+                        fix="Write the stamps in milliseconds: if they are seconds, the robot moves at "
+                            f"{speed / 1000:.2g} m/s.")  # fmt: skip
 
 
 def poses_at(poses6: np.ndarray, pose_ms: np.ndarray, wanted_ms: np.ndarray) -> np.ndarray:

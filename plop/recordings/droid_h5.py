@@ -49,6 +49,15 @@ def node_of(file: h5py.File, path: Path, key: str) -> h5py.Group | h5py.Dataset 
     return node
 
 
+def _readable(data: h5py.Dataset) -> bool:
+    """Tell whether it reads all the same: an optional filter may have been skipped."""
+    try:
+        data[:]
+    except OSError:
+        return False
+    return True
+
+
 def _check_filters(data: h5py.Dataset, where: str) -> None:
     """Make sure that a data set can be decompressed; hdf5plugin is loaded only where it is needed and installed."""
     created = data.id.get_create_plist()
@@ -58,7 +67,7 @@ def _check_filters(data: h5py.Dataset, where: str) -> None:
         import hdf5plugin  # type: ignore[import-not-found]  # noqa: F401  registers its filters
 
         missing = [used_ for used_ in missing if not h5py.h5z.filter_avail(used_[0])]
-    if missing:
+    if missing and not _readable(data):
         code, _, _, name = missing[0]
         stored = name.decode(errors="replace").split(";")[0][:40] if name else ""
         known = FILTERS.get(code) or BUILT_IN.get(code) or stored or "an unknown filter"

@@ -208,9 +208,9 @@ class _Reader:
         if robot is None:
             others = [(serial, clock) for serial, pair in cameras.items() for clock in pair if clock is not None]
             serial, robot = others[0] if others else ("", None)
-            text = f"the robot's clock is missing; camera {serial}'s is used, so a lag between pose and picture stays in"
-            self.warnings.append(f"{self.path}: {text}" if others else
-                                 f"{self.path}: no clock is stored; {CONTROL_HZ:g} rows a second are assumed")  # fmt: skip
+            used = f"the robot's clock is missing; camera {serial}'s is used, so a lag of pose and picture stays in"
+            none = f"no clock is stored; {CONTROL_HZ:g} rows a second are assumed"
+            self.warnings.append(f"{self.path}: {used if others else none}")
         for serial, pair in cameras.items():
             try:
                 for clock in pair:
