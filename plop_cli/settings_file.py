@@ -25,7 +25,7 @@ def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, A
     if not path.is_file():
         return {}
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise PlopError("The settings file cannot be read.", where=path, expected="TOML", found=str(error),
                         fix="Correct that line; docs/start.md shows such a file.") from error  # fmt: skip

@@ -89,7 +89,7 @@ class Scene:
         """
         path = Path(path)
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError) as error:
             raise PlopError("The scene cannot be read.", where=path, expected="a TOML file", found=str(error),
                             fix=f"Shipped scenes: {', '.join(shipped_scenes())}.") from error  # fmt: skip

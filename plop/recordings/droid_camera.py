@@ -9,14 +9,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from plop.errors import PlopError
+from plop.causes import Cause, Noticed
+from plop.errors import PlopError, remembering
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.droid_align import capture_times, frames_of_rows, poses_at
 from plop.recordings.droid_depth import DepthSource, ExportedDepth, StereoDepth, ZedDepth, find_svo, zed_sdk_present
 from plop.recordings.droid_intrinsics import find_intrinsics, side_of_episode
 from plop.recordings.droid_layout import DroidFolder
-from plop.recordings.droid_trajectory import DroidTrajectory, check_pose, pose_from_json
+from plop.recordings.droid_pose import check_pose, pose_from_json
+from plop.recordings.droid_trajectory import DroidTrajectory
 from plop.recordings.droid_video import DroidVideo, find_video
+from plop.recordings.side_pictures import find_side_pictures
 
 BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
 """Distance between the eyes as built [m]."""
@@ -66,12 +69,14 @@ class DroidCamera:
     frame_of_row: np.ndarray
     """Frame number of every row, shape [T]; -1 none."""
     capture_ms: np.ndarray
-    """When the row's picture was taken, Unix ms, shape [T], float64; NaN unknown."""
+    """When the row's picture was taken, shape [T] [ms since the trajectory's origin]; NaN unknown."""
     world_from_cam: np.ndarray
     """Pose at capture time of every row, shape [T, 4, 4]."""
     intrinsics: np.ndarray
     """K of the video, pixel centres at half-integers, shape [3, 3] [px]."""
     depth: DepthSource
+    stored_pose6: np.ndarray | None = None
+    """The six numbers from which the pose of a fixed camera was read, shape [6]."""
 
     def size(self, longest: int) -> tuple[int, int]:
         """Width and height after shrinking so that the longest side is at most `longest` [px]."""
@@ -109,25 +114,38 @@ def open_camera(
         The camera and warnings.
 
     Raises:
-        PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock.
+        PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock. It holds
+            the warnings that were gathered before.
     """
+    warnings: list[str] = []
+    with remembering(warnings):
+        return _opened(episode, trajectory, serial, options, warnings), warnings
+
+
+def _opened(
+    episode: DroidFolder, trajectory: DroidTrajectory, serial: str, options: DroidOptions, warnings: list[str]
+) -> DroidCamera:
+    if serial in trajectory.bad_clocks:
+        raise trajectory.bad_clocks[serial]
     wrist = trajectory.camera_type[serial] == 0
     exported = episode.recordings / "depth" / serial
     use_exported = exported.is_dir() and any(exported.glob("*.png"))
-    video, warnings = find_video(episode.recordings, serial, stereo=not use_exported)
+    video, more = find_video(episode.recordings, serial, stereo=not use_exported)
+    warnings += more
     if video is None:
         svo = find_svo(episode.recordings, serial)
         raise PlopError("A camera has no video.", where=f"{episode.recordings}: {serial}.mp4",
                         expected=f"MP4/{serial}.mp4 or MP4/{serial}-stereo.mp4",
                         found=f"only {svo.name}" if svo else "; ".join(warnings) or "nothing",
                         fix="Convert the SVO to MP4." if svo else "Copy the files again.")  # fmt: skip
-    received = trajectory.received_ms.get(serial, np.full(trajectory.rows, -1))
+    unknown = np.full(trajectory.rows, np.nan)
+    received = trajectory.received_ms.get(serial, unknown)
     stamps = episode.recordings / "MP4" / f"{serial}_timestamps.json"
-    frame_of_row, more = frames_of_rows(received, video.frames, stamps, video.path)
+    frame_of_row, more = frames_of_rows(received, video.frames, stamps, trajectory.origin_ns, video.path)
     warnings += more
-    captured = capture_times(trajectory.captured_ms.get(serial, received), received, trajectory.robot_time_ms)
+    captured = capture_times(trajectory.captured_ms.get(serial, unknown), received, trajectory.robot_time_ms)
     captured = captured - options.settings.camera_delay_ms
-    poses, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
+    poses, stored, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
     warnings += more
     focal = options.settings.wrist_focal_px if wrist else options.settings.exterior_focal_px
     intrinsics, more = find_intrinsics(
@@ -136,18 +154,20 @@ def open_camera(
     )  # fmt: skip
     warnings += more
     if use_exported:
-        depth: DepthSource = ExportedDepth(exported)
+        pictures = find_side_pictures(exported, video.frames, what="depth pictures", cause=Cause.DEPTH)
+        warnings += [Noticed(note, Cause.DEPTH, "Check the numbers of the depth pictures.") for note in pictures.notes]
+        depth: DepthSource = ExportedDepth(pictures)
     else:
         depth, more = _computed_depth(episode, serial, video, intrinsics, offset_pair, options)
         warnings += more
-    return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth), warnings
+    return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth, stored)
 
 
 def _poses(
     episode: DroidFolder, trajectory: DroidTrajectory, serial: str, wrist: bool, captured: np.ndarray,
     options: DroidOptions,
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None, list[str]]:  # fmt: skip
-    """Give poses [T, 4, 4], the pair of 6-vectors whose distance is the baseline, and warnings."""
+) -> tuple[np.ndarray, np.ndarray | None, tuple[np.ndarray, np.ndarray] | None, list[str]]:  # fmt: skip
+    """Give poses [T, 4, 4], a fixed camera's as stored [6], the 6-vectors whose distance is the baseline, warnings."""
     clock = trajectory.robot_time_ms
     where = f"{trajectory.path}:/observation/camera_extrinsics/{serial}_left"
     if wrist:
@@ -156,15 +176,15 @@ def _poses(
         if offset is not None and np.isfinite(offset).all():
             check_pose(offset, where=f"{where}_gripper_offset", what="camera")
             flange = poses_at(trajectory.flange, clock, captured)
-            return flange @ pose_from_euler_xyz(offset), pair, []
+            return flange @ pose_from_euler_xyz(offset), None, pair, []
     own = trajectory.extrinsics.get(f"{serial}_left", np.full((trajectory.rows, 6), np.nan))
     pair = _pair({key: _first(value) for key, value in trajectory.extrinsics.items()}, serial)
     side = side_of_episode(episode, options.extrinsics).get(serial)
     if not wrist and side is not None:
         given = pose_from_json(side, where=f"{options.extrinsics_name}: {serial}", what="camera")
         pose = pose_from_euler_xyz(given)
-        return np.repeat(pose[None], trajectory.rows, 0), pair, [f"{episode.name}: pose of camera {serial} from "
-                                                                 f"{options.extrinsics_name}"]  # fmt: skip
+        note = f"{episode.name}: pose of camera {serial} from {options.extrinsics_name}"
+        return np.repeat(pose[None], trajectory.rows, 0), given, pair, [note]
     warnings: list[str] = []
     if not np.isfinite(own).all(1).any() and not wrist:
         own, warnings = _from_metadata(episode, trajectory, serial, where)
@@ -176,10 +196,12 @@ def _poses(
     if not wrist:
         moved = float(np.nanmax(np.linalg.norm(own[:, :3] - _first(own)[:3], axis=1)))
         if moved > 1e-3:
-            warnings.append(f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used")
+            warnings.append(Noticed(f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used",
+                                    Cause.EXTRINSICS, "Check the pose of this camera."))  # fmt: skip
         own = np.repeat(_first(own)[None], trajectory.rows, 0)
-        return pose_from_euler_xyz(own), pair, warnings
-    return poses_at(own, clock, captured), pair, [f"{where}_gripper_offset: missing; the row's own pose is used"]
+        return pose_from_euler_xyz(own), own[0], pair, warnings
+    note = f"{where}_gripper_offset: missing; the row's own pose is used"
+    return poses_at(own, clock, captured), None, pair, [note]
 
 
 def _from_metadata(
@@ -208,10 +230,13 @@ def _computed_depth(
     svo = find_svo(episode.recordings, serial)
     if svo is not None and zed_sdk_present():
         return ZedDepth(svo), []
+    others = sorted(path.name for path in (episode.recordings / "depth" / serial).glob("*"))
     raise PlopError("A camera has no depth.", where=f"{episode.recordings}: camera {serial}",
                     expected=f"depth/{serial}/<frame>.png, MP4/{serial}-stereo.mp4, or SVO and ZED SDK",
-                    found=f"{video.path.name} (one eye)" + (f", {svo.name} but no pyzed" if svo else ""),
-                    fix="Export depth pictures (uint16 millimetres), or bring the stereo video.")  # fmt: skip
+                    found=f"{video.path.name} (one eye)" + (f", {svo.name} but no pyzed" if svo else "")
+                    + (f", depth/{serial}/{others[0]} and others that are no PNG" if others else ""),
+                    fix="Export depth as 16-bit PNG, np.uint16(np.round(1000 * metres)), or bring the stereo video.",
+                    cause=Cause.DEPTH)  # fmt: skip
 
 
 def _baseline(where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p: float, given: float
@@ -227,9 +252,10 @@ def _baseline(where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p
                         found=f"{measured:.4f} m", fix="Correct the extrinsics, or set baseline_m.")  # fmt: skip
     nearest = min(BASELINES_M.values(), key=lambda built: abs(built - measured))
     if abs(measured - nearest) > 0.02 * nearest:
-        return measured, [f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
-                          f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
-                          "set baseline_m if you know it"]  # fmt: skip
+        text = (f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
+                f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
+                "set baseline_m if you know it")  # fmt: skip
+        return measured, [Noticed(text, Cause.DEPTH, "Set baseline_m.")]
     return measured, []
 
 

@@ -8,7 +8,9 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from plop.causes import Cause
 from plop.errors import PlopError
+from plop.recordings.side_pictures import SidePictures
 
 SATURATED = 65535
 """A uint16 depth that ran over; never a measurement."""
@@ -36,13 +38,17 @@ class DepthSource(Protocol):
 
 
 class ExportedDepth:
-    """Depth pictures made elsewhere: `recordings/depth/<serial>/<frame:06d>.png`, uint16 millimetres, 0 = none."""
+    """Depth pictures made elsewhere: `recordings/depth/<serial>/<frame>.png`, uint16 millimetres, 0 = none.
+
+    Args:
+        pictures: Which picture belongs to which frame.
+    """
 
     name = "exported"
     needs_right = False
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, pictures: SidePictures) -> None:
+        self.pictures, self.folder = pictures, pictures.folder
         self.missing: list[int] = []
         self.saturated: list[int] = []
         self.other_size: dict[str, list[int]] = {}
@@ -50,16 +56,19 @@ class ExportedDepth:
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:
         """See DepthSource; a missing picture measures nothing. What `warnings` tells is remembered."""
-        path = self.folder / f"{frame:06d}.png"
-        if not path.is_file():
+        path = self.pictures.paths.get(frame)
+        if path is None:
             self.missing.append(frame)
             return np.zeros(left.shape[:2], np.float32)
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if picture is None or picture.dtype != np.uint16 or picture.ndim != 2:
             found = "not a picture" if picture is None else f"{picture.dtype}, shape {picture.shape}"
+            if picture is not None:
+                found += ": a coloured picture of depth" if picture.ndim == 3 else ": scaled for looking at"
             raise PlopError("A depth picture is of the wrong kind.", where=path,
                             expected="one channel, uint16, millimetres, 0 = not measured", found=found,
-                            fix="Export depth as 16-bit PNG.")  # fmt: skip
+                            fix="Export the measured depth itself as 16-bit PNG: np.uint16(np.round(1000 * metres)).",
+                            cause=Cause.DEPTH)  # fmt: skip
         if abs(picture.shape[1] / picture.shape[0] - left.shape[1] / left.shape[0]) > 0.02:
             raise PlopError("A depth picture has another shape than the video.", where=path,
                             expected=f"the aspect of {left.shape[1]}x{left.shape[0]}",
@@ -73,7 +82,8 @@ class ExportedDepth:
 
     def warnings(self) -> list[str]:
         """Say which frames had no picture, ran over, or are of another size than the video."""
-        named = (("no depth picture", self.missing), ("65535 (ran over, taken as not measured)", self.saturated),
+        nothing = f"no depth picture (there are {self.pictures.range_text()})"
+        named = ((nothing, self.missing), ("65535 (ran over, taken as not measured)", self.saturated),
                  *self.other_size.items())  # fmt: skip
         return [f"{self.folder}: {what} for {len(frames)} frames: {', '.join(f'{x:06d}' for x in sorted(frames)[:8])}"
                 for what, frames in named if frames]  # fmt: skip

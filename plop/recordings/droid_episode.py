@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.causes import Cause, Noticed
+from plop.errors import PlopError, remembering
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.droid_align import active_rows, poses_at
+from plop.recordings.droid_align import active_rows, check_overlap, check_speed, poses_at
 from plop.recordings.droid_camera import DroidCamera, DroidOptions, open_camera
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import EpisodeNotes, read_notes
@@ -69,9 +70,15 @@ def open_episode(folder: DroidFolder, options: DroidOptions, choice: RowChoice) 
     """Read everything but the pictures.
 
     Raises:
-        PlopError: The episode cannot be used; the message names file, key and frame.
+        PlopError: The episode cannot be used; the message names file, key and frame, and it holds the warnings
+            that were gathered before.
     """
     warnings = list(folder.warnings)
+    with remembering(warnings):
+        return _opened(folder, options, choice, warnings)
+
+
+def _opened(folder: DroidFolder, options: DroidOptions, choice: RowChoice, warnings: list[str]) -> DroidEpisode:
     if not folder.recordings.is_dir():
         raise PlopError("The episode has no recordings.", where=folder.recordings, expected="a folder with MP4/",
                         found="nothing", fix="Copy it again, or leave the episode out.")  # fmt: skip
@@ -101,7 +108,8 @@ def _open_cameras(
             camera, more = open_camera(folder, trajectory, serial, options)
         except PlopError as error:
             refused.append(error)
-            warnings.append(f"camera {serial} is left out: {error.problem} ({error.where}; found: {error.found})")
+            text = f"camera {serial} is left out: {error.problem} ({error.where}; found: {error.found})"
+            warnings += [*error.noticed, Noticed(text, error.cause, error.fix or "")]
             continue
         warnings += more
         if camera.wrist:
@@ -112,7 +120,8 @@ def _open_cameras(
         reasons = [f"{error.problem} {error.where}: {error.found}" for error in refused]
         raise PlopError("No fixed camera of the episode can be used.", where=folder.folder,
                         expected="one exterior camera or more", found="; ".join(reasons) or "none in camera_type",
-                        fix=next((error.fix for error in refused if error.fix), "Leave the episode out."))  # fmt: skip
+                        fix=next((error.fix for error in refused if error.fix), "Leave the episode out."),
+                        cause=next((error.cause for error in refused), None))  # fmt: skip
     return exterior, wrist
 
 
@@ -125,6 +134,7 @@ def _choose_rows(
     known = np.stack([camera.capture_ms for camera in cameras])
     counts = np.isfinite(known).sum(0)
     time_ms = np.where(counts > 0, np.nansum(known, axis=0) / np.maximum(counts, 1), np.nan)
+    check_overlap(trajectory.robot_time_ms, time_ms, str(trajectory.path))
     _check_lag(trajectory, time_ms, warnings)
     has_frame = np.all([camera.frame_of_row >= 0 for camera in cameras], axis=0)
     good = has_frame & np.isfinite(trajectory.flange).all(1) & np.isfinite(time_ms)
@@ -141,6 +151,7 @@ def _choose_rows(
                         found=f"{len(rows)} ({int(trajectory.skipped[first : last + 1].sum())} rows have skip_action, "
                               f"{int((~has_frame[first : last + 1]).sum())} have no frame)",
                         fix="Leave the episode out, or set keep_skipped / idle_s / min_frames.")  # fmt: skip
+    check_speed(trajectory.flange[rows], time_ms[rows], str(trajectory.path))
     if dropped:
         warnings.append(f"{trajectory.path}: {dropped} of {last + 1 - first} rows left out "
                         "(skip_action, standing still, no frame or no pose)")  # fmt: skip
@@ -152,11 +163,13 @@ def _choose_rows(
 
 
 def _check_lag(trajectory: DroidTrajectory, time_ms: np.ndarray, warnings: list[str]) -> None:
-    known = np.isfinite(time_ms) & (trajectory.robot_time_ms > 0)
+    known = np.isfinite(time_ms) & np.isfinite(trajectory.robot_time_ms)
     lag = np.median(time_ms[known] - trajectory.robot_time_ms[known]) if known.any() else 0.0
     if abs(lag) > 250:
-        warnings.append(f"{trajectory.path}: pictures are {lag:.0f} ms off the robot's clock (median); "
-                        "poses are interpolated, but check the clocks")  # fmt: skip
+        warnings.append(Noticed(f"{trajectory.path}: pictures are {lag:.0f} ms off the robot's clock (median); "
+                                "poses are interpolated, but check the clocks", Cause.CLOCK,
+                                "Check that the robot's and the cameras' time stamps are of one clock and in "
+                                "milliseconds."))  # fmt: skip
 
 
 def _span(span: tuple[int, int] | None, rows: int, where: str, warnings: list[str]) -> tuple[int, int]:
@@ -200,7 +213,7 @@ def _open_scan(
         if not len(rows):
             raise PlopError("No frame of the scan can be used.", where=where, found="no row with frame and pose")
     except PlopError as error:
-        warnings.append(f"no scan: {error.problem} ({error.where}; found: {error.found})")
+        warnings += [*error.noticed, f"no scan: {error.problem} ({error.where}; found: {error.found})"]
         return None
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), choice.scan_frames)).round().astype(int))]
     flange = poses_at(trajectory.flange, trajectory.robot_time_ms, wrist.capture_ms[rows])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.recordings.droid_layout import DroidFolder
+from plop.recordings.side_file import read_json
 
 ZED_WIDTHS = {1280: 720, 1920: 1080, 2208: 1242, 672: 376, 640: 360}
 """Resolutions in which intrinsics of DROID's cameras are written, width -> height [px]."""
@@ -101,7 +101,7 @@ def load_side_file(path: Path | None, what: str) -> dict[str, Any]:
     if path is None or not path.is_file():
         return {}
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path)
     except (OSError, ValueError) as error:
         raise PlopError(f"The file of {what} cannot be read.", where=path, expected="JSON, keyed by uuid",
                         found=str(error), fix="Copy the file again.") from error  # fmt: skip
@@ -116,7 +116,7 @@ def side_of_episode(episode: DroidFolder, side: dict[str, Any]) -> dict[str, Any
     for uuid, entry in side.items():
         if episode.matches_uuid(uuid) and isinstance(entry, dict):
             return entry
-    return side if side and all(key.isdigit() or key == "source" for key in side) else {}
+    return side if not any("+" in key for key in side) else {}  # a DROID uuid is <lab>+<user>+<time>
 
 
 def _side_entry(episode: DroidFolder, serial: str, side: dict[str, Any]) -> Any | None:

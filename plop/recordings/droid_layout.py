@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.errors import PlopError
+from plop.recordings.side_file import read_json
 
 OUTCOMES = ("success", "failure")
 
@@ -87,7 +87,10 @@ def find_episodes(root: str | Path) -> list[DroidFolder]:
 
 
 def inside(root: Path, relative: str, *, base: Path | None = None, where: str) -> Path:
-    """Resolve a path that a file names, and refuse one that leaves the raw folder.
+    """Find a path that a file names, and refuse one that leaves the raw folder.
+
+    The one way out that is data of the set itself: in the cache of the Hugging Face hub every file of
+    `<set>/snapshots/<revision>/` is a link to `<set>/blobs/<digest>`, of the same `<set>`.
 
     Args:
         root: The raw folder.
@@ -95,15 +98,30 @@ def inside(root: Path, relative: str, *, base: Path | None = None, where: str) -
         base: Folder that it is relative to; the raw folder when absent.
         where: File and key that hold it, for the message.
 
+    Returns:
+        The path with its own name and suffix, links not resolved.
+
     Raises:
-        PlopError: The path is absolute or leads out of the raw folder.
+        PlopError: The path is absolute, or it or what it links to lies outside of the raw folder.
     """
-    path = Path(relative)
-    resolved = ((base or root) / path).resolve()
-    if path.is_absolute() or not resolved.is_relative_to(root.resolve()):
+    path = (base or root) / relative
+    within = path.resolve().is_relative_to(root.resolve()) or _is_blob_of_its_set(path, root)
+    if Path(relative).is_absolute() or not within:
+        target = path.resolve()
+        led = path.parent.resolve() != target.parent and not Path(relative).is_absolute() and ".." not in relative
         raise PlopError("A path leaves the raw folder.", where=where, expected=f"a relative path inside {root}",
-                        found=relative, fix="Move the file into the raw folder and write a relative path.")  # fmt: skip
-    return resolved
+                        found=relative + (", a link that leads out of it" if led else ""),
+                        fix="Put the file itself into the raw folder and write a relative path.")  # fmt: skip
+    return path
+
+
+def _is_blob_of_its_set(path: Path, root: Path) -> bool:
+    """Tell whether a file inside the raw folder is a link into the blobs of the hub cache that holds it."""
+    folder = path.parent.resolve()
+    if not path.is_symlink() or not folder.is_relative_to(root.resolve()):
+        return False
+    caches = [parent.parent for parent in (folder, *folder.parents) if parent.parent.name == "snapshots"]
+    return any(path.resolve().parent == cache.parent / "blobs" for cache in caches)
 
 
 def stamp_of(folder_name: str) -> str:
@@ -138,7 +156,7 @@ def _read_metadata(folder: Path, files: list[str]) -> tuple[dict[str, Any], list
     path = folder / files[0]
     warnings = [f"{folder}: {len(files)} metadata files, {files[0]} is used"] if len(files) > 1 else []
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path)
     except (OSError, ValueError) as error:
         return {}, [*warnings, f"{path}: not readable ({error}); read on without it"]
     if not isinstance(content, dict):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.recordings.droid_layout import DroidFolder, inside
-from plop.recordings.droid_trajectory import check_pose
+from plop.recordings.droid_pose import check_pose
+from plop.recordings.side_file import read_json
 
 NOTES_NAME = "plop_episode.json"
 WORKSPACE_M = 5.0
@@ -53,7 +53,7 @@ def read_notes(episode: DroidFolder) -> EpisodeNotes:
 
 def _load(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path)
     except (OSError, ValueError) as error:
         raise _bad(path, "", "JSON", str(error)) from error
     if not isinstance(content, dict):

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
+from plop.recordings.clock import Clock, TimeUnit, check_together, read_clock
+from plop.recordings.droid_h5 import node_of
+from plop.recordings.droid_pose import check_pose
 
 FLANGE = "observation/robot_state/cartesian_position"
+OFFSET = "_gripper_offset"
+"""Ends the key of a pose in the flange instead of the base."""
 CONTROL_HZ = 15.0
 """DROID's control rate; a clock only where no other is stored."""
-FARTHEST_M = 5.0
-"""A robot or camera farther than this from the robot's base is taken for millimetres [m]."""
 
 
 @dataclass(frozen=True)
 class DroidTrajectory:
     """The robot's side of one episode; T rows at about 15 Hz, base frame, metres, radians.
 
-    Rows that a shorter key does not cover hold NaN (poses) or -1 (times).
+    Times are ms since `origin_ns`, taken as a difference of whole nanoseconds. Rows that a shorter key does not cover,
+    and unknown times, hold NaN.
     """
 
     path: Path
@@ -30,7 +34,7 @@ class DroidTrajectory:
     flange: np.ndarray
     """Pose of the flange in the base, [x, y, z, a, b, c], shape [T, 6]."""
     robot_time_ms: np.ndarray
-    """When the robot's state was read (or the best clock in its place), Unix ms, shape [T]; -1 unknown."""
+    """When the robot's state was read (or the best clock in its place), shape [T] [ms since `origin_ns`]."""
     skipped: np.ndarray
     """Rows in which the robot was not commanded, bool, shape [T]."""
     camera_type: dict[str, int]
@@ -42,9 +46,13 @@ class DroidTrajectory:
     intrinsics: dict[str, np.ndarray]
     """"<serial>_left" -> K as stored (pixel centres at integers), shape [3, 3]."""
     received_ms: dict[str, np.ndarray]
-    """serial -> frame_received, Unix ms, shape [T]; -1 unknown."""
+    """serial -> frame_received, shape [T] [ms since `origin_ns`]; none of a camera without it."""
     captured_ms: dict[str, np.ndarray]
-    """serial -> estimated_capture, Unix ms, shape [T]; -1 unknown."""
+    """serial -> estimated_capture, as `received_ms`."""
+    origin_ns: int
+    """First stamp of the robot's clock, on the scale of the recording's own stamps [ns]."""
+    bad_clocks: dict[str, PlopError] = field(default_factory=dict)
+    """serial -> why the camera's clock cannot be used."""
     warnings: list[str] = field(default_factory=list)
 
 
@@ -63,7 +71,9 @@ def read_trajectory(path: Path, *, serials: dict[str, int] | None = None) -> Dro
                         fix="Copy the file again, or leave the episode out.")  # fmt: skip
     try:
         with h5py.File(path, "r") as file:
-            return _Reader(path, file).read(serials or {})
+            reader = _Reader(path, file)
+            with remembering(reader.warnings):
+                return reader.read(serials or {})
     except (OSError, RuntimeError) as error:
         raise PlopError("The trajectory cannot be read.", where=path, expected="a complete HDF5 file",
                         found=str(error), fix="Copy the file again, or leave the episode out.") from error  # fmt: skip
@@ -74,6 +84,7 @@ class _Reader:
 
     def __init__(self, path: Path, file: h5py.File) -> None:
         self.path, self.file, self.warnings = path, file, list[str]()
+        self.units: dict[TimeUnit, list[str]] = {}
         self.truncated = self._node("action") is None
         if self.truncated:
             self.warnings.append(
@@ -92,48 +103,34 @@ class _Reader:
         flange = self._rows(FLANGE, 6)
         check_pose(flange, where=f"{self.path}:/{FLANGE}", what="flange")
         poses = "observation/camera_extrinsics"
-        keys = [key for key in self._names(poses) if key.split("_")[0] in types]
-        stale = sorted({key.split("_")[0] for key in self._names(poses)} - set(types))
+        own = {key: eye for key in self._names(poses) if (eye := _eye(key, types))}
+        stale = sorted(set(self._names(poses)) - set(own))
         if stale:
-            self.warnings.append(
-                f"{self.path}:/{poses}: {', '.join(stale)} not in camera_type, so another rig's; ignored"
-            )
-        offsets = {key.removesuffix("_gripper_offset"): self._rows(f"{poses}/{key}", 6) for key in keys
-                   if key.endswith("_gripper_offset")}  # fmt: skip
-        times = "observation/timestamp/cameras"
-        received = {serial: self._time(f"{times}/{serial}_frame_received") for serial in types}
+            self.warnings.append(f"{self.path}:/{poses}: {', '.join(stale)} belong to none of camera_type "
+                                 f"({', '.join(types)}), so to another rig; ignored")  # fmt: skip
+        stored = {eye: self._rows(f"{poses}/{key}", 6) for key, eye in own.items()}
+        offsets = {eye: _first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
+        bad_clocks = dict[str, PlopError]()
+        cameras = {serial: self._camera_clocks(serial, bad_clocks) for serial in types}
+        robot = self._robot_clock(cameras, bad_clocks)
+        origin = int(robot.ns[robot.known][0]) if robot is not None else 0
+        self.warnings += [f"{self.path}:/observation/timestamp: in {unit.plural} (not milliseconds), and read so: "
+                          f"{', '.join(names)}" for unit, names in self.units.items()]  # fmt: skip
+        received, captured = ({serial: 1000 * clock.since(origin) for serial, pair in cameras.items()
+                               if (clock := pair[which]) is not None} for which in (0, 1))  # fmt: skip
         return DroidTrajectory(
             path=self.path, rows=self.rows, flange=flange,
-            robot_time_ms=self._robot_time(received),
+            robot_time_ms=np.arange(self.rows) * 1000 / CONTROL_HZ if robot is None else 1000 * robot.since(origin),
             skipped=self._flag("observation/timestamp/skip_action"),
             camera_type=types,
-            extrinsics={key: self._rows(f"{poses}/{key}", 6) for key in keys if not key.endswith("_gripper_offset")},
-            gripper_offset={key: _first_finite(offset) for key, offset in offsets.items()},
+            extrinsics={eye: pose for eye, pose in stored.items() if not eye.endswith(OFFSET)},
+            gripper_offset={eye.removesuffix(OFFSET): offset for eye, offset in offsets.items()},
             intrinsics=self._intrinsics(types),
-            received_ms=received,
-            captured_ms={serial: self._time(f"{times}/{serial}_estimated_capture") for serial in types},
-            warnings=self.warnings,
+            received_ms=received, captured_ms=captured, origin_ns=origin, bad_clocks=bad_clocks, warnings=self.warnings,
         )  # fmt: skip
 
     def _node(self, key: str) -> h5py.Group | h5py.Dataset | None:
-        """Give a node without ever following a link into another file."""
-        node: h5py.Group | h5py.Dataset = self.file
-        for part in key.split("/"):
-            if not isinstance(node, h5py.Group):
-                return None
-            link = node.get(part, getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                raise PlopError("The trajectory links into another file.", where=f"{self.path}:/{key}",
-                                expected="the data themselves", found=f"a link to {link.filename}",
-                                fix="Copy the data into the file: links are not followed.")  # fmt: skip
-            if link is None:
-                return None
-            node = node.get(part)
-        if isinstance(node, h5py.Dataset) and (node.external or node.is_virtual):
-            raise PlopError("The trajectory keeps data in another file.", where=f"{self.path}:/{key}",
-                            expected="the data themselves", found="an external or virtual data set",
-                            fix="Copy the data into the file: links are not followed.")  # fmt: skip
-        return node
+        return node_of(self.file, self.path, key)
 
     def _names(self, key: str) -> list[str]:
         node = self._node(key)
@@ -154,44 +151,81 @@ class _Reader:
             raise PlopError("A key of the trajectory has another shape.", where=f"{self.path}:/{key}",
                             expected=f"{shape}", found=f"{node.shape}", fix="Leave the episode out.")  # fmt: skip
         values = np.asarray(node[: self.rows], dtype=np.float64)
-        missing = self.rows - len(values)
-        if missing and self.truncated:
-            self.warnings.append(f"{self.path}:/{key}: the last {missing} of {self.rows} rows are missing")
-            out[: len(values)] = values
-            return out
-        if missing:
-            self.warnings.append(f"{self.path}:/{key}: {len(values)} rows instead of {self.rows}; "
-                                 f"read as rows {missing}..{self.rows - 1} (absent in the early steps)")  # fmt: skip
-        out[missing:] = values
+        out[self._covered(key, len(values), say=True)] = values
         return out
 
-    def _time(self, key: str) -> np.ndarray:
-        values = self._rows(key)
-        return np.where(np.isfinite(values), values, -1).astype(np.int64)
+    def _covered(self, key: str, count: int, *, say: bool) -> slice:
+        """Tell which of the T rows a key of `count` rows covers."""
+        missing = self.rows - count
+        if self.truncated:
+            if missing and say:
+                self.warnings.append(f"{self.path}:/{key}: the last {missing} of {self.rows} rows are missing")
+            return slice(0, count)
+        if missing and say:
+            self.warnings.append(f"{self.path}:/{key}: {count} rows instead of {self.rows}; "
+                                 f"read as rows {missing}..{self.rows - 1} (absent in the early steps)")  # fmt: skip
+        return slice(missing, self.rows)
+
+    def _clock(self, key: str) -> Clock | None:
+        """Read a column of stamps without ever making whole numbers decimal ones; None: it is not there, or empty."""
+        node = self._node(key)
+        if not isinstance(node, h5py.Dataset):
+            return None
+        values = node[: self.rows]
+        if values.ndim == 1 and values.dtype.kind in "iuf":
+            padded = np.full(self.rows, -1, values.dtype if values.dtype.kind != "u" else np.int64)
+            padded[self._covered(key, len(values), say=True)] = values
+            values = padded
+        clock = read_clock(values, documented=TimeUnit.MILLISECONDS, where=f"{self.path}:/{key}")
+        if clock is not None:
+            if clock.unit is not TimeUnit.MILLISECONDS:
+                self.units.setdefault(clock.unit, []).append(key.rpartition("/")[2])
+            self.warnings += clock.notes
+        return clock
 
     def _flag(self, key: str) -> np.ndarray:
         return np.nan_to_num(self._rows(key)) > 0
 
-    def _robot_time(self, received: dict[str, np.ndarray]) -> np.ndarray:
-        """Give the robot's clock, or the best there is in its place."""
-        for key in ("observation/timestamp/robot_state/read_end", "observation/timestamp/control/step_start"):
-            times = self._time(key)
-            if (times > 0).any():
-                return times
-        for serial, times in received.items():
-            if (times > 0).any():
-                self.warnings.append(f"{self.path}: the robot's clock is missing; camera {serial}'s is used, "
-                                     "so a lag between pose and picture stays in")  # fmt: skip
-                return times
-        self.warnings.append(f"{self.path}: no clock is stored; {CONTROL_HZ:g} rows a second are assumed")
-        return np.round((1 + np.arange(self.rows)) * 1000 / CONTROL_HZ).astype(np.int64)
+    def _camera_clocks(self, serial: str, bad: dict[str, PlopError]) -> tuple[Clock | None, Clock | None]:
+        """Give frame_received and estimated_capture of a camera; why they cannot be used goes into `bad`."""
+        key = f"observation/timestamp/cameras/{serial}"
+        try:
+            return self._clock(f"{key}_frame_received"), self._clock(f"{key}_estimated_capture")
+        except PlopError as error:
+            bad[serial] = error
+            return None, None
+
+    def _robot_clock(
+        self, cameras: dict[str, tuple[Clock | None, Clock | None]], bad: dict[str, PlopError]
+    ) -> Clock | None:
+        """Give the robot's clock, or the best there is in its place; cameras whose clocks do not go with it into `bad`.
+
+        Raises:
+            PlopError: The robot's clock is there but none.
+        """
+        robot = self._clock("observation/timestamp/robot_state/read_end")
+        robot = robot or self._clock("observation/timestamp/control/step_start")
+        if robot is None:
+            others = [(serial, clock) for serial, pair in cameras.items() for clock in pair if clock is not None]
+            serial, robot = others[0] if others else ("", None)
+            used = f"the robot's clock is missing; camera {serial}'s is used, so a lag of pose and picture stays in"
+            none = f"no clock is stored; {CONTROL_HZ:g} rows a second are assumed"
+            self.warnings.append(f"{self.path}: {used if others else none}")
+        for serial, pair in cameras.items():
+            try:
+                for clock in pair:
+                    if robot is not None and clock is not None:
+                        check_together({"the robot's clock": robot, f"camera {serial}'s": clock})
+            except PlopError as error:
+                bad[serial] = error
+        return robot
 
     def _intrinsics(self, types: dict[str, int]) -> dict[str, np.ndarray]:
         found: dict[str, np.ndarray] = {}
         for key in self._names("observation/camera_intrinsics"):
-            node = self._node(f"observation/camera_intrinsics/{key}")
-            if key.split("_")[0] in types and isinstance(node, h5py.Dataset) and node.shape[1:] == (3, 3) and len(node):
-                found[key] = np.asarray(node[-1], dtype=np.float64)
+            node, eye = self._node(f"observation/camera_intrinsics/{key}"), _eye(key, types)
+            if eye and isinstance(node, h5py.Dataset) and node.shape[1:] == (3, 3) and len(node):
+                found[eye] = np.asarray(node[-1], dtype=np.float64)
         return found
 
     def _camera_types(self, serials: dict[str, int]) -> dict[str, int]:
@@ -210,54 +244,17 @@ class _Reader:
         return types
 
 
-def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
-    """Refuse poses whose numbers cannot be metres and radians.
+def _eye(key: str, cameras: Mapping[str, int]) -> str | None:
+    """Name the eye that a key is about, "<camera>_left" or "_right", with "_gripper_offset" kept; None: of no camera.
 
-    Args:
-        poses: [x, y, z, a, b, c], shape [..., 6]; NaN rows are passed over.
-        where: File and key, for the message.
-        what: Whose pose it is, for the message.
-
-    Raises:
-        PlopError: Positions look like millimetres, or angles like degrees.
+    A camera's name may hold anything: only the known endings are cut off, and a key that is a camera's name whole is
+    its left eye.
     """
-    poses = np.atleast_2d(poses)
-    poses = poses[np.isfinite(poses).all(-1)]
-    if not len(poses):
-        return
-    distance = float(np.linalg.norm(poses[:, :3], axis=1).max())
-    if distance > FARTHEST_M:
-        raise PlopError(f"The {what}'s position does not look like metres.", where=where,
-                        expected=f"within {FARTHEST_M:g} m of the robot's base", found=f"{distance:.1f}",
-                        fix="Positions are metres: divide millimetres by 1000.")  # fmt: skip
-    angle = float(np.abs(poses[:, 3:]).max())
-    if angle > 2 * np.pi + 1e-3:
-        raise PlopError(f"The {what}'s angles do not look like radians.", where=where,
-                        expected="Euler angles xyz in radians", found=f"{angle:.1f}",
-                        fix="Convert degrees to radians.")  # fmt: skip
-
-
-def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
-    """Read [x, y, z, a, b, c] from a JSON file, shape [6], metres and radians.
-
-    Args:
-        value: What the file holds.
-        where: File and key, for the message.
-        what: Whose pose it is, for the message.
-
-    Raises:
-        PlopError: These are not six finite numbers, or no metres and radians.
-    """
-    try:
-        pose = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        pose = np.zeros(0)
-    if pose.shape != (6,) or not np.isfinite(pose).all():
-        raise PlopError(f"The {what}'s pose cannot be read.", where=where,
-                        expected="[x, y, z, a, b, c]: six finite numbers, metres and radians", found=str(value)[:120],
-                        fix="Correct the file.")  # fmt: skip
-    check_pose(pose, where=where, what=what)
-    return pose
+    offset = OFFSET if key.endswith(OFFSET) else ""
+    eye = key.removesuffix(OFFSET)
+    if eye.endswith(("_left", "_right")) and eye.rpartition("_")[0] in cameras:
+        return eye + offset
+    return f"{eye}_left{offset}" if eye in cameras else None
 
 
 def _first_finite(poses: np.ndarray) -> np.ndarray:

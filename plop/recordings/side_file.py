@@ -27,6 +27,17 @@ class RawEpisode:
     """The environment is what the name tells: the JSON file is missing or damaged."""
 
 
+def read_json(path: Path) -> Any:
+    """Read a JSON file that a person or another program wrote: UTF-8 or, as some Windows programs, UTF-16; a byte
+    order mark or none.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no JSON, or of another encoding.
+    """
+    return json.loads(path.read_bytes())
+
+
 def raw_episode(path: Path, read: Callable[[Path], Mapping[str, Any]], guess: Callable[[str], str]) -> RawEpisode:
     """List one episode, reading only its JSON file; one whose JSON cannot be read has a guessed environment.
 
@@ -59,7 +70,7 @@ def read_side_file(path: Path, kinds: Mapping[str, type], *, fix: str) -> dict[s
         PlopError: It is missing, no JSON, no object, or a key holds something else; names file and key.
     """
     try:
-        side = json.loads(path.read_text(encoding="utf-8"))
+        side = read_json(path)
     except (OSError, ValueError) as error:
         raise PlopError("The episode's JSON file is missing or damaged.", where=path, expected="a JSON object",
                         found=f"{type(error).__name__}: {error}", fix=fix) from error  # fmt: skip

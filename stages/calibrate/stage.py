@@ -9,7 +9,7 @@ from pathlib import Path
 
 from plop.artifacts.whole_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.geometry.handeye import HAND_EYE_METHODS
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
@@ -89,8 +89,10 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
             rows[name] = saved
         out.progress(done + 1, len(recordings.names), name)
     if not rows:
-        raise PlopError("No episode could be calibrated.", where=recordings.folder, expected="at least one episode",
-                        found=next(iter(skipped.values()), "the set is empty"))  # fmt: skip
+        with remembering(solved.warnings):
+            raise PlopError("No episode could be calibrated.", where=recordings.folder,
+                            expected="at least one episode",
+                            found=next(iter(skipped.values()), "the set is empty"))  # fmt: skip
     facts = {"episodes": rows, "cameras": _worst(rows), "skipped": skipped, **solved.facts()}
     write_json(out.path / "calibration.json", facts)
     replace(recordings, folder=out.path, train=[n for n in recordings.train if n in rows],
@@ -122,7 +124,7 @@ def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateC
             result = calibrate_episode(recording, config, solved.reprojection_px)
         pass_on(source, folder / f"{name}.h5", result.edits)
     except PlopError as error:
-        return {"skipped": error.render()}
+        return {"skipped": error.first_cause().one_line()}
     finally:
         first.unlink(missing_ok=True)
     return {"cameras": [asdict(verdict) for verdict in result.cameras],

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from plop.device import chosen_device
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.gaussians.state import Gaussians, concatenate
 from plop.recordings.recording import Recording, View
 from plop.render.losses import target_from_view, target_over_measured
@@ -61,9 +61,16 @@ def fit_episode(recording: Recording, training_episode: Recording | None, cloud:
 
     Raises:
         PlopError: Too few cameras for `held_out`, no camera sees the object, nothing measured its surface, or its size
-            cannot be in metres.
+            cannot be in metres. It holds the warnings that were gathered before.
     """
     warnings: list[str] = []
+    with remembering(warnings):
+        return _fitted(recording, cloud, config, report, warnings)
+
+
+def _fitted(
+    recording: Recording, cloud: Path | None, config: FitInitConfig, report: Report, warnings: list[str]
+) -> EpisodeFit:
     check_held_out(config.held_out, len(recording.camera_names), f"{recording.path}:/cameras")
     views = usable_views(recording, warnings)
     training, held = choose_held_out(views, config.held_out)

@@ -123,8 +123,8 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     skipped = {name: error for name in names if (error := found[name]) is not None}
     scores = {name: json.loads((out.path / name / "fit.json").read_text()) for name in names if name not in skipped}
     if not scores:
-        raise next(iter(skipped.values()))
-    reasons = {name: error.problem for name, error in skipped.items()}
+        raise next(iter(skipped.values())).first_cause()
+    reasons = {name: error.first_cause().problem for name, error in skipped.items()}
     facts = {"environment": recordings.environment, "episodes": scores, "skipped": reasons}
     write_json(out.path / "fit.json", facts)
     return _summary(scores, skipped)
@@ -175,7 +175,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
         if known:
             figures[key] = round(float(np.mean(known)), 3)
     warnings = [f"{name}: {text}" for name, score in scores.items() for text in score["warnings"]]
-    warnings += [f"{name} was skipped. {error}" for name, error in skipped.items()]
+    warnings += [f"{name} was skipped: {error.first_cause().one_line()}" for name, error in skipped.items()]
     return Summary(figures, table, warnings)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.geometry.agreement import DepthView, disagreement
 from plop.geometry.plane import find_plane
 from plop.geometry.pointcloud import (
@@ -64,10 +64,17 @@ def fuse_episode(recording: Recording, config: FuseConfig) -> EpisodeCloud:
         Object cloud in the world frame, metres.
 
     Raises:
-        PlopError: Nothing of an object is seen, or units are wrong.
+        PlopError: Nothing of an object is seen, or units are wrong; it holds the warnings that were gathered before.
     """
     scan = config.source == "scan" or (config.source == "auto" and bool(recording.scan_names))
     views, warnings = _views(recording, config, scan)
+    with remembering(warnings):
+        return _fused(recording, config, scan, views, warnings)
+
+
+def _fused(
+    recording: Recording, config: FuseConfig, scan: bool, views: list[View], warnings: list[str]
+) -> EpisodeCloud:
     masks = [view.object_mask for view in views]
     masked = any(mask.any() for mask in masks)
     if not masked:

@@ -84,7 +84,7 @@ def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path) 
         with recordings.open(name) as recording:
             result: EpisodeCloud = fuse_episode(_usable(recording, config), config)
     except PlopError as error:
-        return {"skipped": error.render()}
+        return {"skipped": error.first_cause().one_line()}
     write_cloud(folder / f"{name}.ply", result.cloud)
     return asdict(result.facts)
 

@@ -97,7 +97,8 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         if not out.is_done(folder.name):
             report = _ingest(folder, options, inputs, config, out, number, len(chosen))
             write_json(report_path, report)
-            out.mark_done(folder.name)
+            if "skipped" not in report:  # what was missing, e.g. a filter of HDF5, may be there the next time
+                out.mark_done(folder.name)
         reports[folder.name] = json.loads(report_path.read_text())
         out.progress(number + 1, len(chosen), folder.name)
     summary = _finish(reports, config, chosen, out, root)
@@ -174,7 +175,10 @@ def _ingest(
         written = write_episode(episode, path, write, lambda done, all_: out.progress(
             number + done / all_, total, folder.name, frames=done))  # fmt: skip
     except PlopError as error:
-        facts["skipped"] = _relative(" | ".join(line.strip() for line in error.render().splitlines()), folder.root)
+        reason = error.first_cause()
+        facts["skipped"] = _relative(reason.one_line(), folder.root)
+        facts["fix"] = _relative(reason.fix or "", folder.root)
+        facts["warnings"] = [_relative(text, folder.root) for text in error.noticed]
         return facts
     facts |= asdict(written)
     facts["warnings"] = [_relative(text, folder.root) for text in [*episode.warnings, *written.warnings]]
@@ -187,9 +191,10 @@ def _finish(
     skipped = {name: str(report["skipped"]) for name, report in reports.items() if "skipped" in report}
     usable = [name for name in reports if name not in skipped]
     if not usable:
+        advice = next((str(report["fix"]) for report in reports.values() if report.get("fix")), "")
         raise PlopError("No episode can be used.", where=root, expected="one usable episode or more",
                         found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
-                        fix="See docs/your-data.md for what an episode must have.")  # fmt: skip
+                        fix=f"{advice} See docs/your-data.md for what an episode must have.".strip())  # fmt: skip
     test = _test_names(usable, config)
     train = [name for name in usable if name not in test]
     environment = config.environment or chosen[0].lab or "droid"
@@ -234,7 +239,7 @@ def _relative(text: str, root: Path) -> str:
 
 INGEST_DROID = Stage(
     name="ingest",
-    version=1,
+    version=2,
     help="Turn episodes of a DROID robot into recordings.",
     config=DroidConfig,
     inputs={

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from plop.causes import Cause, Noticed
 from plop.errors import PlopError
 from plop.geometry.rigid import transform_points
 from plop.recordings.recording import MaskLabel
@@ -18,6 +19,11 @@ from stages.ingest.masks import Picture
 
 TABLE_TOLERANCE_M = 0.02
 VIEWS_TOLERANCE_M = 0.02
+CAMERAS_FIX = (
+    "Check the cameras' extrinsics: camera -> robot base, metres, extrinsic xyz Euler angles in radians, "
+    "camera axes right, down, forward."
+)
+"""What to do where cameras contradict each other or the table."""
 MOVED_M, MOVED_DEG, MOVED_WITHIN_S = 0.01, 1.0, 600.0
 
 
@@ -59,11 +65,13 @@ def check_object(
         raise PlopError("The object is outside the workspace: no measured point lies in it.", where=episode,
                         expected=box, found=f"points around {middle} (most within {low} .. {high}) m",
                         fix="Set workspace and table_z in plop_episode.json (metres, robot base); "
-                            "points ten or a thousand times too far mean wrong units or extrinsics.")  # fmt: skip
+                            "points ten or a thousand times too far mean wrong units or extrinsics.",
+                        cause=Cause.MASKS)  # fmt: skip
     raise PlopError("The object's masks are empty in the first frame.", where=episode,
                     expected=f"an object above the table in the {box}",
                     found=f"{int(inside.sum())} points in the box, all of table, tool or hand",
-                    fix="Check table_z and workspace in plop_episode.json, or give --masks.")  # fmt: skip
+                    fix="Check table_z and workspace in plop_episode.json, or give --masks.",
+                    cause=Cause.MASKS)  # fmt: skip
 
 
 def check_views(
@@ -71,21 +79,23 @@ def check_views(
     episode: str,
 ) -> list[str]:  # fmt: skip
     """Warn about cameras whose table or object is not where the others see it: a sign of wrong extrinsics."""
-    warnings = []
+    warnings: list[str] = []
     for serial, picture in pictures.items():
         points = world_points(picture.camera, picture.depth_m)[picture.depth_m > 0]
         height = estimate_table_z(points, workspace)
         if height is not None and abs(height - table_z_m) > TABLE_TOLERANCE_M:
-            warnings.append(f"{episode}: camera {serial} sees the table {1000 * (height - table_z_m):+.0f} mm from "
-                            f"table_z = {table_z_m:.3f} m: extrinsics or table_z are off (plop calibrate)")  # fmt: skip
+            text = (f"{episode}: camera {serial} sees the table {1000 * (height - table_z_m):+.0f} mm from "
+                    f"table_z = {table_z_m:.3f} m: extrinsics or table_z are off (plop calibrate)")  # fmt: skip
+            warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     names = [serial for serial, cloud in clouds.items() if len(cloud) > 20]
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
             near = [float(np.percentile(cKDTree(clouds[a]).query(clouds[b])[0], 25))
                     for a, b in ((first, second), (second, first))]  # fmt: skip
             if min(near) > VIEWS_TOLERANCE_M:
-                warnings.append(f"{episode}: cameras {first} and {second} see the object {1000 * min(near):.0f} mm "
-                                "apart: extrinsics of one are off; run `plop calibrate`")  # fmt: skip
+                text = (f"{episode}: cameras {first} and {second} see the object {1000 * min(near):.0f} mm "
+                        "apart: extrinsics of one are off; run `plop calibrate`")  # fmt: skip
+                warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     return warnings
 
 

@@ -9,16 +9,19 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from plop.errors import PlopError
+from plop.causes import Cause
+from plop.errors import PlopError, remembering
 from plop.geometry.cameras import Camera
 from plop.recordings.droid_camera import DroidCamera
 from plop.recordings.droid_depth import ExportedDepth
 from plop.recordings.droid_episode import DroidEpisode
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.writer import RecordingWriter
+from stages.ingest.camera_conventions import check_conventions
 from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.droid_checks import check_object, check_views, closest_touch_m, object_cloud, sees_nothing
-from stages.ingest.masks import FolderMasker, GeometricMasker, Masker, MaskRules, Picture
+from stages.ingest.folder_masks import FolderMasker
+from stages.ingest.masks import GeometricMasker, Masker, MaskRules, Picture
 from stages.ingest.untouched import untouched
 
 
@@ -67,19 +70,35 @@ def write_episode(
         progress: Called with frames done and frames in all.
 
     Raises:
-        PlopError: No camera sees the object, the tool never touches it, or a file of the episode fails on the way.
+        PlopError: No camera sees the object, the tool never touches it, or a file of the episode fails on the way. It
+            holds the warnings that were gathered before, those of the episode included.
     """
-    name, warnings = episode.folder.name, list[str]()
+    warnings: list[str] = []
+    with remembering(episode.warnings), remembering(warnings):
+        return _written(episode, path, options, progress, warnings)
+
+
+def _written(
+    episode: DroidEpisode, path: Path, options: WriteOptions, progress: Callable[[int, int], None],
+    warnings: list[str],
+) -> Written:  # fmt: skip
+    name = episode.folder.name
     workspace = options.workspace if episode.notes.workspace is None else episode.notes.workspace
     first = _first_pictures(episode, options, warnings)
+    stored = {camera.serial: camera.stored_pose6 for camera in episode.cameras if camera.stored_pose6 is not None}
+    check_conventions(first, stored, workspace, episode.notes.table_z_m, name)
     table_z = _table_height(episode, first, workspace, warnings)
     geometric = GeometricMasker(workspace, table_z, episode.tool, options.rules)
     masker: Masker = geometric
     if options.masks is not None:
-        masker = FolderMasker(options.masks, binary=options.binary_masks, geometric=geometric)
+        frames = {(name, camera.serial): camera.video.frames for camera in episode.cameras}
+        if episode.scan is not None:
+            frames[episode.scan.episode, episode.scan.camera.serial] = episode.scan.camera.video.frames
+        masker = FolderMasker(options.masks, frames, binary=options.binary_masks, geometric=geometric)
+        warnings += masker.warnings()
     clouds = object_cloud(first, {serial: masker.mask(picture) for serial, picture in first.items()})
+    warnings += check_views(first, clouds, workspace, table_z, name)  # before what wrong extrinsics lead to
     warnings += check_object(first, clouds, workspace, name)
-    warnings += check_views(first, clouds, workspace, table_z, name)
     gap = _closest_touch(episode, np.concatenate(list(clouds.values())), options)
     cameras = [camera for camera in episode.cameras if camera.serial in first]
     writer = RecordingWriter(path, name=name, source="droid", environment=options.environment, table_z_m=table_z,
@@ -116,7 +135,8 @@ def _first_pictures(episode: DroidEpisode, options: WriteOptions, warnings: list
             pictures[camera.serial] = picture
     if not pictures:
         raise PlopError("No camera sees anything.", where=episode.folder.folder, expected="a picture with depth",
-                        found="; ".join(reasons), fix="Check the videos and depth of this episode.")  # fmt: skip
+                        found="; ".join(reasons), fix="Check the videos and depth of this episode.",
+                        cause=Cause.DEPTH)  # fmt: skip
     return pictures
 
 

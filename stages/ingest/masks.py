@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.lazy_open3d import o3d
 from plop.recordings.recording import MaskLabel, Mesh
@@ -147,47 +145,6 @@ class GeometricMasker:
         along = np.clip(local[..., 2], rules.hand_from_m, rules.hand_to_m)
         local[..., 2] -= along
         return (local**2).sum(-1) < rules.hand_radius_m**2
-
-
-class FolderMasker:
-    """Take masks made elsewhere: `<folder>/<episode>/<serial>/<frame:06d>.png`, values as in MaskLabel.
-
-    Args:
-        folder: The folder of masks.
-        binary: Any value but 0 is the object; the tool is then found by its mesh.
-        geometric: Finds the tool for binary masks.
-    """
-
-    def __init__(self, folder: Path, *, binary: bool, geometric: GeometricMasker) -> None:
-        self.folder, self.binary, self.geometric = folder, binary, geometric
-
-    def mask(self, picture: Picture) -> np.ndarray:
-        """See Masker."""
-        path = self.folder / picture.episode / picture.camera.name / f"{picture.frame:06d}.png"
-        values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-        if values is None or values.ndim != 2 or values.dtype != np.uint8:
-            found = "no such picture" if values is None else f"{values.dtype}, {values.shape}"
-            raise PlopError("A mask cannot be used.", where=path, expected="an 8-bit picture of one channel",
-                            found=found, fix="Write one mask per frame of the video.")  # fmt: skip
-        height, width = picture.depth_m.shape
-        values = cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST)
-        if not self.binary:
-            return _checked_labels(values, path)
-        tool, _ = self.geometric.tool_pixels(picture)
-        out = np.where(values > 0, MaskLabel.OBJECT, MaskLabel.BACKGROUND).astype(np.uint8)
-        out[tool & (values == 0)] = MaskLabel.TOOL
-        return out
-
-
-def _checked_labels(values: np.ndarray, path: Path) -> np.ndarray:
-    present = set(np.unique(values).tolist())
-    strange = present - {int(label) for label in MaskLabel}
-    if strange or present == {0, 255}:
-        found = f"the values {sorted(present)[:8]}"
-        raise PlopError("A mask has other values than labels.", where=path,
-                        expected="0 background, 1 object, 2 tool, 255 undecided", found=found,
-                        fix="Relabel it, or set binary_masks if any value but 0 means the object.")  # fmt: skip
-    return values
 
 
 def refine(

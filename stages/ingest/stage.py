@@ -42,12 +42,14 @@ def _run(
         except PlopError as error:
             if not config.skip_bad:
                 raise
-            skipped[entry.name] = error.problem
-            warnings.append(f"{entry.name} was left out: {error.problem} ({error.found})")
+            reason = error.first_cause().one_line()
+            skipped[entry.name] = reason
+            warnings.append(f"{entry.name} was left out: {reason}")
     usable = [entry for entry in entries if entry.name not in skipped]
     if not usable:
         raise PlopError("No episode can be used.", where=raw, expected="at least one good episode",
-                        found="; ".join(f"{name}: {why}" for name, why in skipped.items()))  # fmt: skip
+                        found="\n    ".join(f"{name}: {why}" for name, why in skipped.items()),
+                        fix="Correct the first of these, then run the same command again.")  # fmt: skip
     train, test = split_names([entry.name for entry in usable], config.test)
     recordings = RecordingSet(out.path, usable[0].environment, train, test, skipped)
     recordings.save()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from plop.causes import Cause
 from plop.errors import PlopError
 
 
@@ -22,4 +23,5 @@ def untouched(where: str | Path, within_m: float, found: str, fix: str) -> PlopE
         expected=f"a tool within {1000 * within_m:g} mm of the object in some frame",
         found=found,
         fix=f"{fix}; to keep such episodes (a free fall, an object that sags): --keep-untouched.",
+        cause=Cause.TOUCH,
     )

@@ -143,7 +143,7 @@ def test_a_black_camera_is_left_out(raw, tmp_path):
 
 def test_no_depth_names_the_three_ways(raw, tmp_path):
     shutil.rmtree(episode_of(raw) / "recordings/depth")
-    with pytest.raises(PlopError, match=r"no depth.*\(one eye\).*Export depth pictures.*stereo video"):
+    with pytest.raises(PlopError, match=r"no depth.*\(one eye\).*Export depth as 16-bit PNG.*stereo video"):
         ingest(raw, tmp_path / "out")
 
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from plop.causes import Cause
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.droid_align import active_rows, frames_of_rows, poses_at
@@ -18,10 +19,11 @@ from plop.recordings.droid_depth import ExportedDepth, StereoDepth
 from plop.recordings.droid_intrinsics import find_intrinsics, matrix_from_side
 from plop.recordings.droid_layout import find_episodes, inside, stamp_of
 from plop.recordings.droid_notes import read_notes
+from plop.recordings.droid_pose import check_pose
 from plop.recordings.droid_tool import tool_mesh
-from plop.recordings.droid_trajectory import check_pose
 from plop.recordings.droid_video import find_video, open_video
 from plop.recordings.droid_writer import write_video
+from plop.recordings.side_pictures import find_side_pictures
 from tests.droid_scene import EXT1, Scene, exterior_poses, make_episode, right_eye
 
 
@@ -96,26 +98,26 @@ def test_extrinsics_that_are_no_zed_baseline_warn_and_millimetres_fail():
 def test_rows_follow_time_stamps(tmp_path):
     stamps = tmp_path / "1_timestamps.json"
     stamps.write_text(json.dumps([1000, 1067, 1201, 1268]))
-    index, warnings = frames_of_rows(np.array([1000, 1067, 1134, 1201, 1268]), 4, stamps, tmp_path / "1.mp4")
+    index, warnings = frames_of_rows(np.array([1000, 1067, 1134, 1201, 1268.0]), 4, stamps, 0, tmp_path / "1.mp4")
     assert index.tolist() == [0, 1, -1, 2, 3]
     assert "1 of 5 rows (2)" in warnings[0]
 
 
 @pytest.mark.parametrize("frames, last", [(5, 4), (4, -1)])
 def test_without_time_stamps_row_is_frame(tmp_path, frames, last):
-    index, warnings = frames_of_rows(np.full(5, 7), frames, tmp_path / "1_timestamps.json", tmp_path / "1.mp4")
+    index, warnings = frames_of_rows(np.full(5, 7.0), frames, tmp_path / "1_timestamps.json", 0, tmp_path / "1.mp4")
     assert index.tolist() == [0, 1, 2, 3, last] and "missing" in warnings[0]
 
 
 def test_without_time_stamps_other_counts_fail(tmp_path):
     with pytest.raises(PlopError, match="cannot be matched"):
-        frames_of_rows(np.full(5, 7), 3, tmp_path / "1_timestamps.json", tmp_path / "1.mp4")
+        frames_of_rows(np.full(5, 7.0), 3, tmp_path / "1_timestamps.json", 0, tmp_path / "1.mp4")
 
 
 def test_time_stamps_of_another_episode_fail(tmp_path):
-    (tmp_path / "1_timestamps.json").write_text("[1, 2, 3]")
+    (tmp_path / "1_timestamps.json").write_text("[100, 167, 234]")
     with pytest.raises(PlopError, match="No time stamp"):
-        frames_of_rows(np.array([10, 11, 12]), 3, tmp_path / "1_timestamps.json", tmp_path / "1.mp4")
+        frames_of_rows(np.array([1000, 1067, 1134.0]), 3, tmp_path / "1_timestamps.json", 0, tmp_path / "1.mp4")
 
 
 def test_poses_between_rows_are_interpolated():
@@ -192,7 +194,7 @@ def test_exported_depth_checks_its_pictures(tmp_path):
     depth[0, 0], depth[0, 1] = 0, 65535
     cv2.imwrite(str(tmp_path / "000000.png"), depth)
     cv2.imwrite(str(tmp_path / "000002.png"), depth.astype(np.uint8))
-    source = ExportedDepth(tmp_path)
+    source = ExportedDepth(find_side_pictures(tmp_path, 10, what="depth pictures", cause=Cause.DEPTH))
     got = source.depth_m(0, left, None)
     assert got[0, 0] == 0 and got[0, 1] == 0 and got[5, 5] == np.float32(0.5)
     assert not source.depth_m(1, left, None).any()

@@ -1,0 +1,257 @@
+"""Time stamps as people have them: which unit they are in, and exact nanoseconds of them.
+
+A unit is decided by two facts of a column, never by its name. By its size: 1.7e9, 1.7e12, 1.7e15 and 1.7e18 are
+today's Unix time in s, ms, us and ns, a thousand apart, while all dates from 2000 to 2050 lie within a factor of 2.7.
+By its step: consecutive rows of a recording are between 0.2 ms and 4 s apart. A clock that counts from a start of its
+own has no size to go by: it stays in the unit that its format documents where that gives a possible step, and is
+otherwise read in the one unit whose step is that of a camera (2 to 400 Hz: less than a factor of 1000, so never two).
+What remains open (1 Hz in s against 1 kHz in ms, both from a start of their own) only the motion can tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from plop.errors import PlopError
+
+
+class TimeUnit(Enum):
+    """A unit of time stamps; the value is its length in nanoseconds."""
+
+    SECONDS = 10**9
+    MILLISECONDS = 10**6
+    MICROSECONDS = 10**3
+    NANOSECONDS = 1
+
+    @property
+    def plural(self) -> str:
+        """Its name in text."""
+        return self.name.lower()
+
+
+UNKNOWN = int(np.iinfo(np.int64).min)
+"""Stands for a stamp that is not known, in nanoseconds."""
+UNIX_S = (946_684_800, 2_524_608_000)
+"""2000-01-01 and 2050-01-01 [s since 1970]: wide enough for a clock that is set wrongly, too narrow for an uptime."""
+STEP_S = (0.2e-3, 4.0)
+"""Median step of anything that is a recording: 5 kHz to 0.25 Hz [s]."""
+OWN_START_STEP_S = (0.9e-3, 2.2)
+"""The same for a clock with a start of its own, in its documented unit: 1.1 kHz to 0.45 Hz [s]."""
+CAMERA_STEP_S = (1 / 400, 0.5)
+"""Median step by which a unit that no format documents is recognised: 10 to 240 Hz with room on both sides [s]."""
+LONGEST_UPTIME_S = 2e9
+"""A clock with a start of its own has not run longer than this (60 years) [s]."""
+ASTRAY_S = 86_400.0
+"""A stamp farther than this from the median of its column is no stamp [s]."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """One column of stamps, understood."""
+
+    ns: np.ndarray
+    """int64, shape [N] [ns] since 1970 or since the clock's own start; UNKNOWN where there is none."""
+    unit: TimeUnit
+    """Unit of the column as it was."""
+    since_1970: bool
+    """False: it counts from a start of its own."""
+    where: str
+    notes: tuple[str, ...] = ()
+    """What a person should know: stamps left out, steps back. (Compare `unit` with what is documented, too.)"""
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which stamps there are, bool, shape [N]."""
+        return self.ns != UNKNOWN
+
+    def since(self, origin_ns: int) -> np.ndarray:
+        """Give seconds since a moment, float64, shape [N], from a difference of whole nanoseconds; NaN unknown."""
+        return np.where(self.known, (np.where(self.known, self.ns, origin_ns) - origin_ns) / 1e9, np.nan)
+
+
+def read_clock(values: np.ndarray | Sequence[Any], *, documented: TimeUnit, where: str,
+               own_start_step_s: tuple[float, float] = OWN_START_STEP_S) -> Clock | None:  # fmt: skip
+    """Find the unit of a column of stamps and give them in nanoseconds.
+
+    Args:
+        values: Whole or decimal numbers in order of time, shape [N]: an array, or a list as JSON gives it (its numbers
+            may be texts, as int64 often is in JSON). NaN, infinity, null and negative numbers are unknown; so is 0,
+            but as the only one before all others.
+        documented: The unit that the format asks for.
+        where: File and key, for messages.
+        own_start_step_s: Range of the median step in which a clock with its own start keeps the documented unit [s].
+
+    Returns:
+        The clock; None where no stamp is known.
+
+    Raises:
+        PlopError: It stands still, runs backwards, counts frames, is too coarse, or no unit makes it a recording.
+    """
+    exact, known = _exact(values, where)
+    if not known.any():
+        return None
+    unit, since_1970 = _unit(exact, known, documented, where, own_start_step_s)
+    notes = []
+    with np.errstate(invalid="ignore"):
+        astray = known & (np.abs(exact - np.median(exact[known])) > ASTRAY_S * 1e9 / unit.value)
+    if astray.any():
+        notes.append(f"{where}: {int(astray.sum())} of {len(known)} stamps lie days from the others and are left out, "
+                     f"the first in row {int(np.argmax(astray))}")  # fmt: skip
+    ns = _nanoseconds(exact, known & ~astray, unit)
+    back = np.flatnonzero(np.diff(ns[ns != UNKNOWN]) < 0)
+    if len(back):
+        rows = np.flatnonzero(ns != UNKNOWN)
+        shift = (ns[rows[back[0]]] - ns[rows[back[0] + 1]]) / 1e9
+        notes.append(f"{where}: the clock goes back {len(back)} times, first by {shift:.3g} s at row "
+                     f"{rows[back[0] + 1]}")  # fmt: skip
+    return Clock(ns, unit, since_1970, where, tuple(notes))
+
+
+def check_together(clocks: Mapping[str, Clock]) -> None:
+    """Refuse clocks of one recording that cannot be one time.
+
+    Args:
+        clocks: By the name that a message gives them, e.g. "the robot's clock".
+
+    Raises:
+        PlopError: One counts since 1970 and another from its own start, or they last longer by a factor of 30 or more.
+    """
+    names = list(clocks)
+    for name in names[1:]:
+        one, other = clocks[names[0]], clocks[name]
+        if one.since_1970 != other.since_1970:
+            raise PlopError("Two clocks of a recording count from different starts.", where=other.where,
+                            expected="the same start for all clocks",
+                            found=f"{name} counts {_start(other)}, {names[0]} {_start(one)} ({one.where})",
+                            fix="Write all stamps from one clock.")  # fmt: skip
+        spans = [float(np.ptp(clock.ns[clock.known])) / 1e9 for clock in (one, other)]
+        if min(spans) > 0 and max(spans) > 30 * min(spans):
+            raise PlopError("Two clocks of a recording run at different rates.", where=other.where,
+                            expected="the same unit for all clocks, or the unit that the format documents",
+                            found=f"{names[0]} lasts {spans[0]:.4g} s and {name} {spans[1]:.4g} s",
+                            fix=f"Correct the unit of {name} or of {names[0]} ({one.where}).")  # fmt: skip
+
+
+def _start(clock: Clock) -> str:
+    return "since 1970" if clock.since_1970 else f"from its own start ({clock.ns[clock.known][0] / 1e9:.6g} s)"
+
+
+def _exact(values: np.ndarray | Sequence[Any], where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Give the numbers without loss, int64 or float64, and which are known."""
+    array = np.asarray(values) if isinstance(values, np.ndarray) else _from_list(values, where)
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise PlopError("Time stamps cannot be read.", where=where, expected="a list of numbers",
+                        found=f"{array.dtype}, shape {array.shape}", fix="Write one number per row.")  # fmt: skip
+    if array.dtype.kind == "f":
+        known = np.isfinite(array) & (array >= 0)
+        exact: np.ndarray = np.where(known, array, 0).astype(np.float64)
+    else:
+        known = (array >= 0) & (array <= np.iinfo(np.int64).max)
+        exact = np.where(known, array, 0).astype(np.int64)
+    zero = known & (exact == 0)
+    return exact, known if _starts_at_zero(exact, known, zero) else known & ~zero
+
+
+def _starts_at_zero(exact: np.ndarray, known: np.ndarray, zero: np.ndarray) -> bool:
+    """Tell whether the only zero is the first stamp, no farther from the next than ten usual steps."""
+    rows = np.flatnonzero(known)
+    if zero.sum() != 1 or len(rows) < 3 or not zero[rows[0]]:
+        return False
+    return bool(exact[rows[1]] <= 10 * np.median(np.abs(np.diff(exact[rows[1:]]))))
+
+
+def _from_list(values: Sequence[Any], where: str) -> np.ndarray:
+    """Read a list without making whole numbers decimal ones; null becomes -1, a text the number in it."""
+    numbers: list[int | float] = []
+    for row, value in enumerate(values):
+        try:
+            if isinstance(value, str):
+                value = int(value) if value.strip().lstrip("+-").isdigit() else float(value)
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+                raise ValueError
+        except ValueError:
+            raise PlopError("A time stamp is no number.", where=f"{where}: entry {row}", expected="a number",
+                            found=str(value)[:40], fix="Write one number per frame.") from None  # fmt: skip
+        numbers.append(-1 if value is None else value)
+    whole = all(isinstance(number, int) and abs(number) < 2**63 for number in numbers)
+    return np.array(numbers, dtype=np.int64 if whole else np.float64)
+
+
+def _unit(
+    exact: np.ndarray, known: np.ndarray, documented: TimeUnit, where: str, own_start_step_s: tuple[float, float]
+) -> tuple[TimeUnit, bool]:
+    """Decide unit and start of the known stamps; see the head of this file."""
+    middle = float(np.median(exact[known]))
+    sized = [unit for unit in TimeUnit if UNIX_S[0] <= middle * unit.value / 1e9 < UNIX_S[1]]
+    if known.sum() < 2:
+        return (sized[0], True) if sized else (documented, False)
+    step = _step(exact, known, sized, where)
+    fits = {unit: step * unit.value / 1e9 for unit in TimeUnit}
+    for unit in sized:
+        if STEP_S[0] <= fits[unit] <= STEP_S[1]:
+            return unit, True
+    short = [unit for unit in TimeUnit if middle * unit.value / 1e9 <= LONGEST_UPTIME_S]
+    if documented in short and own_start_step_s[0] <= fits[documented] <= own_start_step_s[1]:
+        return documented, False
+    camera = [unit for unit in TimeUnit if CAMERA_STEP_S[0] <= fits[unit] <= CAMERA_STEP_S[1]]
+    if camera and camera[0] in short:
+        return camera[0], False
+    read = sized[0] if sized else documented
+    lasts = float(np.ptp(exact[known])) * read.value / 1e9
+    right = [unit for unit in TimeUnit if STEP_S[0] <= fits[unit] <= STEP_S[1]]
+    advice = ", or ".join(f"in {unit.plural} it would last {_long(lasts * unit.value / read.value)} "
+                          f"({1 / fits[unit]:.3g} rows a second)" for unit in camera or right)  # fmt: skip
+    raise PlopError("A recording cannot be as short or as long as its clock says.", where=where,
+                    expected=f"rows {own_start_step_s[0]:.3g} to {own_start_step_s[1]:g} s apart",
+                    found=f"in {read.plural}{', as the size of its stamps says,' if sized else ''} it lasts "
+                          f"{_long(lasts)}, rows {fits[read]:.3g} s apart" + (f"; {advice}" if advice else ""),
+                    fix=f"Write the stamps in {documented.plural}.")  # fmt: skip
+
+
+def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: str) -> float:
+    """Give the median step from row to row of a clock that runs; rows without a stamp are counted in.
+
+    Raises:
+        PlopError: It stands still, runs backwards, is too coarse, or counts frames.
+    """
+    rows = np.flatnonzero(known)
+    steps = np.diff(exact[rows])
+    ahead, behind = int((steps > 0).sum()), int((steps < 0).sum())
+    if not ahead or behind > ahead:
+        what = "backwards" if behind else f"not at all ({exact[rows[0]]:.10g} in every row)"
+        raise PlopError("A clock does not run.", where=where, expected="stamps that increase", found=f"it runs {what}",
+                        fix="Sort the rows by time." if behind else "Store when each row was recorded.")  # fmt: skip
+    step = float(np.median(steps[steps > 0] / np.diff(rows)[steps > 0]))
+    coarse = next((unit for unit in sized if step * unit.value / 1e9 >= 0.5), None)
+    if coarse is not None and ahead < len(steps) / 2:
+        raise PlopError("A clock is too coarse for its rows.", where=where, expected="another stamp in every row",
+                        found=f"{len(steps) - ahead} of {len(steps)} stamps equal the one before; they are "
+                              f"{step * coarse.value / 1e9:g} s apart where they differ",
+                        fix="Stamps were rounded to whole seconds, or stored as float32: "
+                            "store int64 nanoseconds or float64 seconds.")  # fmt: skip
+    if not sized and len(steps) > 1 and (steps == np.diff(rows)).all() and exact[rows[0]] in (0, 1):
+        raise PlopError("Times are frame numbers.", where=where, expected="times",
+                        found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: steps of 1",
+                        fix="Divide them by the frame rate, in the unit that the format asks for.")  # fmt: skip
+    return step
+
+
+def _nanoseconds(exact: np.ndarray, known: np.ndarray, unit: TimeUnit) -> np.ndarray:
+    """Convert to int64 nanoseconds; whole and decimal part apart: only a float's own digits count."""
+    known = known & (np.abs(exact) < np.iinfo(np.int64).max // unit.value)
+    values = np.where(known, exact, 0)
+    whole = np.floor(values) if values.dtype.kind == "f" else values
+    rest = np.rint((values - whole) * unit.value).astype(np.int64)
+    return np.where(known, whole.astype(np.int64) * unit.value + rest, UNKNOWN)
+
+
+def _long(seconds: float) -> str:
+    for name, length in (("days", 86400.0), ("hours", 3600.0), ("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= (2 if name in ("days", "hours") else 1) * length:
+            return f"{seconds / length:.3g} {name}"
+    return f"{seconds:.3g} s"

@@ -1,0 +1,62 @@
+"""Poses as DROID writes them, [x, y, z, a, b, c] in metres and radians: refuse what cannot be such."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from plop.errors import PlopError
+
+FARTHEST_M = 5.0
+"""A robot or camera farther than this from the robot's base is taken for millimetres [m]."""
+
+
+def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
+    """Refuse poses whose numbers cannot be metres and radians.
+
+    Args:
+        poses: [x, y, z, a, b, c], shape [..., 6]; NaN rows are passed over.
+        where: File and key, for the message.
+        what: Whose pose it is, for the message.
+
+    Raises:
+        PlopError: Positions look like millimetres, or angles like degrees.
+    """
+    poses = np.atleast_2d(poses)
+    poses = poses[np.isfinite(poses).all(-1)]
+    if not len(poses):
+        return
+    distance = float(np.linalg.norm(poses[:, :3], axis=1).max())
+    if distance > FARTHEST_M:
+        raise PlopError(f"The {what}'s position does not look like metres.", where=where,
+                        expected=f"within {FARTHEST_M:g} m of the robot's base", found=f"{distance:.1f}",
+                        fix="Positions are metres: divide millimetres by 1000.")  # fmt: skip
+    angle = float(np.abs(poses[:, 3:]).max())
+    if angle > 2 * np.pi + 1e-3:
+        raise PlopError(f"The {what}'s angles do not look like radians.", where=where,
+                        expected="Euler angles xyz in radians", found=f"{angle:.1f}",
+                        fix="Convert degrees to radians.")  # fmt: skip
+
+
+def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
+    """Read [x, y, z, a, b, c] from a JSON file, shape [6], metres and radians.
+
+    Args:
+        value: What the file holds.
+        where: File and key, for the message.
+        what: Whose pose it is, for the message.
+
+    Raises:
+        PlopError: These are not six finite numbers, or no metres and radians.
+    """
+    try:
+        pose = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        pose = np.zeros(0)
+    if pose.shape != (6,) or not np.isfinite(pose).all():
+        raise PlopError(f"The {what}'s pose cannot be read.", where=where,
+                        expected="[x, y, z, a, b, c]: six finite numbers, metres and radians", found=str(value)[:120],
+                        fix="Correct the file.")  # fmt: skip
+    check_pose(pose, where=where, what=what)
+    return pose

@@ -1,0 +1,67 @@
+"""A DROID episode that is skipped says first what went wrong first, and keeps what was noticed on the way."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+
+import pytest
+
+from plop.errors import PlopError
+from plop.recordings.set import RecordingSet
+from stages.contract import Input, Output
+from stages.ingest.droid import INGEST_DROID, DroidConfig
+from tests.droid_scene import EXT1, EXT2, FLANGE_FROM_TOOL, make_episode
+from tests.ingest.droid_runs import edit
+
+
+def refused(raw, out) -> tuple[PlopError, dict]:
+    """The refusal, and the report of the first episode."""
+    out.mkdir()
+    with pytest.raises(PlopError) as caught:
+        INGEST_DROID.run({"raw": Input(raw)}, DroidConfig(), Output(out))
+    return caught.value, json.loads(next((out / "reports").glob("*.json")).read_text())
+
+
+def test_cameras_that_disagree_stand_before_a_tool_that_never_touches(tmp_path):
+    tool = {"mesh": "../../../../knife.stl", "flange_from_tool": [0.3, *FLANGE_FROM_TOOL[1:]]}
+    make_episode(tmp_path / "raw", notes={"tool": tool})
+    with edit(tmp_path / "raw") as file:
+        file[f"observation/camera_extrinsics/{EXT2}_left"][:, 1] += 0.09
+    error, report = refused(tmp_path / "raw", tmp_path / "out")
+    found = str(error.found)
+    assert 0 < found.index(f"cameras {EXT1} and {EXT2}") < found.index("The tool never touches")
+    assert "Check the cameras' extrinsics" in str(error.fix) and "flange_from_tool" in str(error.fix)
+    assert any("apart" in text for text in report["warnings"])
+
+
+def test_a_tool_that_never_touches_is_blamed_where_the_cameras_agree(tmp_path):
+    tool = {"mesh": "../../../../knife.stl", "flange_from_tool": [0.3, *FLANGE_FROM_TOOL[1:]]}
+    make_episode(tmp_path / "raw", notes={"tool": tool})
+    error, _ = refused(tmp_path / "raw", tmp_path / "out")
+    assert ": The tool never touches the object." in str(error.found) and "extrinsics" not in str(error.fix)
+
+
+def test_what_the_reader_noticed_is_told_with_its_refusal(tmp_path):
+    make_episode(tmp_path / "raw")
+    with edit(tmp_path / "raw") as file:
+        poses = file["observation/camera_extrinsics"]
+        for key in list(poses):
+            poses.move(key, f"other_{key}")
+    next((tmp_path / "raw").rglob("metadata_*.json")).unlink()  # it gives the poses, too
+    error, report = refused(tmp_path / "raw", tmp_path / "out")
+    assert "another rig's" in str(error.found)
+    assert any("another rig's" in text for text in report["warnings"])
+    assert str(tmp_path) not in json.dumps(report)
+
+
+def test_a_good_episode_beside_a_bad_one_keeps_the_reason_in_the_set(tmp_path):
+    make_episode(tmp_path / "raw")
+    tool = {"mesh": "../../../../knife.stl", "flange_from_tool": [0.3, *FLANGE_FROM_TOOL[1:]]}
+    bad = make_episode(tmp_path / "raw", notes={"tool": tool}, moment=datetime(2023, 8, 6, 23, 1, 1))
+    (bad / "recordings/MP4" / f"{EXT1}.mp4").unlink()
+    (tmp_path / "out").mkdir()
+    summary = INGEST_DROID.run({"raw": Input(tmp_path / "raw")}, DroidConfig(), Output(tmp_path / "out"))
+    (reason,) = RecordingSet.load(tmp_path / "out").skipped.values()
+    assert f"camera {EXT1} is left out" in reason and "never touches" in reason
+    assert any(reason in text for text in summary.warnings)
