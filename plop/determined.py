@@ -2,8 +2,8 @@
 
 A number is *not determined* where the fit ran into its allowed range, where an end of its 95 % interval is not known,
 or where the interval says hardly more than the range did before anything was measured: it covers half of the range, or
-a factor of ten of a number of which only the order of magnitude is in question (a stiffness, the strength of a law). Half
-and ten are conventions: beyond them what was allowed has not even been halved, or its order of magnitude is open.
+a factor of ten of a number of which only the order of magnitude is in question (a stiffness, the strength of a law).
+Half and ten are conventions: beyond them what was allowed has not even been halved, or its order of magnitude is open.
 """
 
 from __future__ import annotations

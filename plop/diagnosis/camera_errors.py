@@ -1,8 +1,8 @@
 """The prediction as each camera would have seen it: errors of depth, colour and outline, camera by camera.
 
 The Gaussians of the first frame are carried by the predicted points and rendered through each camera's own model.
-The same is done with the measured points: what is left there is the floor that fit, tracking and noise set; and with the
-two baselines of every table: nothing moves (but the tool), and the best motion as one body, an oracle.
+The same is done with the measured points: what is left there is the floor that fit, tracking and noise set; and with
+the two baselines of every table: nothing moves (but the tool), and the best motion as one body, an oracle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from plop.gaussians.splat_ply import read_splat
 from plop.geometry.rigid import kabsch, transform_points
 from plop.recordings.recording import MaskLabel, Recording, View
 from plop.render.scene import render_scene, tool_above_table
-
 
 _ENDS = ("", "_floor", "_persistence", "_rigid")
 """What is rendered: the prediction, and beside it the floor and the two baselines."""
@@ -72,7 +71,8 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
             for k, name in enumerate(names):
                 measured = recording.view(name, frame)
                 errors = {f"{key}{end}": value for end, seen in views.items()
-                          for key, value in image_errors(seen[k], measured).items() if key != "n" or not end}  # fmt: skip
+                          for key, value in image_errors(seen[k], measured).items()
+                          if key != "n" or not end}  # fmt: skip
                 rows.append({"episode": field.name, "camera": name, "frame": frame, **errors})
     return rows
 

@@ -45,11 +45,11 @@ def beaten(facts: ReportFacts) -> list[str]:
         error = error_over(compared, episodes)
         for baseline in BASELINES:
             closer = [] if error is None or error[baseline.key] >= error["rms"] else [
-                f"{number(error[baseline.key])} mm instead of {number(error['rms'])} mm on {over}"]  # fmt: skip
-            closer += [f"{name} of plop eval {number(theirs)} mm instead of {number(ours)} mm"
+                f"{number(error[baseline.key])} mm instead of {number(error['rms'])} mm ({over})"]  # fmt: skip
+            closer += [f"{number(theirs)} mm instead of {number(ours)} mm ({name} of plop eval)"
                        for name, ours, theirs in _scored(facts, compared, baseline) if theirs < ours]  # fmt: skip
             if closer:
-                told.append(f"{baseline.says} is closer to the measurement than {compared.label}: {', '.join(closer)}.")
+                told.append(f"{baseline.says} is closer to the measurement than {compared.label}: {'; '.join(closer)}.")
     return told
 
 

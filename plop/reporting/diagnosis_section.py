@@ -33,17 +33,25 @@ def _one(label: str, found: dict[str, Any]) -> str:
 
 def _ranking(found: dict[str, Any]) -> str:
     base = [found["base"]] if found.get("base") else []
+    named = found["verdict"]["named"]
     rows = [*found["ranking"], *base]
-    if not rows:
-        return ""
+    idle = [row for row in found["ranking"] if row["gain"] <= 0 and row["effect"] not in named]
+    told = [row for row in rows if all(row is not other for other in idle)]
     reach = min(max([row["gain"] + row["gain_error"] for row in rows if row["gain"] > 0] + [0.05]), 1.0)
-    named = [k for k, row in enumerate(rows) if row["effect"] in found["verdict"]["named"]]
-    idle = [k for k, row in enumerate(rows) if row["gain"] <= 0 and k not in named]
-    cells = [_ranked(row, reach, k in named) for k, row in enumerate(rows)]
+    folded = ""
+    if idle:
+        summary = f"{NO_HELP.capitalize()}: {', '.join(row['effect'] for row in idle)}"
+        folded = f"<details><summary>{text(summary)}</summary>{_table(idle, named, reach)}</details>"
+    return f"<h3>Ranking</h3>{_RANKING_NOTE}{_table(told, named, reach)}{folded}" if rows else ""
+
+
+def _table(rows: list[dict[str, Any]], named: list[str], reach: float) -> str:
+    """Make a table of laws; those that take nothing away are grey."""
     head = ["effect", "", "explains", "p", "moves [mm]", "parameters, 95 % interval", "why not"]
-    return "<h3>Ranking</h3>" + _RANKING_NOTE + table(
-        head, cells, numeric=(3, 4), marked=named, greyed=idle, cards=True
-    )  # fmt: skip
+    marked = [k for k, row in enumerate(rows) if row["effect"] in named]
+    greyed = [k for k, row in enumerate(rows) if row["gain"] <= 0 and k not in marked]
+    cells = [_ranked(row, reach, k in marked) for k, row in enumerate(rows)]
+    return table(head, cells, numeric=(3, 4), marked=marked, greyed=greyed, cards=True)
 
 
 def _ranked(row: dict[str, Any], reach: float, named: bool) -> list[str]:
@@ -61,9 +69,9 @@ def _ranked(row: dict[str, Any], reach: float, named: bool) -> list[str]:
     ]  # fmt: skip
 
 
-_RANKING_NOTE = (f"<p class='soft'>Explains: the share of the held-out squared error that goes away when the law is added, "
-                 f"with its standard error. Grey, “{NO_HELP}”: fitted to the other episodes, the law makes the held-out "
-                 f"ones no better or worse. Grey parameters are {NOT_DETERMINED}.</p>")  # fmt: skip
+_RANKING_NOTE = (f"<p class='soft'>Explains: the share of the held-out squared error that goes away when the law is "
+                 f"added, with its standard error. “{NO_HELP.capitalize()}”: fitted to the other episodes, the law "
+                 f"makes the held-out ones no better, or worse. Grey parameters are {NOT_DETERMINED}.</p>")  # fmt: skip
 
 
 def _why_not(reasons: list[str]) -> str:
@@ -85,7 +93,8 @@ def _sensors(found: dict[str, Any]) -> str:
         return "<h3>Sensors</h3><p>Sensor faults were not looked for.</p>"
     if not found["sensors"]:
         return "<h3>Sensors</h3><p>No sensor fault was found.</p>"
-    rows = [[text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}), s["fault"])] for s in found["sensors"]]
+    rows = [[text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}), s["fault"])]
+            for s in found["sensors"]]  # fmt: skip
     return "<h3>Sensors</h3>" + table(["camera", "fault", "value, 95 % interval"], rows, cards=True)
 
 

@@ -1,7 +1,7 @@
 """The headline of a report: one plain sentence of what is missing, how much of the error that explains, and how sure.
 
-It is made from the verdict's kind, what it names and its figures, never from its prose; the numbers and conditions behind
-it stand in the sections below.
+It is made from the verdict's kind, what it names and its figures, never from its prose; the numbers and conditions
+behind it stand in the sections below.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ def _base(label: str, found: Facts) -> str:
     others = evidence.get("alternatives", [])
     what = " or ".join(map(_words, [*found["verdict"]["named"][:1], *others]))
     alike = ", which these motions cannot tell apart," if others else ""
-    alone = evidence.get("rest") is False
     if evidence.get("rest") is False:
         start, rest = f"no law is missing from {label}, but its {what}{alike} is off", ""
     else:
         start = f"the {what} of {label}{alike} is off"
         rest = ", though what is left is still more than where nothing is missing" if evidence.get("rest") else ""
-    return (f"{start}{_factor(named)}: changing it explains {_share(found)} of the error, and {_chance(named[:1])}"
+    factor = "" if others else _factor(named)
+    return (f"{start}{factor}: changing it explains {_share(found)} of the error, and {_chance(named[:1])}"
             f"{rest}")  # fmt: skip
 
 
@@ -91,8 +91,8 @@ def _none(label: str, found: Facts) -> str:
     evidence, tried = found["verdict"].get("evidence", {}), _laws(found)
     larger = _larger(found)
     if larger is None and (decoys := evidence.get("decoys")):
-        return (f"nothing that is missing from {label} can be named with any certainty, since what explains the error best "
-                f"is {' or '.join(decoys)}, which cannot matter in motions this slow and is tried only as a check")
+        return (f"nothing that is missing from {label} can be named with any certainty, since what explains the error "
+                f"best is {' or '.join(decoys)}, which cannot matter in motions this slow and is tried only as a check")
     lone = _lone(found, "points to")
     explains = lone or f"none of the {len(tried)} laws that were tried explains any of it with certainty"
     size = f": the error is {larger}" if larger else ""
@@ -109,9 +109,9 @@ def _nothing(label: str, found: Facts) -> str:
     if lone := _lone(found, "hints at"):
         parts = [f"nothing that {label} is missing can be detected with certainty ({lone})"]
     if seen:
-        parts.append(f"what moves the object by more than {short_number(max(seen))} mm would have been found about nine "
-                     "times in ten" + (f", but for {blind} of {len(tried)} laws that these motions cannot show" if blind
-                                       else ""))  # fmt: skip
+        but = f", but for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
+        least = f"{short_number(max(seen))} mm"
+        parts.append(f"what moves the object by more than {least} would have been found about nine times in ten{but}")
     elif tried:
         parts.append("these motions could not have shown any of the laws that were tried")
     joined = ": ".join(parts)
@@ -122,7 +122,7 @@ def _sensor(label: str, found: Facts) -> str:
     sensors = found.get("sensors") or []
     faults = " and ".join(_fault(s) for s in sensors) or "a camera is faulty"
     surest = max((s.get("z") or 0.0 for s in sensors), default=0.0)
-    sure = f", {short_number(surest)} times more than noise explains" if surest else ""
+    sure = f", {surest:.0f} times more than noise explains" if surest else ""
     return (f"{faults}{sure}, so that nothing can be said about what is missing from {label}, or how much of the error "
             "that explains, before it is mended or left out")  # fmt: skip
 
@@ -160,11 +160,11 @@ def _chance(named: Sequence[Facts]) -> str:
     known = [row["p"] for row in named if row.get("p") is not None]
     if not known or len(known) < len(named):
         return "how sure that is was not tested"
-    return f"chance alone would explain as much {_once(max(known))}"
+    return f"chance alone would do that {_once(max(known))}"
 
 
 def _once(p: float) -> str:
-    return f"about once in {short_number(round(1 / p))} times" if p > 0 else "never"
+    return f"about once in {round(1 / p):,} tries" if p > 0 else "never"
 
 
 def _larger(found: Facts) -> str | None:
@@ -173,7 +173,7 @@ def _larger(found: Facts) -> str | None:
     if error is None or floor is None or floor <= 0 or error <= EXCESS_RATIO * floor:
         return None
     p = found["verdict"].get("evidence", {}).get("excess_p")
-    often = f", which chance alone would bring about {_once(p)}" if p is not None and p <= NEARLY_P else ""
+    often = f", which chance alone would cause {_once(p)}" if p is not None and p <= NEARLY_P else ""
     return f"{sqrt(error / floor):.1f} times as large as in the recordings where nothing is missing{often}"
 
 

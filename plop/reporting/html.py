@@ -58,8 +58,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequen
     body = "".join(f"<tr{row_class(place)}>{''.join(cell('td', k, c) for k, c in enumerate(row))}</tr>"
                    for place, row in enumerate(rows))  # fmt: skip
     kind = "wide cards" if cards else "wide"
-    return (f'<div class="{kind}" tabindex="0"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
-            "</div>")  # fmt: skip
+    return (f'<div class="{kind}" tabindex="0" role="region" aria-label="table: {text(head[0])}"><table>'
+            f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>")  # fmt: skip
 
 
 @dataclass(frozen=True)

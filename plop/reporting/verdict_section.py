@@ -54,7 +54,8 @@ def worst(compared: Compared) -> str:
     times = f", {whole['rms_mm'] / whole['floor_mm']:.1f} times what noise explains" if whole["floor_mm"] > 0 else ""
     return (f"The model {compared.label} is off by {number(whole['rms_mm'])} mm{times}, most in episode "
             f"{episode['episode']} ({number(episode['rms_mm'])} mm) and in the phase {phase['phase']} "
-            f"({number(phase['rms_mm'])} mm), and what it is missing has not been looked for (plop diagnose does).")  # fmt: skip
+            f"({number(phase['rms_mm'])} mm), and what it is missing has not been looked for (plop diagnose "
+            "does).")  # fmt: skip
 
 
 def _held_out(facts: ReportFacts) -> str:
@@ -77,8 +78,8 @@ def _shares(facts: ReportFacts) -> str:
     """Say what the percentages of a diagnosis are shares of."""
     if not facts.diagnoses:
         return ""
-    return ("Errors in mm are RMS; what a law explains is a share of the squared error, in episodes that its strength was "
-            "not fitted to.")  # fmt: skip
+    return ("Errors in mm are RMS; what a law explains is a share of the squared error, in episodes that its strength "
+            "was not fitted to.")  # fmt: skip
 
 
 def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
@@ -93,7 +94,8 @@ def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
         figures.append(("of the way from there to the noise floor", gap_text(closed_gap(before, after))))
     else:
         figures.append((f"error on {name}, RMS", f"{number(before['rms'])} mm"))
-        figures.append(("times the noise floor", number(before["rms"] / before["floor"], 1) if before["floor"] else "–"))
+        times = before["rms"] / before["floor"] if before["floor"] else None
+        figures.append(("times the noise floor", number(times, 1)))
     figures += [(baseline.label, f"{number(before[baseline.key])} mm") for baseline in BASELINES]
     figures.append(("noise floor", f"{number(before['floor'])} mm"))
     return figures + _diagnosis_figures(facts)

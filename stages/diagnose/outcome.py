@@ -56,7 +56,8 @@ def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None
         "contrast": _clean(finding.contrast and finding.contrast.errors),
         "contrast_p": _clean(finding.contrast and finding.contrast.p),
         "size_mm": None if size_m is None else 1000 * size_m, "shown": finding.shown, "shown_by": finding.shown_by,
-        "alone": _clean(finding.alone), "parameters": _clean(_parameters(finding, kind)), "passes": finding.passes(), "reasons": finding.reasons(),
+        "alone": _clean(finding.alone), "parameters": _clean(_parameters(finding, kind)), "passes": finding.passes(),
+        "reasons": finding.reasons(),
     }  # fmt: skip
 
 
