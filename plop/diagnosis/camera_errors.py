@@ -1,7 +1,8 @@
 """The prediction as each camera would have seen it: errors of depth, colour and outline, camera by camera.
 
 The Gaussians of the first frame are carried by the predicted points and rendered through each camera's own model.
-The same is done with the measured points: what is left there is the floor that fit, tracking and noise set.
+The same is done with the measured points: what is left there is the floor that fit, tracking and noise set; and with
+the two baselines of every table: nothing moves (but the tool), and the best motion as one body, an oracle.
 """
 
 from __future__ import annotations
@@ -15,8 +16,12 @@ import numpy as np
 from plop.diagnosis.carrier import Carrier
 from plop.diagnosis.error_fields import ErrorField
 from plop.gaussians.splat_ply import read_splat
+from plop.geometry.rigid import kabsch, transform_points
 from plop.recordings.recording import MaskLabel, Recording, View
 from plop.render.scene import render_scene, tool_above_table
+
+_ENDS = ("", "_floor", "_persistence", "_rigid")
+"""What is rendered: the prediction, and beside it the floor and the two baselines."""
 
 
 class CarriedScene:
@@ -51,7 +56,8 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
     Returns:
         One row per camera and frame: episode, camera, frame, n (pixels that show the object in both), depth_mm and
         colour (mean absolute differences, colour of 1), outline (share of the pixels in either outline that are not
-        in both), and the same with `_floor` for the measured points.
+        in both), and the same with `_floor` for the measured points, `_persistence` for those of the first frame and
+        `_rigid` for the best motion of these as one body.
     """
     points = field.episode.points
     scene = CarriedScene(init, points[0], field.episode.patch)
@@ -59,13 +65,15 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
     with Recording(recording_path) as recording:
         names = recording.camera_names
         for frame in frames:
-            predicted = scene.views(recording, frame, field.predicted[frame], names)
-            tracked = scene.views(recording, frame, points[frame], names)
-            for name, ours, floor in zip(names, predicted, tracked, strict=True):
+            body = transform_points(kabsch(points[0], points[frame]), points[0])
+            places = {"": field.predicted[frame], "_floor": points[frame], "_persistence": points[0], "_rigid": body}
+            views = {end: scene.views(recording, frame, where, names) for end, where in places.items()}
+            for k, name in enumerate(names):
                 measured = recording.view(name, frame)
-                of_floor = {f"{key}_floor": value for key, value in image_errors(floor, measured).items() if key != "n"}
-                rows.append({"episode": field.name, "camera": name, "frame": frame,
-                             **image_errors(ours, measured), **of_floor})  # fmt: skip
+                errors = {f"{key}{end}": value for end, seen in views.items()
+                          for key, value in image_errors(seen[k], measured).items()
+                          if key != "n" or not end}  # fmt: skip
+                rows.append({"episode": field.name, "camera": name, "frame": frame, **errors})
     return rows
 
 
@@ -90,7 +98,7 @@ def camera_table(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for name in dict.fromkeys(row["camera"] for row in rows):
         mine = [row for row in rows if row["camera"] == name]
         row: dict[str, Any] = {"camera": name, "n": sum(r["n"] for r in mine), "images": len(mine)}
-        for key in ("depth_mm", "depth_mm_floor", "colour", "colour_floor", "outline", "outline_floor"):
+        for key in (f"{kind}{end}" for kind in ("depth_mm", "colour", "outline") for end in _ENDS):
             known = [r[key] for r in mine if r[key] is not None]
             row[key] = round(float(np.mean(known)), 4) if known else None
         table.append(row)

@@ -24,6 +24,21 @@ LONE_SHARE = 0.8
 """Share of what a law explains from which on one episode alone is said to show it."""
 
 
+NO_HELP = "does not help"
+"""What is said of a law that takes nothing of the held-out error away.
+
+A gain is a share of the error without the law, and has no least value: fitted to some episodes, a law (or the stiffness
+that is fitted along) may make the others many times worse. By how much says nothing about the law, only that it is not
+what is missing."""
+
+
+def explained_text(gain: float, error: float) -> str:
+    """Write the share of the held-out error that a law takes away with its standard error; never less than nothing."""
+    if gain <= 0:
+        return NO_HELP
+    return f"{100 * gain:.1f} ± {100 * error:.1f} %" if error <= 1 else f"{100 * gain:.1f} % (± more than 100 %)"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One named thing with its evidence."""
@@ -84,7 +99,9 @@ class Finding:
         found = []
         if self.p is None or self.p > P_LARGEST:
             found.append(f"p = {self.p:.3f} > {P_LARGEST}" if self.p is not None else "no shams")
-        if self.gain <= GAIN_LEAST:
+        if self.gain <= 0:
+            found.append(f"{NO_HELP}: fitted to the other episodes, it does not make the held-out ones better")
+        elif self.gain <= GAIN_LEAST:
             found.append(f"gain {100 * self.gain:.1f} % <= {100 * GAIN_LEAST:g} %")
         if self.gain <= ERRORS_LEAST * self.gain_error:
             found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")

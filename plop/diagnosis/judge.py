@@ -88,7 +88,9 @@ def _law(
     others = [name for name in alike if name not in (best.name, more and more.name)]
     if partly and (may_be_chance(size) or (best.kind == "base" and not size.beyond_chance)):
         return nothing(facts, size)
+    facts = {**facts, "share": best.gain}
     if more is not None and not others:
+        facts["share"] = 1 - (1 - best.gain) * (1 - more.gain)
         text = both_text(best, more, partly, share)
         return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
     kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
@@ -126,5 +128,5 @@ def judge_pair(
             f"{parameters_text(first)}; {parameters_text(second)}; {each}; both close {100 * min(share, 1):.0f} % "
             f"of the explainable gap. Add {first.name}, then diagnose again.")  # fmt: skip
     facts = {**alone.evidence, "left": left, "error": size.error, "floor": size.floor, "alternatives": [],
-             "alone": {"kind": alone.kind, "named": alone.named}}  # fmt: skip
+             "share": 1 - left / size.error, "alone": {"kind": alone.kind, "named": alone.named}}  # fmt: skip
     return Verdict("PARTLY" if partly else "EFFECT", [first.name, second.name], text, facts)

@@ -8,7 +8,7 @@ from typing import Any
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import ERRORS_LEAST, PARTLY_SHARE, Finding
 from plop.diagnosis.verdict import Verdict, may_be_chance, nothing
-from plop.diagnosis.verdict_text import base_text, effect_text, parameters_text, partly_base_text
+from plop.diagnosis.verdict_text import base_text, effect_text, parameters_text, partly_base_text, rest_stands_out
 
 
 def by_base(
@@ -47,18 +47,21 @@ def _base_or(
         return None
     if better is not None:
         better = replace(better, gain=better.alone)
+        facts = {**facts, "share": better.gain}
         if better.kind == "base":
             return Verdict("BASE PARAMETER", [better.name], base_text(better), facts)
         return Verdict("EFFECT", [better.name], effect_text("EFFECT", better, [], None), facts)
     if beyond is not None and beyond.gain * (1 - base.gain) > base.gain / 2:
         return None
+    facts = {**facts, "share": base.gain}
     law = next((f for f in rivals if f.kind == "physics"), None)
     if law is not None:
         text = (f"{base.name} of the base, or {law.name}, which these motions cannot tell apart; "
                 f"{parameters_text(base)}; or {parameters_text(law)}.")  # fmt: skip
         return Verdict("CONFOUNDED", [base.name, law.name], text, {**facts, "alternatives": [law.name]})
     also = [f.name for f in rivals]
-    return Verdict("BASE PARAMETER", [base.name], base_text(base, also, size), {**facts, "alternatives": also})
+    facts = {**facts, "alternatives": also, "rest": rest_stands_out(size)}
+    return Verdict("BASE PARAMETER", [base.name], base_text(base, also, size), facts)
 
 
 def _margin(finding: Finding) -> float:

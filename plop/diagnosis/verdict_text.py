@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
+from plop.determined import CHANGED_LOGARITHM
 from plop.diagnosis.error_size import EXCESS_LEAST, EXCESS_P, EXCESS_RATIO, ErrorSize
 from plop.diagnosis.finding import Finding
 from plop.law_values import parameter_text, short_number
 
-LOGARITHMIC = "d_ln_"
-"""How the name of a parameter begins that is the change of a logarithm."""
 NEARLY_P = 0.05
 """Chance up to which an error that does not stand out is told with what is asked for."""
 
@@ -57,12 +56,17 @@ def base_text(base: Finding, also: list[str] | None = None, size: ErrorSize | No
     """
     alike = f" A change of {' or '.join(also)} would explain as much." if also else ""
     share = None if size is None else size.closed_by_base
-    if size is None or size.floor is None or share is None or not (size.stands_out or size.beyond_chance):
+    if size is None or size.floor is None or share is None or not rest_stands_out(size):
         return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
     return (f"A parameter of the base differs: {_base_text(base)}; it closes {100 * min(share, 1):.0f} % of the "
             f"explainable gap. What is left, {short_number(size.error / size.floor)} times the reference's squared "
             f"error, is how the base follows another {base.name}, or what no law of the library does."
             f"{alike}")  # fmt: skip
+
+
+def rest_stands_out(size: ErrorSize) -> bool:
+    """Tell whether what a changed base parameter leaves is still beyond the reference's error."""
+    return size.closed_by_base is not None and (size.stands_out or size.beyond_chance)
 
 
 def unsure_text(finding: Finding) -> str:
@@ -95,7 +99,7 @@ def _base_text(base: Finding) -> str:
     """Write a base parameter's change: that of a logarithm as a factor, too."""
     name, change = next(iter(base.parameters.items()))
     factor = ""
-    if name.startswith(LOGARITHMIC):
+    if name.startswith(CHANGED_LOGARITHM):
         value, low, high = (math.exp(change[key]) for key in ("value", "low", "high"))
         known = math.isfinite(change["low"]) and math.isfinite(change["high"])
         interval = f" ({short_number(low)} to {short_number(high)})" if known else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from joblib import Parallel, delayed
 from scipy.stats import t as student
 
 from plop.clusters import clusters
+from plop.determined import Allowed, determined
 from plop.errors import PlopError
 from plop.physics.case import Case
 from plop.physics.config import EngineConfig
@@ -73,16 +74,10 @@ class Estimate:
     """The fit ran into the allowed range: the number is a limit, not a measurement."""
 
 
-_OPEN_SHARE, _OPEN_FACTOR = 0.5, 10.0
-"""Width of an interval that says hardly anything: share of the range, or a factor where the logarithm is varied."""
-
-
-def hardly_told(name: str, estimate: Estimate) -> bool:
-    """Tell whether the data leave a parameter open: half of its range, or a factor of ten of one that is scaled."""
-    parameter = PARAMETERS[name]
-    low, high = (parameter.encode(np.clip(end, parameter.low, parameter.high)) for end in (estimate.low, estimate.high))
-    widest = np.log(_OPEN_FACTOR) if parameter.logarithmic else _OPEN_SHARE * (parameter.high - parameter.low)
-    return bool(high - low > widest)
+def is_determined(name: str, estimate: Estimate) -> bool:
+    """Tell whether the data determine a parameter, see `plop.determined`."""
+    p = PARAMETERS[name]
+    return determined(name, asdict(estimate), Allowed(p.low, p.high, p.step, p.logarithmic))
 
 
 @dataclass(frozen=True)

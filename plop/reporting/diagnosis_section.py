@@ -1,13 +1,16 @@
-"""What was diagnosed: the ranking with its intervals, parameters, detection limits, sensors."""
+"""What was diagnosed: the ranking with its intervals, detection limits, sensors."""
 
 from __future__ import annotations
 
 import re
 from typing import Any
 
-from plop.law_values import also_text, with_unit
-from plop.reporting.compared import Compared, ReportFacts
+from plop.determined import NOT_DETERMINED
+from plop.diagnosis.finding import GAIN_LEAST, NO_HELP, explained_text
+from plop.law_values import with_unit
+from plop.reporting.compared import ReportFacts
 from plop.reporting.html import interval, number, short, table, text
+from plop.reporting.parameters_section import parameters_text
 
 
 def diagnosis_sections(facts: ReportFacts) -> str:
@@ -18,9 +21,8 @@ def diagnosis_sections(facts: ReportFacts) -> str:
 def _one(label: str, found: dict[str, Any]) -> str:
     closed = found.get("closed_share")
     # the verdict's sentence says it of what is named; beside a base parameter the best effect's share says nothing
-    if found["verdict"]["named"]:
-        closed = None
-    share = "" if closed is None else f" The best effect closes {100 * min(closed, 1):.0f} % of the explainable gap."
+    told = closed is not None and closed > 0 and not found["verdict"]["named"]
+    share = f" The best effect closes {100 * min(closed or 0, 1):.0f} % of the explainable gap." if told else ""
     floor = "" if found.get("floor") is None else f" (in the reference recordings {number(found['floor'])})"
     says = (f"<p><b>{text(found['verdict']['kind'])}</b>. {text(found['verdict']['text'])}</p><p class='soft'>Mean "
             f"squared residual in units of its expectation: {number(found['error'])}{floor}.{share} "
@@ -31,27 +33,45 @@ def _one(label: str, found: dict[str, Any]) -> str:
 
 def _ranking(found: dict[str, Any]) -> str:
     base = [found["base"]] if found.get("base") else []
+    named = found["verdict"]["named"]
     rows = [*found["ranking"], *base]
-    if not rows:
-        return ""
-    reach = max([row["gain"] + row["gain_error"] for row in rows] + [0.05])
-    lowest = max(min([row["gain"] - row["gain_error"] for row in rows] + [0.0]), -0.5 * reach)
-    cells, marked = [], []
-    for place, row in enumerate(rows):
-        named = row["effect"] in found["verdict"]["named"]
-        marked += [place] if named else []
-        kind = "" if row["kind"] == "physics" else f" <span class='soft'>({text(row['kind'])})</span>"
-        name = f"<span title='{text(row.get('help', ''))}'>{text(row['effect'])}</span>{kind}"
-        colour = "#0072b2" if named else "#8a8f96"
-        cells.append([
-            name, interval(row["gain"], row["gain_error"], lowest, reach, colour),
-            f"{100 * row['gain']:.1f} ± {100 * row['gain_error']:.1f} %",
-            "–" if row["p"] is None else f"{row['p']:.3f}", number(row.get("size_mm")),
-            parameters_text(row["parameters"]),
-            "<b>named</b>" if named else _why_not(row["reasons"]),
-        ])  # fmt: skip
-    head = ["effect", "gain", "share of held-out error", "p", "moves [mm]", "parameters, 95 % interval", "why not"]
-    return "<h3>Ranking</h3>" + table(head, cells, numeric=(2, 3, 4), marked=marked)
+    idle = [row for row in found["ranking"] if row["gain"] <= 0 and row["effect"] not in named]
+    told = [row for row in rows if all(row is not other for other in idle)]
+    reach = min(max([row["gain"] + row["gain_error"] for row in rows if row["gain"] > 0] + [0.05]), 1.0)
+    folded = ""
+    if idle:
+        summary = f"{NO_HELP.capitalize()}: {', '.join(row['effect'] for row in idle)}"
+        folded = f"<details><summary>{text(summary)}</summary>{_table(idle, named, reach)}</details>"
+    return f"<h3>Ranking</h3>{_RANKING_NOTE}{_table(told, named, reach)}{folded}" if rows else ""
+
+
+def _table(rows: list[dict[str, Any]], named: list[str], reach: float) -> str:
+    """Make a table of laws; those that take nothing away are grey."""
+    head = ["effect", "", "explains", "p", "moves [mm]", "parameters, 95 % interval", "why not"]
+    marked = [k for k, row in enumerate(rows) if row["effect"] in named]
+    greyed = [k for k, row in enumerate(rows) if row["gain"] <= 0 and k not in marked]
+    cells = [_ranked(row, reach, k in marked) for k, row in enumerate(rows)]
+    return table(head, cells, numeric=(3, 4), marked=marked, greyed=greyed, cards=True)
+
+
+def _ranked(row: dict[str, Any], reach: float, named: bool) -> list[str]:
+    kind = "" if row["kind"] == "physics" else f" <span class='soft'>({text(row['kind'])})</span>"
+    helps = row["gain"] > 0
+    dot = interval(row["gain"], row["gain_error"], 0.0, reach, "#0072b2" if named else "#8a8f96") if helps else ""
+    explains = explained_text(row["gain"], row["gain_error"])
+    if not helps and row.get("alone", 0.0) > GAIN_LEAST:
+        explains += f" once the stiffness is refitted, too ({100 * row['alone']:.0f} % as the base is)"
+    return [
+        f"<span title='{text(row.get('help', ''))}'>{text(row['effect'])}</span>{kind}", dot, text(explains),
+        "–" if row["p"] is None else f"{row['p']:.3f}", number(row.get("size_mm")),
+        parameters_text(row["parameters"], row["effect"]),
+        "<b>named</b>" if named else "–" if not helps else _why_not(row["reasons"]),
+    ]  # fmt: skip
+
+
+_RANKING_NOTE = (f"<p class='soft'>Explains: the share of the held-out squared error that goes away when the law is "
+                 f"added, with its standard error. “{NO_HELP.capitalize()}”: fitted to the other episodes, the law "
+                 f"makes the held-out ones no better, or worse. Grey parameters are {NOT_DETERMINED}.</p>")  # fmt: skip
 
 
 def _why_not(reasons: list[str]) -> str:
@@ -60,17 +80,6 @@ def _why_not(reasons: list[str]) -> str:
         return text(reasons[0] if reasons else "passes, but another explains more")
     rest = "<br>".join(map(text, reasons[1:]))
     return f"<details><summary>{text(reasons[0])}, and {len(reasons) - 1} more</summary>{rest}</details>"
-
-
-def parameters_text(parameters: dict[str, dict[str, Any]]) -> str:
-    """Write parameters with intervals and units as HTML."""
-    parts = []
-    for name, p in parameters.items():
-        known = p.get("low") is not None and p.get("high") is not None
-        span = f" ({short(p['low'])} to {short(p['high'])})" if known else also_text(p) or " (no interval)"
-        bound = ", at its bound" if p.get("at_bound") else ""
-        parts.append(text(with_unit(f"{name} = {short(p['value'])}{span}", p.get("unit"))) + bound)
-    return "<br>".join(parts)
 
 
 def _next(found: dict[str, Any]) -> str:
@@ -84,8 +93,9 @@ def _sensors(found: dict[str, Any]) -> str:
         return "<h3>Sensors</h3><p>Sensor faults were not looked for.</p>"
     if not found["sensors"]:
         return "<h3>Sensors</h3><p>No sensor fault was found.</p>"
-    rows = [[text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}))] for s in found["sensors"]]
-    return "<h3>Sensors</h3>" + table(["camera", "fault", "value, 95 % interval"], rows)
+    rows = [[text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}), s["fault"])]
+            for s in found["sensors"]]  # fmt: skip
+    return "<h3>Sensors</h3>" + table(["camera", "fault", "value, 95 % interval"], rows, cards=True)
 
 
 def _limits(found: dict[str, Any]) -> str:
@@ -109,45 +119,4 @@ def _dropped(found: dict[str, Any]) -> str:
     if not found.get("dropped"):
         return ""
     rows = [[text(name), text(why)] for name, why in found["dropped"].items()]
-    return f"<details><summary>Left out</summary>{table(['what', 'why'], rows)}</details>"
-
-
-def parameters_section(facts: ReportFacts) -> str:
-    """List the parameters of every model with units and intervals: what was fitted first, what was given folded."""
-    fitted = [row for compared in facts.compared for row in _fitted(compared)]
-    given = [row for compared in facts.compared for row in _given(compared)]
-    if not fitted and not given:
-        return ""
-    head = ["model", "part", "parameter", "value", "95 % interval", "unit"]
-    shown = table(head, fitted, numeric=(3, 4)) if fitted else "<p>Nothing was fitted.</p>"
-    if not given:
-        return f"<h2>Parameters</h2>{shown}"
-    folded = f"<details><summary>Given, not fitted</summary>{table(head, given, numeric=(3, 4))}</details>"
-    return f"<h2>Parameters</h2>{shown}{folded}"
-
-
-def _fitted(compared: Compared) -> list[list[str]]:
-    model = compared.model or {}
-    rows = [_parameter(compared.label, "engine", name, p) for name, p in model.get("estimates", {}).items()]
-    for effect in model.get("effects", []):
-        rows += [_parameter(compared.label, effect["effect"], name, p) for name, p in effect["parameters"].items()]
-    return rows
-
-
-def _given(compared: Compared) -> list[list[str]]:
-    model = compared.model or {}
-    fitted = model.get("estimates", {})
-    values = model.get("engine", {}).get("material", {}) if model.get("kind") == "engine" else {}
-    return [_parameter(compared.label, "engine", name, {"value": value, "unit": _unit(name)})
-            for name, value in values.items() if isinstance(value, (int, float)) and name not in fitted]  # fmt: skip
-
-
-def _parameter(label: str, part: str, name: str, p: dict[str, Any]) -> list[str]:
-    low, high = p.get("low"), p.get("high")
-    span = also_text(p).strip(" ()") or "–" if low is None or high is None else f"{short(low)} to {short(high)}"
-    return [text(label), text(part), text(name), short(p["value"]), span, text(p.get("unit") or "-")]
-
-
-def _unit(name: str) -> str:
-    endings = {"_pa_s": "Pa s", "_pa": "Pa", "_kg_m3": "kg/m^3", "_per_s": "1/s", "_j_m2": "J/m^2"}
-    return next((unit for ending, unit in endings.items() if name.endswith(ending)), "-")
+    return f"<details><summary>Left out</summary>{table(['what', 'why'], rows, cards=True)}</details>"

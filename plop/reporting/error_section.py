@@ -4,42 +4,54 @@ from __future__ import annotations
 
 from typing import Any
 
+from plop.reporting.baselines import BASELINES, ORACLE, is_beaten
 from plop.reporting.compared import ReportFacts
-from plop.reporting.html import bars, number, table, text
-from plop.reporting.verdict_section import closed_gap, error_over
+from plop.reporting.errors_over import beside, closed_gap, error_over
+from plop.reporting.html import Series, bars, number, table, text
+from plop.reporting.verdict_section import gap_text
 
 _CHARTS = (("phase", "phase", "By phase: error"),
            ("distance", "distance_to_tool_mm", "By distance to the tool in mm: error"),
            ("height", "height_mm", "By height above the table in mm: error"))  # fmt: skip
 
 
+BEATEN = '<sup title="a baseline is better">▾</sup>'
+BEATEN_NOTE = "<p class='soft'>▾ a baseline is better than the model here.</p>"
+_BASELINE_LABELS = {b.key: f"baseline: {b.label}" for b in BASELINES}
+
+
 def legend(facts: ReportFacts) -> str:
-    """Name the colours of the models."""
-    keys = "".join(f'<span><i style="height:11px;background:{c.colour}"></i>{text(c.label)}</span>'
-                   for c in facts.compared)  # fmt: skip
-    return f'<p class="key">{keys}<span><i style="height:0;border-top:2px dotted #000"></i>noise floor</span></p>'
+    """Name the colours of the models and of the baselines."""
+    models = "".join(f'<span><i class="swatch" style="background:{c.colour}"></i>{text(c.label)}</span>'
+                     for c in facts.compared)  # fmt: skip
+    others = "".join(f'<span><i style="height:6px;background:{b.colour}"></i>{text(b.label)}</span>' for b in BASELINES)
+    return f'<p class="key">{models}{others}<span><i class="floor"></i>noise floor</span></p>'
 
 
 def where_section(facts: ReportFacts) -> str:
     """Draw the error by phase, distance, height and camera."""
     charts = [_chart(facts, key, label, title) for key, label, title in _CHARTS]
     if facts.compared[0].facts["tables"].get("camera"):
-        title = "By camera: mean difference in depth"
-        charts.append(_chart(facts, "camera", "camera", title, "depth_mm", "depth_mm_floor"))
+        charts.append(_chart(facts, "camera", "camera", "By camera: mean difference in depth", "depth_mm"))
     return (f"<h2>Where and when it fails</h2>{legend(facts)}<div class='charts'>{''.join(charts)}</div>"
             "<p class='soft'>RMS distance between measured and predicted points; the first frame is given and counts "
             "nowhere. The dotted tick is the floor: what noise alone would give (for cameras: what is left when the "
-            "measured points are rendered).</p>")  # fmt: skip
+            f"measured points are rendered). {text(ORACLE)}</p>")  # fmt: skip
 
 
-def _chart(
-    facts: ReportFacts, key: str, label: str, title: str, value: str = "rms_mm", floor: str = "floor_mm"
-) -> str:  # fmt: skip
+def _chart(facts: ReportFacts, key: str, label: str, title: str, value: str = "rms_mm") -> str:
     rows = facts.compared[0].facts["tables"][key]
     labels = [str(row[label]) for row in rows]
-    found = [[compared.row(key, **{label: name}) for name in labels] for compared in facts.compared]
-    series = [[None if row is None else row[value] for row in column] for column in found]
-    return bars(title, labels, series, [c.colour for c in facts.compared], [row[floor] for row in rows], "mm")
+    models = [Series(c.label, c.colour, [_value(c.row(key, **{label: name}), value) for name in labels])
+              for c in facts.compared]  # fmt: skip
+    # a comparison made before cameras had baselines has none to show
+    others = [Series(b.label, b.colour, [_value(row, beside(value, b.key)) for row in rows], thin=True)
+              for b in BASELINES]  # fmt: skip
+    return bars(title, labels, [*models, *others], [_value(row, beside(value, "floor")) for row in rows], "mm")
+
+
+def _value(row: dict[str, Any] | None, key: str) -> float | None:
+    return None if row is None else row.get(key)
 
 
 def before_after_section(facts: ReportFacts) -> str:
@@ -54,11 +66,12 @@ def before_after_section(facts: ReportFacts) -> str:
         if len(episodes) > 1:
             marked.append(len(rows))
             rows.append(_row(facts, episodes, f"{len(episodes)} episodes", kind))
-    head = ["episode", "", *(c.label for c in facts.compared), "nothing moves", "best rigid", "floor"]
+    head = ["episode", "", *(c.label for c in facts.compared), *(b.label for b in BASELINES), "floor"]
     if len(facts.compared) > 1:
         head.append("way to the floor")
     body = table(head, rows, numeric=range(2, len(head)), marked=marked)
-    return f"<h2>{_title(facts)}</h2>{_note(facts)}{body}{_scores(facts)}"
+    note = BEATEN_NOTE if BEATEN in body else ""
+    return f"<h2>{_title(facts)}</h2>{_note(facts)}{body}{note}{_scores(facts)}"
 
 
 def _title(facts: ReportFacts) -> str:
@@ -82,12 +95,17 @@ def _note(facts: ReportFacts) -> str:
 def _row(facts: ReportFacts, episodes: list[str], label: str, kind: str) -> list[str]:
     found = [error_over(compared, episodes) for compared in facts.compared]
     first, last = found[0], found[-1]
-    cells = [text(label), text(kind), *(number(None if f is None else f["rms"]) for f in found)]
-    cells += [number(first[key] if first else None) for key in ("persistence", "rigid", "floor")]
+    baselines = [first[b.key] if first else None for b in BASELINES]
+    cells = [text(label), text(kind), *(_error(None if f is None else f["rms"], baselines) for f in found)]
+    cells += [*map(number, baselines), number(first["floor"] if first else None)]
     if len(facts.compared) > 1:
-        share = closed_gap(first, last) if first and last else None
-        cells.append("–" if share is None else f"{100 * share:.0f} %")
+        cells.append(gap_text(closed_gap(first, last) if first and last else None))
     return cells
+
+
+def _error(value: float | None, baselines: list[float | None]) -> str:
+    """Write a model's error, with a mark where a baseline's is smaller."""
+    return number(value) + (BEATEN if is_beaten(value, baselines) else "")
 
 
 def _scores(facts: ReportFacts) -> str:
@@ -97,7 +115,7 @@ def _scores(facts: ReportFacts) -> str:
     for label, scores in facts.scores:
         methods: dict[str, Any] = scores["methods"]
         for method in methods if label == facts.scores[0][0] else [scores["method"]]:
-            name = label if method == scores["method"] else f"baseline: {method}"
+            name = label if method == scores["method"] else _BASELINE_LABELS.get(method, f"baseline: {method}")
             found = [methods[method]["episode"].get(metric) for metric in metrics]
             rows.append([text(name), *("–" if f is None else _mean(f) for f in found)])
     if not rows:

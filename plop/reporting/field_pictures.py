@@ -17,6 +17,7 @@ from plop.diagnosis.error_fields import rms_seen
 from plop.diagnosis.field_file import StoredField
 from plop.diagnosis.phases import PHASES, spans
 from plop.reporting.colours import ERROR_MAP, FLOOR, PERSISTENCE, PHASE_COLOURS, PREDICTION, RIGID
+from plop.reporting.errors_over import beside
 
 _VIEWS = ((25, -60), (25, 120), (89.9, -90))
 """Elevation and azimuth of the three views of the object [deg]."""
@@ -94,7 +95,7 @@ def draw_tables(path: Path, tables: dict[str, list[dict[str, Any]]]) -> None:
     _bars(distance, tables["distance"], "distance_to_tool_mm", "distance to the tool [mm]")
     _bars(height, tables["height"], "height_mm", "height above the table [mm]")
     if tables["camera"]:
-        _bars(camera, tables["camera"], "camera", "camera (depth, mean)", ("depth_mm", "depth_mm_floor"))
+        _bars(camera, tables["camera"], "camera", "camera (depth, mean)", "depth_mm")
     else:
         camera.set_axis_off()
     save(figure, path)
@@ -119,19 +120,23 @@ def _heat(axes: Axes, tables: dict[str, list[dict[str, Any]]]) -> None:
 
 
 def _bars(
-    axes: Axes, rows: Sequence[dict[str, Any]], key: str, title: str, values: tuple[str, str] = ("rms_mm", "floor_mm")
+    axes: Axes, rows: Sequence[dict[str, Any]], key: str, title: str, value: str = "rms_mm"
 ) -> None:  # fmt: skip
     labels = [str(row[key]) for row in rows]
-    tops = [row[values[0]] or 0 for row in rows]
+    tops = [row[value] or 0 for row in rows]
+    most = max([*tops, 1e-3])
     axes.bar(labels, tops, color=PREDICTION, width=0.7)
-    for place, row in enumerate(rows):
-        floor = row[values[1]]
-        if floor is not None:
-            axes.plot([place - 0.4, place + 0.4], [floor, floor], color=FLOOR, linestyle=":", linewidth=1.6)
     for place, top in enumerate(tops):
         axes.text(place, top, f"{top:.2f}", ha="center", va="bottom", fontsize=8)
-    axes.set(ylabel="mm", ylim=(0, 1.25 * max([*tops, 1e-3])))
-    axes.set_title(title + "; dotted: floor", fontsize=10, loc="left")
+    for name, colour, dash, width in (("persistence", PERSISTENCE, "-", 2.0), ("rigid", RIGID, "-", 2.0),
+                                      ("floor", FLOOR, ":", 1.6)):  # fmt: skip
+        marks = [row.get(beside(value, name)) for row in rows]
+        for place, mark in enumerate(marks):
+            if mark is not None:
+                axes.plot([place - 0.4, place + 0.4], [mark, mark], color=colour, linestyle=dash, linewidth=width)
+        most = max([most, *(mark for mark in marks if mark is not None)])
+    axes.set(ylabel="mm", ylim=(0, 1.25 * most))
+    axes.set_title(f"{title}; grey: nothing moves, orange: best rigid motion, dotted: floor", fontsize=9, loc="left")
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -30,69 +31,92 @@ def short(value: float | None) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequence[int] = (),
-          marked: Sequence[int] = ()) -> str:  # fmt: skip
-    """Make a table of ready HTML cells.
+          marked: Sequence[int] = (), greyed: Sequence[int] = (), cards: bool = False) -> str:  # fmt: skip
+    """Make a table of ready HTML cells; it scrolls inside its own box where it is wider than the page.
 
     Args:
         head: Titles.
         rows: Cells.
         numeric: Columns that are set to the right.
         marked: Rows that stand out.
+        greyed: Rows that are no results.
+        cards: On a narrow screen each row becomes a card with its titles beside the cells: for rows of text, which
+            are read one by one; figures, which are compared with each other, scroll.
     """
 
     def cell(tag: str, column: int, content: str) -> str:
         kind = ' class="num"' if column in numeric else ""
-        return f"<{tag}{kind}>{content}</{tag}>"
+        title = f' data-head="{text(head[column])}"' if cards and tag == "td" else ""
+        inner = f"<div>{content}</div>" if title and content else content  # a card sets title and cell side by side
+        return f"<{tag}{kind}{title}>{inner}</{tag}>"
+
+    def row_class(place: int) -> str:
+        kinds = ["named"] * (place in marked) + ["open"] * (place in greyed)
+        return f' class="{" ".join(kinds)}"' if kinds else ""
 
     top = "".join(cell("th", k, text(title)) for k, title in enumerate(head))
-    body = "".join(
-        f"<tr{' class=named' if place in marked else ''}>{''.join(cell('td', k, c) for k, c in enumerate(row))}</tr>"
-        for place, row in enumerate(rows)
-    )
-    return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    body = "".join(f"<tr{row_class(place)}>{''.join(cell('td', k, c) for k, c in enumerate(row))}</tr>"
+                   for place, row in enumerate(rows))  # fmt: skip
+    kind = "wide cards" if cards else "wide"
+    return (f'<div class="{kind}" tabindex="0" role="region" aria-label="table: {text(head[0])}"><table>'
+            f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Series:
+    """One thing that is drawn as a bar in every group."""
+
+    label: str
+    colour: str
+    values: Sequence[float | None]
+    """One for each group."""
+    thin: bool = False
+    """Stands in the background."""
 
 
 def bars(
-    title: str, labels: Sequence[str], series: Sequence[Sequence[float | None]], colours: Sequence[str],
-    floors: Sequence[float | None], unit: str,
+    title: str, labels: Sequence[str], series: Sequence[Series], floors: Sequence[float | None], unit: str
 ) -> str:  # fmt: skip
-    """Draw horizontal bars in groups, a tick at the floor of each group.
+    """Draw horizontal bars in groups, a tick at the floor of each group, as a table that any width and reader can read.
+
+    Bars of the background do not set the scale beyond twice what the others need: where nothing moves is often so far
+    off that the models could not be told apart. A bar that is cut off so ends in a fade; its value stands beside it.
 
     Args:
         title: Heading.
         labels: One for each group.
-        series: For each series the value of every group.
-        colours: One for each series.
+        series: What is drawn in each.
         floors: One for each group.
         unit: Unit of the values.
     """
-    thick, gap, left, width = 13 if len(series) > 1 else 17, 9, 118, 520
-    most = max([v for row in [*series, floors] for v in row if v is not None] or [1.0]) or 1.0
-    reach = width - left - 66
-    parts, y = [], 4
+    own = [v for s in series if not s.thin for v in s.values if v is not None] + [v for v in floors if v is not None]
+    every = own + [v for s in series for v in s.values if v is not None]
+    most = min(max(every, default=1.0), 2 * max(own, default=1.0)) or 1.0
+    rows = []
     for group, label in enumerate(labels):
-        height = thick * len(series)
-        parts.append(f'<text x="{left - 8}" y="{y + height / 2 + 4:.1f}" text-anchor="end">{text(label)}</text>')
-        for k, values in enumerate(series):
-            value = values[group]
-            if value is None:
-                continue
-            top, long = y + k * thick, reach * value / most
-            parts.append(f'<rect x="{left}" y="{top + 1}" width="{long:.1f}" height="{thick - 2}" '
-                         f'fill="{colours[k]}"/>')  # fmt: skip
-            parts.append(f'<text x="{left + long + 5:.1f}" y="{top + thick / 2 + 4:.1f}">{number(value)}</text>')
+        shown = [s for s in series if s.values[group] is not None]
         floor = floors[group]
-        if floor is not None:
-            at = left + reach * floor / most
-            parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y - 2}" y2="{y + height + 2}" stroke="#000" '
-                         'stroke-width="1.5" stroke-dasharray="2 2"/>')  # fmt: skip
-        y += height + gap
-    return (f'<div><h3>{text(title)} [{text(unit)}]</h3><svg viewBox="0 0 {width} {y}" width="100%" role="img" '
-            f'aria-label="{text(title)}">{"".join(parts)}</svg></div>')  # fmt: skip
+        tick = "" if floor is None else f'<b style="left:{_place(floor, most)}"></b>'
+        for k, s in enumerate(shown):
+            value = s.values[group]
+            assert value is not None
+            kind = " ".join(["thin"] * s.thin + ["cut"] * (value > most))
+            first = f'<th rowspan="{len(shown)}" scope="rowgroup">{text(label)}</th>' if k == 0 else ""
+            rows.append(
+                f'<tr{" class=first" if k == 0 else ""}>{first}<td>{tick}<i class="{kind}" style="width:'
+                f'{_place(value, most)};background-color:{s.colour}"></i><span class="vh">{text(s.label)}: </span>'
+                f"<span>{number(value)}</span></td></tr>"
+            )
+    return f'<div><h3>{text(title)} [{text(unit)}]</h3><table class="bars">{"".join(rows)}</table></div>'
+
+
+def _place(value: float, most: float) -> str:
+    """Length of a bar as CSS; the rest of the line is for its value."""
+    return f"calc((100% - 52px) * {min(value / most, 1):.4f})"
 
 
 def interval(value: float, error: float, low: float, high: float, colour: str) -> str:
-    """Draw a dot with its standard error on a scale from `low` to `high`, with a line at zero."""
+    """Draw a dot with its standard error on a scale from `low` to `high`, with a line at zero; hidden from readers."""
     width, height = 150, 16
 
     def at(v: float) -> float:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from plop.diagnosis.phases import PHASES
+from plop.reporting.baselines import BASELINES
 from plop.reporting.colours import PHASE_COLOURS, colour_map
 from plop.reporting.compared import ReportFacts
-from plop.reporting.diagnosis_section import diagnosis_sections, parameters_section
+from plop.reporting.diagnosis_section import diagnosis_sections
 from plop.reporting.error_section import before_after_section, where_section
 from plop.reporting.html import text
 from plop.reporting.packed import STEP_MM
+from plop.reporting.parameters_section import parameters_section
 from plop.reporting.provenance_section import provenance_section
 from plop.reporting.report_images import difference_palette
 from plop.reporting.verdict_section import verdict_section
@@ -70,9 +72,12 @@ def _look_section(facts: ReportFacts, episodes: list[dict[str, Any]], limit_mm: 
                      for name in PHASES if name in seen)  # fmt: skip
     lines = "".join(f'<span><i style="border-top:3px solid {c.colour}"></i>{text(c.label)}</span>'
                     for c in facts.compared)  # fmt: skip
+    baselines = "".join(f'<span><i style="border-top:2px dashed {b.colour}"></i>{text(b.label)}</span>'
+                        for b in BASELINES)  # fmt: skip
     return f"""<h2>Measured, predicted, difference</h2>
 <div class="controls"><label for="episode">Episode</label><select id="episode">{options}</select>
-<span role="group" aria-label="model" class="controls" style="margin:0"><label>Model</label>{models}</span></div>
+<span role="group" aria-label="model" class="controls" style="margin:0"><span class="label">Model</span>{models}</span>
+</div>
 <div class="scrub"><button type="button" id="play">Play</button>
 <input type="range" id="scrub" min="0" max="1" step="1" value="0" aria-label="time"><output id="now"></output></div>
 <div class="triple">
@@ -87,17 +92,16 @@ def _look_section(facts: ReportFacts, episodes: list[dict[str, Any]], limit_mm: 
 <span><i style="height:11px;background:rgb(120,120,120)"></i>only predicted</span>
 <span><i style="height:11px;background:rgb(190,194,199)"></i>tool</span></p></figure></div>
 <div class="pair"><figure><div class="controls"><span role="group" aria-label="shape" class="controls" style="margin:0">
-<label>Error on the object, shape as</label><button type="button" data-shape="measured">measured</button>
+<span class="label">Error on the object, shape as</span><button type="button" data-shape="measured">measured</button>
 <button type="button" data-shape="predicted">predicted</button></span></div>
 <canvas id="solid" tabindex="0" role="img"
 aria-label="error on the object; arrow keys turn it, plus and minus zoom"></canvas>
 <div class="bar" style="background:linear-gradient(90deg,{",".join(colour_map(16))})"></div>
 <div class="ticks"><span>0 mm</span><span id="bar-middle"></span><span id="bar-top"></span></div>
 <figcaption>Drag to turn; click and scroll to zoom; or arrow keys, + and −.</figcaption></figure>
-<figure><div class="controls"><label>Error over time</label></div>
+<figure><div class="controls"><span class="label">Error over time</span></div>
 <canvas id="chart" role="img" aria-label="error over time"></canvas>
-<p class="key">{lines}<span><i style="border-top:2px dashed #8a8a8a"></i>nothing moves</span>
-<span><i style="border-top:2px dashed #e69f00"></i>best rigid motion</span>
+<p class="key">{lines}{baselines}
 <span><i style="border-top:2px dotted #000"></i>noise floor</span></p><p class="key">{phases}</p></figure></div>"""
 
 

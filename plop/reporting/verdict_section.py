@@ -1,11 +1,14 @@
-"""The top of a report: the verdict in one sentence, and the figures that carry it."""
+"""The top of a report: the headline, where a baseline is better than a model, and the figures that carry it."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+from plop.diagnosis.finding import explained_text
+from plop.reporting.baselines import BASELINES, ORACLE, beaten
 from plop.reporting.compared import Compared, ReportFacts
+from plop.reporting.errors_over import closed_gap, error_over, judged_on
+from plop.reporting.headline import headline
 from plop.reporting.html import number, text
 
 _QUIET = ("NOTHING DETECTABLE", "NONE OF THESE")
@@ -15,58 +18,44 @@ def verdict_section(facts: ReportFacts) -> str:
     """Say what was found: the diagnosis of the first model, or, without one, where it fails most."""
     kind, sentence = _verdict(facts)
     quiet = " none" if kind in _QUIET or not facts.diagnoses else ""
-    more = "".join(f"<p>{text(label)}, diagnosed again: <b>{text(d['verdict']['kind'])}</b>. "
-                   f"{text(d['verdict']['text'])}</p>"
-                   for label, d in facts.diagnoses[1:])  # fmt: skip
+    more = "".join(f"<p>{text(label)} was diagnosed, too (<b>{text(d['verdict']['kind'])}</b>): "
+                   f"{_unbroken(headline(label, d))}</p>" for label, d in facts.diagnoses[1:])  # fmt: skip
     figures = "".join(f"<div><b>{text(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
     return (f'<section class="verdict{quiet}" id="verdict"><b class="kind">{text(kind)}</b>'
-            f'<p class="says">{text(sentence).replace(" %", "&nbsp;%")}</p>{more}'
-            f'<div class="facts">{figures}</div><p class="soft">{text(_held_out(facts))}</p></section>')  # fmt: skip
+            f'<p class="says">{_unbroken(sentence)}</p>{_beaten(facts)}{more}'
+            f'<div class="facts">{figures}</div><p class="soft">{text(_held_out(facts))} {_shares(facts)}</p>'
+            "</section>")  # fmt: skip
+
+
+def _unbroken(sentence: str) -> str:
+    return text(sentence).replace(" %", "&nbsp;%").replace(" mm", "&nbsp;mm")
+
+
+def _beaten(facts: ReportFacts) -> str:
+    told = beaten(facts)
+    if not told:
+        return ""
+    rows = "".join(f"<p>{_unbroken(sentence)}</p>" for sentence in told)
+    return f'<div class="warning" id="beaten"><b>A baseline is better</b>{rows}<p class="soft">{text(ORACLE)}</p></div>'
 
 
 def _verdict(facts: ReportFacts) -> tuple[str, str]:
     if facts.diagnoses:
         label, diagnosis = facts.diagnoses[0]
-        found, whose = diagnosis["verdict"], "" if label == facts.compared[0].label else f"Of {label}: "
-        return str(found["kind"]), f"{whose}{found['text']}"
-    first = facts.compared[0]
-    return "NOT DIAGNOSED", f"{worst(first)} `plop diagnose` names what is missing."
+        return str(diagnosis["verdict"]["kind"]), headline(label, diagnosis)
+    return "NOT DIAGNOSED", worst(facts.compared[0])
 
 
 def worst(compared: Compared) -> str:
-    """Say where a model fails most."""
+    """Say in one sentence how far a model is off, where most, and that nobody has asked why."""
     tables = compared.facts["tables"]
     episode, phase = (max(tables[key], key=lambda row: row["rms_mm"]) for key in ("episode", "phase"))
-    return (f"{compared.label} is off by {number(tables['all'][0]['rms_mm'])} mm (RMS), most in episode "
+    whole = tables["all"][0]
+    times = f", {whole['rms_mm'] / whole['floor_mm']:.1f} times what noise explains" if whole["floor_mm"] > 0 else ""
+    return (f"The model {compared.label} is off by {number(whole['rms_mm'])} mm{times}, most in episode "
             f"{episode['episode']} ({number(episode['rms_mm'])} mm) and in the phase {phase['phase']} "
-            f"({number(phase['rms_mm'])} mm).")  # fmt: skip
-
-
-def error_over(compared: Compared, episodes: list[str]) -> dict[str, float] | None:
-    """RMS error and floor over some episodes, each with the weight of its points [mm]; None without any."""
-    rows = [row for row in compared.facts["tables"]["episode"] if row["episode"] in episodes]
-    if not rows:
-        return None
-    count = sum(row["n"] for row in rows)
-
-    def pooled(key: str) -> float:
-        return math.sqrt(sum(row["n"] * row[key] ** 2 for row in rows) / count)
-
-    return {key: pooled(f"{key}_mm") for key in ("rms", "floor", "persistence", "rigid")}
-
-
-def closed_gap(before: dict[str, float], after: dict[str, float]) -> float | None:
-    """Share of the way from an error down to the noise floor that was gone; None where it was there already."""
-    gap = before["rms"] - before["floor"]
-    return (before["rms"] - after["rms"]) / gap if gap > 0 else None
-
-
-def judged_on(facts: ReportFacts) -> tuple[list[str], str]:
-    """Episodes that the headline counts, and what they are called."""
-    if facts.held_out:
-        return facts.held_out, "held-out episodes"
-    every = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
-    return every, "all episodes, none held out" if facts.fitted else "all episodes"
+            f"({number(phase['rms_mm'])} mm), and what it is missing has not been looked for (plop diagnose "
+            "does).")  # fmt: skip
 
 
 def _held_out(facts: ReportFacts) -> str:
@@ -85,6 +74,14 @@ def _held_out(facts: ReportFacts) -> str:
     return "Which of these episodes were held out of the fit is not known here."
 
 
+def _shares(facts: ReportFacts) -> str:
+    """Say what the percentages of a diagnosis are shares of."""
+    if not facts.diagnoses:
+        return ""
+    return ("Errors in mm are RMS; what a law explains is a share of the squared error, in episodes that its strength "
+            "was not fitted to.")  # fmt: skip
+
+
 def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
     episodes, name = judged_on(facts)
     before, after = (error_over(c, episodes) for c in (facts.compared[0], facts.compared[-1]))
@@ -94,13 +91,19 @@ def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
     if len(facts.compared) > 1:
         figures.append((f"error on {name}, {facts.compared[0].label} to {facts.compared[-1].label}",
                         f"{number(before['rms'])} → {number(after['rms'])} mm"))  # fmt: skip
-        share = closed_gap(before, after)
-        figures.append(("of the way from there to the noise floor", "–" if share is None else f"{100 * share:.0f} %"))
+        figures.append(("of the way from there to the noise floor", gap_text(closed_gap(before, after))))
     else:
         figures.append((f"error on {name}, RMS", f"{number(before['rms'])} mm"))
-        figures.append(("times the noise floor", number(before["rms"] / before["floor"], 1)))
+        times = before["rms"] / before["floor"] if before["floor"] else None
+        figures.append(("times the noise floor", number(times, 1)))
+    figures += [(baseline.label, f"{number(before[baseline.key])} mm") for baseline in BASELINES]
     figures.append(("noise floor", f"{number(before['floor'])} mm"))
     return figures + _diagnosis_figures(facts)
+
+
+def gap_text(share: float | None) -> str:
+    """Write how much of the way to the noise floor is gone; an error that has grown is not a negative share."""
+    return "–" if share is None else "worse" if share < 0 else f"{100 * share:.0f} %"
 
 
 def _diagnosis_figures(facts: ReportFacts) -> list[tuple[str, str]]:
@@ -110,7 +113,8 @@ def _diagnosis_figures(facts: ReportFacts) -> list[tuple[str, str]]:
     rows: list[dict[str, Any]] = found.get("ranking", [])
     base = [found["base"]] if found.get("base") else []
     named = next((row for row in [*rows, *base] if row["effect"] in found["verdict"]["named"]), None)
-    if named is None:
+    if named is None or named["gain"] <= 0:
         return []
     p = "" if named["p"] is None else f", p = {named['p']:.3f}"
-    return [(f"of the held-out error explained{p}", f"{100 * named['gain']:.0f} ± {100 * named['gain_error']:.0f} %")]
+    return [(f"of the held-out error explained by {named['effect']}{p}",
+             explained_text(named["gain"], named["gain_error"]))]  # fmt: skip

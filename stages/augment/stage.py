@@ -166,12 +166,16 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
                         expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
                         found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
                         fix="Run `plop diagnose` with the recordings, or give --effect and --value.")  # fmt: skip
-    keys = ("value", "low", "high", "also")
-    parameters = {} if row is None else {k: {q: p.get(q) for q in keys if q != "also" or p.get(q)}
-                                         for k, p in row["parameters"].items()}  # fmt: skip
+    parameters = {} if row is None else {k: _kept(p) for k, p in row["parameters"].items()}
     for key, value in given.items():
         parameters[key] = {"value": value, "low": None, "high": None}
     return name, parameters
+
+
+def _kept(fitted: dict[str, Any]) -> dict[str, Any]:
+    """Keep of a fitted number what a model tells of it: value, interval, and what else is known of how sure it is."""
+    also = {key: fitted[key] for key in ("also", "determined") if fitted.get(key) not in (None, [])}
+    return {**{key: fitted.get(key) for key in ("value", "low", "high")}, **also}
 
 
 def _values(texts: tuple[str, ...]) -> dict[str, float]:

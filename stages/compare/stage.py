@@ -160,7 +160,7 @@ def _facts(
             "persistence": "nothing moves",
             "rigid": "best motion of the points as one body, fitted to each frame's measurement: an oracle",
             "camera": "Gaussians carried by predicted points and rendered, mean absolute difference; "
-                      "_floor: carried by the measured points",
+                      "_floor: carried by the measured points; _persistence, _rigid: by those of the baselines",
             "n": "points times frames; for cameras, pixels",
         },
         "units": {"_mm": "mm", "in_noise": "-", "colour": "0..1", "outline": "share of pixels"},
@@ -215,7 +215,7 @@ def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], l
 
 STAGE = Stage(
     name="compare",
-    version=6,
+    version=7,
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from plop.determined import NOT_DETERMINED, Allowed, determined
 from plop.diagnosis.conclusion import Diagnosis
-from plop.diagnosis.finding import Finding
+from plop.diagnosis.finding import Finding, explained_text
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.law_values import short_number, with_unit
@@ -55,8 +56,22 @@ def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None
         "contrast": _clean(finding.contrast and finding.contrast.errors),
         "contrast_p": _clean(finding.contrast and finding.contrast.p),
         "size_mm": None if size_m is None else 1000 * size_m, "shown": finding.shown, "shown_by": finding.shown_by,
-        "parameters": _clean(finding.parameters), "passes": finding.passes(), "reasons": finding.reasons(),
+        "alone": _clean(finding.alone), "parameters": _clean(_parameters(finding, kind)), "passes": finding.passes(),
+        "reasons": finding.reasons(),
     }  # fmt: skip
+
+
+def _parameters(finding: Finding, kind: EffectType | None) -> dict[str, dict[str, Any]]:
+    """Add to each parameter whether the recordings tell it at all."""
+    declared = {p.name: p for p in kind.parameters()} if kind else {}
+
+    def allowed(name: str) -> Allowed | None:
+        p = declared.get(name)
+        if kind is None or p is None:
+            return None
+        return Allowed(p.low, p.high, abs(p.step), tried=len({v.get(name, p.default) for v in kind.variants}))
+
+    return {name: {**p, "determined": determined(name, p, allowed(name))} for name, p in finding.parameters.items()}
 
 
 def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
@@ -66,13 +81,17 @@ def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
         nothing = ("", {"value": float("nan"), "unit": ""})
         first: tuple[str, dict[str, Any]] = next(iter(row["parameters"].items()), nothing)
         rows.append({
-            "effect": row["effect"], "gain_percent": round(100 * row["gain"], 1),
-            "error_percent": round(100 * row["gain_error"], 1), "p": row["p"],
+            "effect": row["effect"], "explains": explained_text(row["gain"], row["gain_error"]), "p": row["p"],
             "moves_mm": None if row["size_mm"] is None else round(row["size_mm"], 3),
-            "parameter": with_unit(f"{first[0]} = {short_number(first[1]['value'])}", first[1]["unit"]),
+            "parameter": _parameter_text(*first),
             "verdict": "named" if row["effect"] in facts["verdict"]["named"] else (row["reasons"] or ["passes"])[0],
         })  # fmt: skip
     return rows
+
+
+def _parameter_text(name: str, p: Mapping[str, Any]) -> str:
+    found = with_unit(f"{name} = {short_number(p['value'])}", p["unit"])
+    return found if p.get("determined", True) else f"{found}, {NOT_DETERMINED}"
 
 
 def _clean(value: Any) -> Any:

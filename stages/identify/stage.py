@@ -11,6 +11,7 @@ import numpy as np
 from plop.artifacts.lineage import recordings_content
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
+from plop.determined import NOT_DETERMINED
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.diagnosis.same_object import size_m
 from plop.diagnosis.sets import tracked_episodes
@@ -18,7 +19,7 @@ from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.law_values import short_number
 from plop.physics.base_io import base_to_dict
-from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, hardly_told
+from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, is_determined
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.physics.names import one_of
@@ -94,7 +95,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
         progress=lambda step, steps, rms: out.progress(step, steps, "Gauss-Newton", rms_mm=1000 * rms),
     )  # fmt: skip
     facts = {"schema": MODEL_SCHEMA, "kind": "engine", "engine": base_to_dict(base),
-             "estimates": {name: _estimate(e) for name, e in found.estimates.items()},
+             "estimates": {name: _estimate(name, e) for name, e in found.estimates.items()},
              "training": {"environment": recordings.environment, "size_m": size_m(episodes).tolist(),
                           "episodes": [e.name for e in episodes],
                           "recordings": recordings_content(inputs["recordings"].manifest),
@@ -144,27 +145,27 @@ def _material(config: IdentifyConfig) -> Material:
     return replace(Material(**given), law=ElasticLaw.NEO_HOOKEAN)
 
 
-def _estimate(estimate: Any) -> dict[str, Any]:
-    values = asdict(estimate)
+def _estimate(name: str, estimate: Estimate) -> dict[str, Any]:
+    values = {**asdict(estimate), "determined": is_determined(name, estimate)}
     return {key: value if not isinstance(value, float) or np.isfinite(value) else None for key, value in values.items()}
 
 
 def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[str, str]) -> Summary:
     rows = [{"parameter": name, "value": round(e.value, 4), "low": _shown(e.low), "high": _shown(e.high),
-             "unit": e.unit, "at_bound": e.at_bound} for name, e in found.estimates.items()]  # fmt: skip
+             "unit": e.unit, "told": "yes" if is_determined(name, e) else NOT_DETERMINED}
+            for name, e in found.estimates.items()]  # fmt: skip
     figures = {"episodes": count, "rms_before_mm": round(1000 * found.rms_before_m, 3),
                "rms_after_mm": round(1000 * found.rms_after_m, 3), "spacing_mm": round(1000 * base.spacing_m, 2),
                "settled": base.settled, "engine_runs": found.rollouts}  # fmt: skip
     warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
-    warnings += [f"{name} is at its bound: a limit, not a measurement." for name, e in found.estimates.items()
-                 if e.at_bound]  # fmt: skip
-    warnings += [f"{name} is hardly told by these recordings ({_ends(e)}): if it is known, give it and leave it out of "
-                 f"--fit." for name, e in found.estimates.items()
-                 if not e.at_bound and hardly_told(name, e)]  # fmt: skip
+    warnings += [f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, give it and leave it out of --fit."
+                 for name, e in found.estimates.items() if not is_determined(name, e)]  # fmt: skip
     return Summary(figures, rows, warnings)
 
 
-def _ends(estimate: Estimate) -> str:
+def _why(estimate: Estimate) -> str:
+    if estimate.at_bound:
+        return f"{short_number(estimate.value)} is the end of its range: a limit, not a measurement"
     ends = [short_number(end) if np.isfinite(end) else "anything" for end in (estimate.low, estimate.high)]
     return " to ".join(ends if len(set(ends)) > 1 else ends[:1])
 

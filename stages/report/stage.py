@@ -13,11 +13,13 @@ from plop.checked_settings import check_ranges
 from plop.errors import PlopError
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
+from plop.reporting.baselines import BASELINES, beaten
 from plop.reporting.compared import ReportFacts
+from plop.reporting.errors_over import closed_gap, error_over, judged_on
+from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
-from plop.reporting.verdict_section import closed_gap, error_over, judged_on
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.report.made import provenance, this_report
 from stages.report.sources import (
@@ -161,12 +163,15 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
     for compared, error in zip(facts.compared, found, strict=True):
         share = closed_gap(found[0], error) if found[0] and error and error is not found[0] else None
         rows.append({"model": compared.label, "over": over, "rms_mm": round(error["rms"], 3) if error else None,
+                     **{f"{b.key}_mm": round(error[b.key], 3) if error else None for b in BASELINES},
                      "floor_mm": round(error["floor"], 3) if error else None,
-                     "way_to_floor_percent": None if share is None else round(100 * share, 1)})  # fmt: skip
+                     "way_to_floor_percent": round(100 * share, 1) if share and share > 0 else None})  # fmt: skip
     verdict = facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"
     figures = {"file": "report.html", "size_mb": round(size_mb, 2), "models": len(facts.compared),
                "episodes": len(names), "verdict": verdict}  # fmt: skip
-    warnings = []
+    if facts.diagnoses:
+        figures["says"] = headline(*facts.diagnoses[0])
+    warnings = beaten(facts)
     if len(shown) < len(names):
         warnings.append(f"{len(shown)} of {len(names)} episodes can be looked at; tables hold all of them.")
     if size_mb > MOST_MB:
@@ -176,7 +181,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
 
 STAGE = Stage(
     name="report",
-    version=9,
+    version=10,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

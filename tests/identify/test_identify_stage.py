@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plop.determined import NOT_DETERMINED
 from plop.diagnosis.identify import TrackedCase, identify, spacing_for, starts_settled
 from plop.errors import PlopError
 from plop.models import load_model
-from plop.physics.calibrate import Calibration, Estimate, hardly_told
+from plop.physics.calibrate import Calibration, Estimate, is_determined
 from plop.physics.fill import fill_surface
 from plop.physics.filled import EngineBase
 from plop.physics.filled_model import FilledEngineModel
@@ -108,11 +109,13 @@ def test_what_the_recordings_hardly_tell_is_said():
     found = Calibration(MATERIAL, {"table_friction": told, "tool_friction": open_ended, "youngs_modulus_pa": unknown,
                                    "poisson": Estimate(0.0, -np.inf, np.inf, "-", True)}, 1e-3, 1e-3, 1, 1)  # fmt: skip
     warnings = _summary(BASE, found, 4, {}).warnings
-    assert [w.split()[0] for w in warnings] == ["poisson", "tool_friction", "youngs_modulus_pa"]
-    assert "(0 to 1.55)" in warnings[1] and "leave it out of --fit" in warnings[1]
-    assert "(anything)" in warnings[2]
+    assert [w.split()[0] for w in warnings] == ["tool_friction", "youngs_modulus_pa", "poisson"]
+    assert "(0 to 1.55)" in warnings[0] and "leave it out of --fit" in warnings[0]
+    assert "(anything)" in warnings[1] and "end of its range" in warnings[2]
+    assert all(NOT_DETERMINED in warning for warning in warnings)
+    assert [row["told"] for row in _summary(BASE, found, 4, {}).table] == ["yes", *[NOT_DETERMINED] * 3]
 
 
 @pytest.mark.parametrize(("low", "high", "open_ended"), [(1e4, 5e4, False), (1e4, 1.5e5, True)])
 def test_a_scaled_parameter_is_open_from_a_factor_of_ten_on(low, high, open_ended):
-    assert hardly_told("youngs_modulus_pa", Estimate(3e4, low, high, "Pa", False)) == open_ended
+    assert is_determined("youngs_modulus_pa", Estimate(3e4, low, high, "Pa", False)) != open_ended

@@ -10,73 +10,17 @@ from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from plop.artifacts.manifest import Manifest
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
-from stages.compare import stage as compare_stage
-from stages.compare.stage import CompareConfig
 from stages.contract import Input, Output
 from stages.report.stage import ReportConfig, check_inputs, run
-from tests.compare_scene import make_inputs
+from tests.report.report_inputs import DIAGNOSIS, NASTY, ranked, visible, with_manifest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-extensions",
          "--disable-background-networking", "--disable-component-update", "--disable-sync")  # fmt: skip
-NASTY = "<script>alert(1)</script>"
-
-
-def parameter(value: float, unit: str) -> dict:
-    return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": unit, "at_bound": False}
-
-
-def ranked(effect: str, gain: float, p: float, reasons: list[str], kind: str = "physics") -> dict:
-    return {"effect": effect, "kind": kind, "help": NASTY, "gain": gain, "gain_error": 0.05, "p": p, "size_mm": 1.5,
-            "parameters": {f"{effect}_pa_s": parameter(40.0, "Pa s")}, "reasons": reasons}  # fmt: skip
-
-
-DIAGNOSIS = {
-    "schema": 1, "error": 6.0, "floor": 1.1, "closed_share": 0.9, "shams": {"count": 199}, "episodes": ["box_000"],
-    "verdict": {"kind": "EFFECT", "named": ["viscosity"], "text": "Missing: viscosity."},
-    "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("tilt", 0.01, 0.4, ["p = 0.400 > 0.02", "gain 1 %"])],
-    "base": ranked("base parameters", 0.0, 0.9, ["p = 0.900 > 0.02"], "base"), "sensors": [], "dropped": {},
-    "limits": {"adhesion": {"parameter": "traction_pa", "amplitude": 12.0, "unit": "Pa", "displacement_m": 2e-4}},
-}  # fmt: skip
-
-
-def with_manifest(path: Path, stage: str, mark: str, **sources: str) -> Input:
-    made_from = {name: {"stage": "x", "fingerprint": source} for name, source in sources.items()}
-    told = {"command": stage, "made": "2026-01-01", "versions": {"plop": "1"}}
-    return Input(path, Manifest(stage, mark, 1, {"seed": 3}, made_from, provenance=told))
-
-
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("report")
-    measured = make_inputs(folder)
-    found = {"recordings": with_manifest(measured["recordings"].path, "simulate", "rec"),
-             "init": with_manifest(measured["init"].path, "fit-init", "ini", recordings="rec")}  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch:
-        for k, share in enumerate((1.0, 0.2)):
-
-            def predict(model, recording, splat, episode, share=share):
-                low = 0.004 * share * np.linspace(0, 1, len(episode.times))[:, None] * (episode.points[0, :, 0] > 0)
-                return episode.points - np.stack([0 * low, 0 * low, low], -1)
-
-            patch.setattr(compare_stage, "predict_episode", predict)
-            out = folder / f"compare_{k}"
-            out.mkdir()
-            compare_stage.run(measured, CompareConfig(jobs=1, frames=1, pictures=False), Output(out))
-            found[f"comparisons.{k}"] = with_manifest(out, "compare", f"cmp{k}", recordings="rec", model=f"model{k}")
-            (folder / f"model_{k}").mkdir()
-            effects = [{"effect": "viscosity", "parameters": {"viscosity_pa_s": parameter(40.0, "Pa s")}}] * k
-            (folder / f"model_{k}" / "model.json").write_text(json.dumps({"kind": "augmented", "effects": effects}))
-            found[f"models.{k}"] = with_manifest(folder / f"model_{k}", "augment", f"model{k}", diagnosis="diag")
-    (folder / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
-    found["diagnoses.0"] = with_manifest(folder, "diagnose", "diag", model="model0")
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -87,25 +31,18 @@ def page(inputs, tmp_path_factory) -> Path:
     return folder / "report.html"
 
 
-def visible(page: Path) -> str:
-    """Text of the page without scripts, styles and tags."""
-    body = re.sub(r"<(script|style).*?</\1>", " ", page.read_text(), flags=re.S)
-    return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body)))
-
-
 def test_the_page_says_what_was_found(page):
     said = visible(page)
     assert said.index("EFFECT") < said.index("Measured, predicted, difference") < said.index("Ranking")
-    for words in ("Missing: viscosity.", "70.0 ± 5.0 %", "p = 0.400 > 0.02", "viscosity_pa_s", "36 to 44", "Pa s",
-                  "traction_pa 12 Pa", "held out", "By phase", "By distance to the tool", "By camera", "nothing moves",
-                  "plop compare --recordings x@rec", "compare@cmp1", "seed"):  # fmt: skip
+    for words in ("What base is missing is viscosity", "70.0 ± 5.0 %", "p = 0.400 > 0.02", "viscosity_pa_s", "36 to 44",
+                  "Pa s", "traction_pa 12 Pa", "held out", "By phase", "By distance to the tool", "By camera",
+                  "nothing moves", "plop compare --recordings x@rec", "compare@cmp1", "seed"):  # fmt: skip
         assert words in said, words
 
 
 def test_only_the_first_of_several_reasons_is_written_out(page):
     html = page.read_text()
     assert "<details><summary>p = 0.400 &gt; 0.02, and 1 more</summary>gain 1 %</details>" in html
-    assert "<td>p = 0.900 &gt; 0.02</td>" in html
 
 
 def test_episodes_that_were_fitted_to_are_not_called_held_out(page):
@@ -150,7 +87,7 @@ def test_a_base_parameter_is_not_told_with_the_share_of_some_effect(inputs, tmp_
         run({**inputs, "diagnoses.0": given}, ReportConfig(frames=2), Output(tmp_path))
         said = visible(tmp_path / "report.html")
         assert ("The best effect closes 2 %" in said) == told
-        assert ("60 ± 5 % of the held-out error explained" in said) == bool(named)
+        assert ("60.0 ± 5.0 % of the held-out error explained by stiffness" in said) == bool(named)
 
 
 def test_sensors_that_were_not_looked_for_are_not_called_sound(page, inputs, tmp_path):

@@ -118,7 +118,7 @@ function drawChart() {
     values.forEach((v, k) => k ? pen.lineTo(x(c.time[k]), y(v)) : pen.moveTo(x(c.time[k]), y(v)));
     pen.stroke();
   };
-  line(c.persistence, "#8a8a8a", [7, 4], 1.5);
+  line(c.persistence, "#999999", [7, 4], 1.5);
   line(c.rigid, "#e69f00", [9, 3, 2, 3], 1.5);
   c.models.forEach((values, k) => line(values, DATA.models[k].colour, [], k === state.model ? 3 : 1.6));
   line(c.time.map(() => e.floor_mm), "#000", [2, 3], 1.4);

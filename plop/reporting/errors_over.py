@@ -1,0 +1,44 @@
+"""Errors pooled over some episodes, and which episodes the headline counts."""
+
+from __future__ import annotations
+
+import math
+
+from plop.reporting.compared import Compared, ReportFacts
+
+
+def error_over(compared: Compared, episodes: list[str]) -> dict[str, float] | None:
+    """RMS error, floor and baselines over some episodes, each with the weight of its points [mm]; None without any."""
+    rows = [row for row in compared.facts["tables"]["episode"] if row["episode"] in episodes]
+    if not rows:
+        return None
+    count = sum(row["n"] for row in rows)
+
+    def pooled(key: str) -> float:
+        return math.sqrt(sum(row["n"] * row[key] ** 2 for row in rows) / count)
+
+    return {key: pooled(f"{key}_mm") for key in ("rms", "floor", "persistence", "rigid")}
+
+
+def closed_gap(before: dict[str, float], after: dict[str, float]) -> float | None:
+    """Share of the way from an error down to the noise floor that was gone; None where it was there already."""
+    gap = before["rms"] - before["floor"]
+    return (before["rms"] - after["rms"]) / gap if gap > 0 else None
+
+
+def judged_on(facts: ReportFacts) -> tuple[list[str], str]:
+    """Episodes that the headline counts, and what they are called."""
+    if facts.held_out:
+        return facts.held_out, "held-out episodes"
+    every = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
+    return every, "all episodes, none held out" if facts.fitted else "all episodes"
+
+
+def beside(value: str, name: str) -> str:
+    """Name the column of a table that stands beside an error: rms_mm and rigid -> rigid_mm; depth_mm -> depth_mm_rigid.
+
+    Args:
+        value: Column of the error.
+        name: "floor", "persistence" or "rigid".
+    """
+    return f"{name}_mm" if value == "rms_mm" else f"{value}_{name}"

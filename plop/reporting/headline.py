@@ -1,0 +1,214 @@
+"""The headline of a report: one plain sentence of what is missing, how much of the error that explains, and how sure.
+
+It is made from the verdict's kind, what it names and its figures, never from its prose; the numbers and conditions
+behind it stand in the sections below.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import exp, sqrt
+from typing import Any
+
+from plop.determined import CHANGED_LOGARITHM
+from plop.diagnosis.error_size import EXCESS_RATIO
+from plop.diagnosis.verdict_text import NEARLY_P
+from plop.law_values import short_number, with_unit
+from plop.sensors.faults import FAULTS
+
+Facts = dict[str, Any]
+
+
+def headline(label: str, found: Facts) -> str:
+    """Say what a diagnosis found.
+
+    Args:
+        label: Name of the model.
+        found: Content of diagnosis.json.
+
+    Returns:
+        One sentence; the verdict's own text for a kind that is not known here.
+    """
+    says = {"EFFECT": _effect, "PARTLY": _partly, "BASE PARAMETER": _base, "CONFOUNDED": _confounded,
+            "NONE OF THESE": _none, "NOTHING DETECTABLE": _nothing, "SENSOR": _sensor}  # fmt: skip
+    made = says.get(found["verdict"]["kind"])
+    if made is None:
+        return str(found["verdict"]["text"])
+    sentence = made(label, found)
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _effect(label: str, found: Facts) -> str:
+    named = _named(found)
+    what = " and ".join(map(_plain, named))
+    together = "together they explain" if len(named) > 1 else "it explains"
+    return f"what {label} is missing is {what}: {together} {_share(found)} of the error, and {_chance(named)}"
+
+
+def _partly(label: str, found: Facts) -> str:
+    named, alternatives = _named(found), found["verdict"].get("evidence", {}).get("alternatives", [])
+    joined = " or ".join(map(_plain, named)) if alternatives else " and ".join(map(_plain, named))
+    alike = ", which these motions cannot tell apart" if alternatives else ""
+    explain = "they explain" if len(named) > 1 and not alternatives else "it explains"
+    if named and named[0].get("kind") == "base":
+        rest = "what explains the rest was not found"
+    elif any(p.get("at_bound") for row in named for p in row["parameters"].values()):
+        rest = "there may be more of it than was tried"
+    else:
+        rest = "much of the error remains unexplained"
+    counted = named[:1] if alternatives else named
+    return (f"part of what is wrong with {label} is {joined}{alike}: {explain} {_share(found)} of the error, "
+            f"{_chance(counted)}, and {rest}")  # fmt: skip
+
+
+def _base(label: str, found: Facts) -> str:
+    named, evidence = _named(found), found["verdict"].get("evidence", {})
+    others = evidence.get("alternatives", [])
+    what = " or ".join(map(_words, [*found["verdict"]["named"][:1], *others]))
+    alike = ", which these motions cannot tell apart," if others else ""
+    if evidence.get("rest") is False:
+        start, rest = f"no law is missing from {label}, but its {what}{alike} is off", ""
+    else:
+        start = f"the {what} of {label}{alike} is off"
+        rest = ", though what is left is still more than where nothing is missing" if evidence.get("rest") else ""
+    factor = "" if others else _factor(named)
+    return (f"{start}{factor}: changing it explains {_share(found)} of the error, and {_chance(named[:1])}"
+            f"{rest}")  # fmt: skip
+
+
+def _confounded(label: str, found: Facts) -> str:
+    named = _named(found)
+    wrong = [f"the {_words(row['effect'])} of {label} is off" for row in named if row.get("kind") == "base"]
+    laws = [_plain(row) for row in named if row.get("kind") != "base"]
+    missing = [f"{' or '.join(laws)} is missing from {label}"] if laws else []
+    either = " or ".join([*wrong, *missing])
+    return (f"either {either}, but these motions cannot tell which: either would explain about {_share(found)} of the "
+            f"error, and {_chance(named[:1])}")  # fmt: skip
+
+
+def _none(label: str, found: Facts) -> str:
+    evidence, tried = found["verdict"].get("evidence", {}), _laws(found)
+    larger = _larger(found)
+    if larger is None and (decoys := evidence.get("decoys")):
+        return (f"nothing that is missing from {label} can be named with any certainty, since what explains the error "
+                f"best is {' or '.join(decoys)}, which cannot matter in motions this slow and is tried only as a check")
+    lone = _lone(found, "points to")
+    explains = lone or f"none of the {len(tried)} laws that were tried explains any of it with certainty"
+    size = f": the error is {larger}" if larger else ""
+    return f"something is missing from {label}, but {explains}{size}"
+
+
+def _nothing(label: str, found: Facts) -> str:
+    limits = found.get("limits", {})
+    tried = [row["effect"] for row in _laws(found)]
+    seen = [1000 * size for name in tried if (size := limits.get(name, {}).get("displacement_m")) is not None]
+    blind = sum(name in limits and limits[name].get("amplitude") is None for name in tried)
+    larger = _larger(found) if _nearly(found) else None
+    parts = [f"nothing that {label} is missing can be detected in these recordings"]
+    if lone := _lone(found, "hints at"):
+        parts = [f"nothing that {label} is missing can be detected with certainty ({lone})"]
+    if seen:
+        but = f", but for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
+        least = f"{short_number(max(seen))} mm"
+        parts.append(f"what moves the object by more than {least} would have been found about nine times in ten{but}")
+    elif tried:
+        parts.append("these motions could not have shown any of the laws that were tried")
+    joined = ": ".join(parts)
+    return f"{joined}, although the error is {larger}" if larger else joined
+
+
+def _sensor(label: str, found: Facts) -> str:
+    sensors = found.get("sensors") or []
+    faults = " and ".join(_fault(s) for s in sensors) or "a camera is faulty"
+    surest = max((s.get("z") or 0.0 for s in sensors), default=0.0)
+    sure = f", {surest:.0f} times more than noise explains" if surest else ""
+    return (f"{faults}{sure}, so that nothing can be said about what is missing from {label}, or how much of the error "
+            "that explains, before it is mended or left out")  # fmt: skip
+
+
+def _fault(sensor: Facts) -> str:
+    known = FAULTS.get(sensor["fault"])
+    values = [with_unit(short_number(p["value"]), p.get("unit")) for p in sensor.get("values", {}).values()]
+    size = f", {values[0]}" if len(values) == 1 else ""
+    return f"camera {sensor['camera']} is faulty ({known.help if known else _words(sensor['fault'])}{size})"
+
+
+def _named(found: Facts) -> list[Facts]:
+    """Rows of what the verdict names, in its order."""
+    base = [found["base"]] if found.get("base") else []
+    rows = {row["effect"]: row for row in [*found.get("ranking", []), *base]}
+    return [rows[name] for name in found["verdict"]["named"] if name in rows]
+
+
+def explained(found: Facts) -> float | None:
+    """Share of the held-out error that what the verdict names takes away; None where it names nothing."""
+    named = _named(found)
+    share = found["verdict"].get("evidence", {}).get("share")
+    if share is None and named:
+        share = named[0]["gain"]
+    return share if named and share is not None and share > 0 else None
+
+
+def _share(found: Facts) -> str:
+    share = explained(found)
+    return "an unknown part" if share is None else f"{100 * share:.0f} %"
+
+
+def _chance(named: Sequence[Facts]) -> str:
+    """Say how often chance would do as much: the largest of the p values, which are shares of shams."""
+    known = [row["p"] for row in named if row.get("p") is not None]
+    if not known or len(known) < len(named):
+        return "how sure that is was not tested"
+    return f"chance alone would do that {_once(max(known))}"
+
+
+def _once(p: float) -> str:
+    return f"about once in {round(1 / p):,} tries" if p > 0 else "never"
+
+
+def _larger(found: Facts) -> str | None:
+    """Say how many times the error is that of the recordings where nothing is missing; None where it is not larger."""
+    error, floor = found.get("error"), found.get("floor")
+    if error is None or floor is None or floor <= 0 or error <= EXCESS_RATIO * floor:
+        return None
+    p = found["verdict"].get("evidence", {}).get("excess_p")
+    often = f", which chance alone would cause {_once(p)}" if p is not None and p <= NEARLY_P else ""
+    return f"{sqrt(error / floor):.1f} times as large as in the recordings where nothing is missing{often}"
+
+
+def _nearly(found: Facts) -> bool:
+    p = found["verdict"].get("evidence", {}).get("excess_p")
+    return p is not None and p <= NEARLY_P
+
+
+def _lone(found: Facts, verb: str) -> str:
+    lone = found["verdict"].get("evidence", {}).get("lone")
+    if not lone:
+        return ""
+    row = next((row for row in found.get("ranking", []) if row["effect"] == lone["effect"]), {"effect": lone["effect"]})
+    return f"only {lone['episode']} {verb} {_plain(row)}, which is too little to name it"
+
+
+def _laws(found: Facts) -> list[Facts]:
+    return [row for row in found.get("ranking", []) if row.get("kind") == "physics"]
+
+
+def _plain(row: Facts) -> str:
+    """Name a law with what it is, e.g. "adhesion (the tool is sticky and lets go late)"; a base parameter by itself."""
+    if row.get("kind") == "base":
+        return f"its {_words(row['effect'])}"
+    what = re.split(r"[.!?](?:\s|$)", str(row.get("help", "")).strip())[0]  # of a user's law the first sentence
+    return _words(row["effect"]) + (f" ({what})" if what else "")
+
+
+def _factor(named: Sequence[Facts]) -> str:
+    """Say by what factor a base parameter changes, where the recordings tell it."""
+    for name, p in (named[0]["parameters"] if named else {}).items():
+        if name.startswith(CHANGED_LOGARITHM) and p.get("determined", not p.get("at_bound")):
+            return f" (it should be {short_number(exp(p['value']))} times as large)"
+    return ""
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
