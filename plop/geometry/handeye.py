@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
-from plop.geometry.rigid import invert_rigid
+from plop.geometry.rigid import check_rigid, invert_rigid
 
 HAND_EYE_METHODS = {
     "TSAI": cv2.CALIB_HAND_EYE_TSAI,
@@ -24,6 +24,8 @@ ROBOT_WORLD_METHODS = {
     "LI": cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI,
 }
 MIN_POSES = 4
+MAX_REACH_M = 20.0
+"""No robot or board is farther away: larger numbers are another unit [m]."""
 MIN_TURN_DEG = 5.0
 """Some two motions must turn at least this far, about axes at least this far apart [deg]."""
 
@@ -152,11 +154,14 @@ def check_pose_pairs(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) 
     for what, poses in (("robot", robot), ("board", board)):
         if not np.isfinite(poses).all():
             bad = int(np.flatnonzero(~np.isfinite(poses).all((1, 2)))[0])
-            raise PlopError(f"A {what} pose has values that are no numbers.", where=f"pose {bad}")
-        if np.abs(poses[:, :3, 3]).max() > 20:
-            raise PlopError(f"The {what} poses seem to be in millimetres.", expected="metres",
+            raise PlopError(f"A {what} pose has values that are no numbers.", where=f"pose {bad}",
+                            expected="16 finite numbers", found="NaN or infinity",
+                            fix="Leave this pair out on both sides.")  # fmt: skip
+        check_rigid(poses, "hand-eye poses", what=what)
+        if np.abs(poses[:, :3, 3]).max() > MAX_REACH_M:
+            raise PlopError(f"The {what} poses seem to be in millimetres (or centimetres).", expected="metres",
                             found=f"a translation of {np.abs(poses[:, :3, 3]).max():.0f}",
-                            fix="Divide the translations by 1000.")  # fmt: skip
+                            fix="Divide the translations by 1000 (centimetres: by 100).")  # fmt: skip
     for what, poses in (("robot", robot), ("board", board)):
         _check_turning(what, poses[:, :3, :3])
     return robot, board
