@@ -8,8 +8,8 @@ from enum import Enum
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plop.geometry.handeye import check_pose_pairs
 from plop.geometry.handeye_fit import HandEyeFit, fit_hand_eye
+from plop.geometry.handeye_pairs import check_pose_pairs
 from plop.geometry.handeye_readings import other_readings
 from plop.geometry.rigid import invert_rigid
 
@@ -26,7 +26,7 @@ class HandEyeRule:
     """
 
     max_spread_of_distance: float = 0.03
-    """Largest wandering of the board, relative to its mean distance from the camera: four times what right ones show."""
+    """Largest wandering of the board, relative to its mean distance from the camera: 4 times what right ones show."""
     least_limit_mm: float = 8.0
     """A limit below this would blame close boards for the robot's own error: twice what right ones show [mm]."""
     max_spread_deg: float = 2.5
@@ -109,8 +109,8 @@ class Judgement:
         if self.fault is HandEyeFault.ROLES:
             return (f"what sits on the gripper would be {self.on_gripper_m:.2f} m away from it, what stands still "
                     f"{self.at_base_m:.2f} m from the robot's base{self._otherwise('it would be the other way round')}")
-        moves = (f"the board, which stands still, would move by {_mm(self.fit.spread_mm)} and "
-                 f"{self.fit.spread_deg:.1f} deg (limits {self.limit_mm:.1f} mm, {self.limit_deg:.1f} deg)")  # fmt: skip
+        moves = (f"the board, which stands still, would move by {_mm(self.fit.spread_mm)} "
+                 f"and {self.fit.spread_deg:.1f} deg (limits {self.limit_mm:.1f} mm, {self.limit_deg:.1f} deg)")
         if self.likely or self.unlikely:
             return f"{moves}{self._otherwise('it would stay where it is')}"
         if self.turns is not None:
@@ -127,8 +127,13 @@ class Judgement:
         return said + (f" (less likely, for where camera and board would be: if {', or if '.join(second)})"
                        if second else "")  # fmt: skip
 
-    def scale_text(self, square_mm: float | None = None) -> str:
-        """Name the board's scale with its interval."""
+    @property
+    def doubtful(self) -> bool:
+        """Tell whether the motion leaves the camera's place more open than one likes."""
+        return self.fit.uncertainty_mm > RULE.doubtful_uncertainty_mm
+
+    def scale_text(self, square_mm: float | None = None, *, advise: bool = True) -> str:
+        """Name the board's scale with its interval, and what to do if `advise`."""
         scale, (low, high) = self.scaled.scale, self.scaled.scale_interval
         for factor, unit in NAMED_UNITS.items():
             for value, whose in ((factor, "board"), (1 / factor, "robot")):
@@ -136,11 +141,13 @@ class Judgement:
                     return (f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): give "
                             "both in metres")  # fmt: skip
         told = square_mm or 30.0
-        size = f"{told * scale:.1f} mm, not {told:.1f}"
-        what = f"the board's squares are {size}" if square_mm else f"the board is not as large as told (a square told " \
-            f"as {told:.0f} mm is {told * scale:.1f} mm)"  # fmt: skip
-        return (f"{what}: scale {scale:.3f} ({low:.3f} to {high:.3f}). Measure it and give its size, or scale by this "
-                "with --set calibrate.fit_board_scale=true")  # fmt: skip
+        said = f"scale {scale:.3f} ({low:.3f} to {high:.3f})"
+        if square_mm:
+            what = f"the board's squares are {told * scale:.1f} mm, not {told:.1f}: {said}"
+        else:
+            what = f"the board's size is wrong: {said}; squares told as {told:.0f} mm are {told * scale:.1f} mm"
+        return what + ("; measure the board and give its size, or take the fitted one with --fit-board-scale"
+                       if advise else "")  # fmt: skip
 
 
 def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mount: str) -> Judgement:

@@ -50,7 +50,8 @@ def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     """
     other = OTHER_MOUNT[mount]
     yield Reading("the robot poses are inverted (gripper_from_base)", invert_rigid(robot), board, mount)
-    yield Reading(f'the camera is mounted otherwise (mount "{other}": {MOUNTED[other]})', robot, board, other)
+    yield Reading(f'the camera is mounted otherwise (mount "{other}": {MOUNTED[other]}; --handeye-mount {other})',
+                  robot, board, other)  # fmt: skip
     yield Reading("the board poses are inverted (board_from_cam)", robot, invert_rigid(board), mount)
     yield Reading("robot and board poses are both inverted", invert_rigid(robot), invert_rigid(board), mount)
     yield Reading(f'the board poses are inverted (board_from_cam) and the mount is "{other}"', robot,
