@@ -11,7 +11,7 @@ import numpy as np
 from plop.geometry.boards import Board, calibrate_intrinsics, read_images
 from plop.geometry.handeye import difference
 from stages.calibrate.handeye_folder import read_handeye
-from stages.calibrate.solved import choose
+from stages.calibrate.handeye_solve import choose
 
 
 def realsense(folder: Path) -> dict:

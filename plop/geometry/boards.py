@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -34,6 +34,9 @@ class Board:
     """OpenCV's name of the ArUco dictionary."""
     marker_id: int = 0
     """Of a single marker."""
+    legacy: bool = False
+    """A ChArUco board as OpenCV drew it before 4.6 (and calib.io does): with an even number of rows its first square
+    is white, not black. Nobody has to know: `settle_pattern` tells by the images."""
 
     def check(self) -> None:
         """Raise a PlopError when the description cannot be."""
@@ -79,6 +82,8 @@ class Intrinsics:
     """Images in which the board was found."""
     missed: list[str]
     """Images in which it was not."""
+    board: Board
+    """The board as it was found: its pattern may be the legacy one."""
 
     @property
     def half_integer_matrix(self) -> np.ndarray:
@@ -122,11 +127,46 @@ def _dictionary(board: Board) -> cv2.aruco.Dictionary:
 
 def _charuco(grey: np.ndarray, board: Board) -> Corners | None:
     pattern = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_m, board.marker_m, _dictionary(board))
+    pattern.setLegacyPattern(board.legacy)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(pattern).detectBoard(grey)
     if ids is None or len(ids) < MIN_CORNERS:
         return None
     grid = pattern.getChessboardCorners()[ids.reshape(-1)]
     return Corners(np.asarray(grid, np.float32), corners.reshape(-1, 2).astype(np.float32))
+
+
+def settle_pattern(images: Iterable[np.ndarray], board: Board) -> Board:
+    """Tell whether a ChArUco board is drawn in the present or the legacy pattern, by which shows more corners.
+
+    The two differ where the number of rows is even; any other board is given back as it is.
+
+    Args:
+        images: Of one board, uint8.
+        board: As described by the user.
+    """
+    if board.kind != "charuco" or board.rows % 2:
+        return board
+    seen = dict.fromkeys((board.legacy, not board.legacy), 0)
+    for image in images:
+        for legacy in seen:
+            corners = find_board(image, replace(board, legacy=legacy))
+            seen[legacy] += 0 if corners is None else len(corners.image_points)
+    return replace(board, legacy=max(seen, key=lambda legacy: seen[legacy]))
+
+
+def what_was_tried(images: Iterable[np.ndarray], board: Board) -> str:
+    """Say what a board that was not found was looked for as, and whether its squares may be swapped."""
+    size = f"{board.columns} x {board.rows}"
+    if board.kind == "marker":
+        return f"looked for marker {board.marker_id} of {board.dictionary}"
+    tried = f"looked for {size} squares"
+    if board.kind == "charuco":
+        patterns = ", in OpenCV's pattern and the legacy one (before 4.6)" if board.rows % 2 == 0 else ""
+        tried += f" with markers of {board.dictionary}{patterns}"
+    pictures, turned = list(images), replace(board, columns=board.rows, rows=board.columns)
+    turned = settle_pattern(pictures, turned)
+    found = sum(find_board(image, turned) is not None for image in pictures)
+    return tried + (f"; with {turned.columns} x {turned.rows} it is found in {found}" if found else "")
 
 
 def _marker(grey: np.ndarray, board: Board) -> Corners | None:
@@ -204,11 +244,12 @@ def calibrate_intrinsics(images: dict[str, np.ndarray], board: Board, *, where: 
     if len(sizes) != 1:
         raise PlopError("Images of one camera have different sizes.", where=where, expected="one size",
                         found=", ".join(f"{w}x{h}" for h, w in sorted(sizes)) or "no image")  # fmt: skip
+    board = settle_pattern(images.values(), board)
     found = {name: find_board(image, board) for name, image in images.items()}
     usable: Sequence[Corners] = [corners for corners in found.values() if corners is not None]
     if len(usable) < 3:
         raise PlopError("The board is found in too few images.", where=where, expected="at least 3 images",
-                        found=f"{len(usable)} of {len(images)}",
+                        found=f"{len(usable)} of {len(images)}; {what_was_tried(images.values(), board)}",
                         fix=f"Check kind, squares ({board.columns} x {board.rows}) and dictionary of the board, "
                             "and that the whole board is sharp.")  # fmt: skip
     height, width = sizes.pop()
@@ -217,4 +258,4 @@ def calibrate_intrinsics(images: dict[str, np.ndarray], board: Board, *, where: 
                                                         None, None)  # fmt: skip
     used = [name for name, corners in found.items() if corners is not None]
     return Intrinsics(matrix, distortion.reshape(-1), float(rms), width, height, used,
-                      [name for name in images if name not in used])  # fmt: skip
+                      [name for name in images if name not in used], board)  # fmt: skip

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
+from plop.geometry.handeye_judge import HandEyeFault, judge_hand_eye, moving_poses
+from plop.geometry.handeye_pairs import check_pose_pairs
 from plop.geometry.rigid import invert_rigid
 
 HAND_EYE_METHODS = {
@@ -23,10 +25,6 @@ ROBOT_WORLD_METHODS = {
     "SHAH": cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH,
     "LI": cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI,
 }
-MIN_POSES = 4
-MIN_TURN_DEG = 5.0
-"""Some two motions must turn at least this far, about axes at least this far apart [deg]."""
-
 
 @dataclass(frozen=True)
 class MethodScore:
@@ -55,7 +53,7 @@ class HandEye:
 
 
 def hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, *, mount: str = "wrist",
-             methods: Sequence[str] = tuple(HAND_EYE_METHODS)) -> HandEye:  # fmt: skip
+             methods: Sequence[str] = tuple(HAND_EYE_METHODS), judged: bool = False) -> HandEye:  # fmt: skip
     """Calibrate a camera against the robot: solve AX = XB with several methods, keep the most consistent.
 
     A right answer puts the board, seen from every pose, at one place: in the robot's base for a wrist camera,
@@ -66,13 +64,16 @@ def hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, *, mount
         cam_from_board: Board poses at the same instants, shape [N, 4, 4] [m].
         mount: "wrist" (camera on the gripper) or "fixed" (board on the gripper).
         methods: Names out of HAND_EYE_METHODS.
+        judged: Whether the caller has judged the poses (`judge_hand_eye`) and wants an answer whatever they are worth.
 
     Raises:
-        PlopError: Too few poses, mismatched lengths, NaN, millimetres, motion without enough rotation, or every
-            method fails.
+        PlopError: Too few poses, mismatched lengths, NaN, millimetres, no rigid matrices, motion without enough
+            rotation, poses that are not consistent or leave the answer open, or every method fails.
     """
     base_from_gripper, cam_from_board = check_pose_pairs(base_from_gripper, cam_from_board)
-    moving = base_from_gripper if mount == "wrist" else invert_rigid(base_from_gripper)
+    if not judged:
+        _refuse_bad(base_from_gripper, cam_from_board, mount)
+    moving = moving_poses(base_from_gripper, mount)
     scores = []
     for name in methods:
         try:
@@ -140,45 +141,12 @@ def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     return float(np.rad2deg(turn)), float(np.linalg.norm(a[:3, 3] - b[:3, 3]) * 1e3)
 
 
-def check_pose_pairs(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return both as float64 arrays, or raise a PlopError that says why they cannot be used."""
-    robot, board = np.asarray(base_from_gripper, np.float64), np.asarray(cam_from_board, np.float64)
-    if len(robot) != len(board):
-        raise PlopError("Robot poses and board poses do not pair up.", expected="as many of each",
-                        found=f"{len(robot)} robot poses, {len(board)} board poses")  # fmt: skip
-    if len(robot) < MIN_POSES:
-        raise PlopError("There are too few poses for a hand-eye calibration.", expected=f"at least {MIN_POSES}",
-                        found=f"{len(robot)}", fix="Record 10 to 20 poses that turn about different axes.")  # fmt: skip
-    for what, poses in (("robot", robot), ("board", board)):
-        if not np.isfinite(poses).all():
-            bad = int(np.flatnonzero(~np.isfinite(poses).all((1, 2)))[0])
-            raise PlopError(f"A {what} pose has values that are no numbers.", where=f"pose {bad}")
-        if np.abs(poses[:, :3, 3]).max() > 20:
-            raise PlopError(f"The {what} poses seem to be in millimetres.", expected="metres",
-                            found=f"a translation of {np.abs(poses[:, :3, 3]).max():.0f}",
-                            fix="Divide the translations by 1000.")  # fmt: skip
-    for what, poses in (("robot", robot), ("board", board)):
-        _check_turning(what, poses[:, :3, :3])
-    return robot, board
-
-
-def _check_turning(what: str, rotations: np.ndarray) -> None:
-    turns = Rotation.from_matrix(rotations)
-    pairs = [(turns[i].inv() * turns[j]).as_rotvec() for i in range(len(turns)) for j in range(i)]
-    vectors = np.stack(pairs)
-    angles = np.rad2deg(np.linalg.norm(vectors, axis=1))
-    strong = vectors[angles > MIN_TURN_DEG]
-    fix = "Record poses that turn at least 20 degrees about at least two different axes."
-    if len(strong) == 0:
-        raise PlopError(f"The {what} hardly turns: hand-eye calibration is impossible.",
-                        expected=f"rotations above {MIN_TURN_DEG:.0f} deg between poses",
-                        found=f"at most {angles.max():.2f} deg (a pure translation)", fix=fix)  # fmt: skip
-    axes = strong / np.linalg.norm(strong, axis=1, keepdims=True)
-    apart = np.rad2deg(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axes[0]), axis=1), 0, 1))).max()
-    if apart < MIN_TURN_DEG:
-        raise PlopError(f"The {what} turns about one axis only: hand-eye calibration is not determined.",
-                        expected=f"axes at least {MIN_TURN_DEG:.0f} deg apart", found=f"{apart:.2f} deg",
-                        fix=fix)  # fmt: skip
+def _refuse_bad(robot: np.ndarray, board: np.ndarray, mount: str) -> None:
+    judgement = judge_hand_eye(robot, board, mount)
+    if judgement.fault is not HandEyeFault.NONE:
+        raise PlopError("Hand-eye poses give no answer that may be used.", found=judgement.why(),
+                        expected="a board that stays where it is, seen from every pose",
+                        fix="Correct the poses as found says, or record them again.")  # fmt: skip
 
 
 def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from plop.errors import PlopError
+from plop.geometry.pose_matrices import TOLERANCE, matrix_fault, rigid_error
 
 
 def invert_rigid(transform: np.ndarray) -> np.ndarray:
@@ -48,18 +49,14 @@ def check_rigid(poses: np.ndarray, where: str, *, what: str) -> None:
         raise PlopError(f"A {what}'s pose has values that are no numbers.", where=where, expected="finite poses",
                         found=f"NaN or infinity{_of_frames(broken)}",
                         fix="Track or export the poses again, or leave the episode out.")  # fmt: skip
-    part = stack[:, :3, :3]
-    error = np.abs(part @ np.swapaxes(part, 1, 2) - np.eye(3)).max((1, 2))
-    error = np.maximum(error, np.abs(stack[:, 3] - [0, 0, 0, 1]).max(1))
-    mirrored = np.linalg.det(part) < 0
-    wrong = (error > 1e-2) | mirrored
+    wrong = (rigid_error(stack) > TOLERANCE) | (np.linalg.det(stack[:, :3, :3]) < 0)
     if wrong.any():
-        first = int(np.argmax(wrong))
-        found = "a mirrored 3x3 part" if mirrored[first] else f"off by {error[first]:.3g}"
+        found = matrix_fault(stack[int(np.argmax(wrong))])
         raise PlopError(f"A {what}'s pose is not a rotation and a translation.", where=where,
                         expected="an orthonormal right-handed 3x3 part over the last row 0 0 0 1",
                         found=f"{found}{_of_frames(wrong)}",
-                        fix="Write 4x4 poses without scale, translation in the last column.")  # fmt: skip
+                        fix="Transpose the matrices: translation in the last column." if "transposed" in found else
+                        "Write 4x4 poses without scale, translation in the last column.")  # fmt: skip
 
 
 def _of_frames(wrong: np.ndarray) -> str:

@@ -27,10 +27,13 @@ class Correction:
 
 
 def find_correction(recording: Recording, frames: list[int], margin_m: float, before: dict[str, CameraCheck],
-                    limit_mm: float, gate_m: float) -> Correction | None:  # fmt: skip
+                    limit_mm: float, gate_m: float,
+                    trusted: frozenset[str] = frozenset()) -> Correction | None:  # fmt: skip
     """Try depth scales, poses, and both, and keep the simplest that is about as good as the best.
 
-    Cameras within the limit stay where they are; when none is, the one that agrees best does.
+    Cameras within the limit stay where they are; when none is (two cameras that disagree, say), those that something
+    else than the other cameras confirms. Where there are none of these either, nobody can tell which camera is wrong,
+    and none is changed: a right one would be moved onto a wrong one as likely as not.
 
     Args:
         recording: Open recording.
@@ -39,9 +42,11 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
         before: Agreement as recorded.
         limit_mm: Disagreement that is good enough [mm].
         gate_m: Largest distance of corresponding points [m].
+        trusted: Cameras with evidence of their own.
 
     Returns:
-        The correction; None when none makes all cameras agree or at least halves the worst disagreement.
+        The correction; None when there is nothing to hold on to, or none makes all cameras agree or at
+        least halves the worst disagreement.
     """
     names = recording.camera_names
     values = [before[name].disagreement_mm for name in names]
@@ -49,7 +54,9 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
     if len(known) < 2:
         return None
     good = [i for i in known if values[i] <= limit_mm]  # type: ignore[operator]
-    fixed = good or [min(known, key=lambda i: values[i] or 0.0)]
+    fixed = good or [i for i in known if names[i] in trusted]
+    if not fixed:
+        return None
     picks = depth_views(read_views(recording, frames[0]), margin_m)
     blank = [np.zeros((*pick.depth_m.shape, 3), np.uint8) for pick in picks]
     clouds = [voxel_average(cloud_from_depth(p.camera, p.depth_m, rgb, p.region), VOXEL_M)
@@ -57,8 +64,7 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
     centers = np.stack([pick.camera.world_from_cam[:3, 3] for pick in picks])
     tried = []
     for kind in ("scale", "pose", "pose and scale"):
-        held = () if kind == "scale" and not good else fixed
-        found = register(clouds, gate_m=gate_m, free_pose="pose" in kind, fixed=held,
+        found = register(clouds, gate_m=gate_m, free_pose="pose" in kind, fixed=fixed,
                          centers=centers if "scale" in kind else None)  # fmt: skip
         change = _as_change(names, found)
         tried.append(Correction(change, kind, check_episode(recording, frames, margin_m, change)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,10 @@ from stages.calibrate.verify import check_episode, spread_frames
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
 
+NOBODY_TELLS = ("no two cameras agree, so that nobody can tell which one is wrong: none was changed (a third camera, "
+                "or a hand-eye calibration of one, would tell)")  # fmt: skip
+"""Said of cameras that all disagree."""
+
 
 @dataclass(frozen=True)
 class EpisodeCalibration:
@@ -31,13 +35,15 @@ class EpisodeCalibration:
 
 
 def calibrate_episode(recording: Recording, config: CalibrateConfig,
-                      reprojection_px: Mapping[str, float] | None = None) -> EpisodeCalibration:  # fmt: skip
+                      reprojection_px: Mapping[str, float] | None = None,
+                      trusted: frozenset[str] = frozenset()) -> EpisodeCalibration:  # fmt: skip
     """Calibrate one episode.
 
     Args:
         recording: Open recording, with board and hand-eye results already applied.
         config: Settings of the stage.
         reprojection_px: Error of board images per camera [px].
+        trusted: Cameras whose pose is confirmed by something else than the other cameras.
 
     Raises:
         PlopError: Images or tool cannot be what they claim (units), or nothing was seen.
@@ -52,7 +58,7 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
     lost = [n for n, c in before.items() if c.disagreement_mm is None and c.pixels]
     if config.correct and (off or (lost and len(names) > 1)):
         found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
-                                config.gate_m)  # fmt: skip
+                                config.gate_m, trusted)  # fmt: skip
         if found is not None:
             after = found.checks
             for name, (move, factor) in found.change.items():
@@ -67,6 +73,9 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
                       reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
                       offset_corrected=shift is not None, config=config)
                 for name in names]  # fmt: skip
+    if not corrected and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
+        verdicts = [replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each
+                    for each in verdicts]  # fmt: skip
     scans = []
     for name in recording.scan_names:
         scan, poses = check_scan(recording, name, config)

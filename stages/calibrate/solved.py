@@ -12,10 +12,10 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.boards import Board, Intrinsics, calibrate_intrinsics, read_images
-from plop.geometry.handeye import HAND_EYE_METHODS, HandEye, difference, hand_eye, robot_world
+from plop.geometry.handeye import difference
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.recording import Recording
-from stages.calibrate.handeye_folder import read_handeye
+from stages.calibrate.handeye_solve import SolvedCamera, solve_camera
 from stages.calibrate.pass_on import Edits
 
 if TYPE_CHECKING:
@@ -27,9 +27,7 @@ class Solved:
     """What the user's images say, per camera."""
 
     intrinsics: dict[str, Intrinsics] = field(default_factory=dict)
-    handeye: dict[str, HandEye] = field(default_factory=dict)
-    mounts: dict[str, str] = field(default_factory=dict)
-    """"wrist" or "fixed", for the cameras in `handeye`."""
+    handeye: dict[str, SolvedCamera] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -46,12 +44,7 @@ class Solved:
                        "used": f.used, "missed": f.missed}
                 for name, f in self.intrinsics.items()
             },
-            "handeye": {
-                name: {"method": f.method, "mount": self.mounts[name], "transform": f.result.tolist(),
-                       "methods": {s.method: {"spread_mm": _finite(s.spread_mm), "spread_deg": _finite(s.spread_deg)}
-                                   for s in f.scores}}
-                for name, f in self.handeye.items()
-            },
+            "handeye": {name: found.facts() for name, found in self.handeye.items()},
         }  # fmt: skip
 
 
@@ -68,22 +61,21 @@ def solve(boards: Path | None, poses: Path | None, recording: Recording, config:
         PlopError: A sub-folder names no camera, or what is in it cannot be used.
     """
     solved, board = Solved(), board_of(config)
-    for name, folder in _by_camera(boards, recording).items():
+    for name, folder in _by_camera(boards, recording, solved.warnings).items():
         found = calibrate_intrinsics(read_images(folder), board, where=folder)
         solved.intrinsics[name] = found
         if found.missed:
             solved.warnings.append(f"camera {name}: no board in {', '.join(found.missed)}")
+        if found.board.legacy and not board.legacy:
+            solved.warnings.append(f"camera {name}: its ChArUco board has the legacy pattern (OpenCV before 4.6)")
         bend = distortion_px(found)
         if bend > 1.0:
             solved.warnings.append(f"camera {name}: its lens bends the image by up to {bend:.1f} px: "
                                    "record undistorted images")  # fmt: skip
-    for name, folder in _by_camera(poses, recording).items():
+    for name, folder in _by_camera(poses, recording, solved.warnings).items():
         matrix, distortion = _opencv_intrinsics(name, solved, recording)
-        data = read_handeye(folder, board=board, matrix=matrix, distortion=distortion)
-        if data.missed:
-            solved.warnings.append(f"camera {name}: no board in {', '.join(data.missed)}")
-        solved.handeye[name] = choose(data.base_from_gripper, data.cam_from_board, data.mount, config.hand_eye_method)
-        solved.mounts[name] = data.mount
+        solved.handeye[name] = solve_camera(folder, board, matrix, distortion, config)
+        solved.warnings += [f"camera {name}, hand-eye: {note}" for note in solved.handeye[name].notes]
     return solved
 
 
@@ -91,15 +83,6 @@ def board_of(config: CalibrateConfig) -> Board:
     """Collect the board's settings."""
     return Board(config.board_kind, config.board_columns, config.board_rows, config.board_square_m,
                  config.board_marker_m, config.board_dictionary, config.board_marker_id)  # fmt: skip
-
-
-def choose(robot: np.ndarray, board: np.ndarray, mount: str, method: str) -> HandEye:
-    """Run one method, or all ("auto"; with the robot-world methods for a wrist camera), and keep the best."""
-    found = hand_eye(robot, board, mount=mount, methods=tuple(HAND_EYE_METHODS) if method == "auto" else (method,))
-    if method != "auto" or mount != "wrist":
-        return found
-    scores = sorted([*found.scores, *robot_world(robot, board).scores], key=lambda each: each.score)
-    return HandEye(scores[0].method, scores[0].result, scores)
 
 
 def edits_for(recording: Recording, solved: Solved, config: CalibrateConfig) -> Edits:
@@ -124,25 +107,31 @@ def edits_for(recording: Recording, solved: Solved, config: CalibrateConfig) -> 
         for group in groups:
             edits.intrinsics[f"{group}/{name}"] = found.half_integer_matrix * np.array([[scale], [scale], [1.0]])
     for name, answer in solved.handeye.items():
+        if not answer.used:
+            continue
         if name not in recording.camera_names:
             raise PlopError("A wrist camera's recorded place in the gripper is unknown.",
                             where=f"{recording.path}: camera {name}", expected="the camera in /cameras and /scan",
                             found="it is in /scan only",
                             fix="Correct the wrist camera's gripper offset in the raw data, then ingest "
                                 "again.")  # fmt: skip
-        if solved.mounts[name] == "fixed":
-            edits.poses[f"cameras/{name}"] = np.tile(answer.result, (len(recording), 1, 1))
+        old = np.stack([recording.camera(name, frame).world_from_cam for frame in range(len(recording))])
+        if answer.mount == "fixed":
+            _check_constant(name, old, recording, "A fixed camera moves in the recording.", "one pose for all frames",
+                            'Say "mount": "wrist" in poses.json, or --handeye-mount wrist.')  # fmt: skip
+            edits.poses[f"cameras/{name}"] = np.tile(answer.transform, (len(recording), 1, 1))
             continue
         tool_from_flange = invert_rigid(pose_from_euler_xyz(np.array(config.flange_from_tool)))
         flange = recording.world_from_tool @ tool_from_flange
-        old = np.stack([recording.camera(name, frame).world_from_cam for frame in range(len(recording))])
         offsets = invert_rigid(flange) @ old
-        _check_carried(name, offsets, recording)
-        edits.poses[f"cameras/{name}"] = flange @ answer.result
+        _check_constant(name, offsets, recording, "A wrist camera does not move with the tool.",
+                        "a constant pose in the gripper", 'Say "mount": "fixed" in poses.json, or --handeye-mount '
+                        "fixed, or correct calibrate.flange_from_tool.")  # fmt: skip
+        edits.poses[f"cameras/{name}"] = flange @ answer.transform
         if name in recording.scan_names:
             scan = np.stack([recording.camera(name, i, group="scan").world_from_cam
                              for i in range(recording.scan_length(name))])  # fmt: skip
-            edits.poses[f"scan/{name}"] = scan @ invert_rigid(offsets[0]) @ answer.result
+            edits.poses[f"scan/{name}"] = scan @ invert_rigid(offsets[0]) @ answer.transform
     return edits
 
 
@@ -160,7 +149,7 @@ def distortion_px(found: Intrinsics) -> float:
     return float(np.linalg.norm(straight - pixels, axis=-1).max())
 
 
-def _by_camera(folder: Path | None, recording: Recording) -> Mapping[str, Path]:
+def _by_camera(folder: Path | None, recording: Recording, warnings: list[str]) -> Mapping[str, Path]:
     if folder is None:
         return {}
     known = sorted({*recording.camera_names, *recording.scan_names})
@@ -170,6 +159,9 @@ def _by_camera(folder: Path | None, recording: Recording) -> Mapping[str, Path]:
         raise PlopError("No sub-folder is named after a camera.", where=folder, expected=" or ".join(known),
                         found=", ".join(p.name for p in inside) or "no sub-folder",
                         fix="Put each camera's files into a folder with the camera's name.")  # fmt: skip
+    others = [p.name for p in inside if p.name not in named and not p.name.startswith((".", "__"))]
+    if others:
+        warnings.append(f"{folder}: {', '.join(others)} names no camera ({', '.join(known)}) and was not read")
     return named
 
 
@@ -181,15 +173,10 @@ def _opencv_intrinsics(name: str, solved: Solved, recording: Recording) -> tuple
     return matrix, np.zeros(5)
 
 
-def _check_carried(name: str, offsets: np.ndarray, recording: Recording) -> None:
-    apart = [difference(offsets[0], offset) for offset in offsets]
+def _check_constant(name: str, poses: np.ndarray, recording: Recording, problem: str, expected: str,
+                    fix: str) -> None:  # fmt: skip
+    apart = [difference(poses[0], pose) for pose in poses]
     angle, distance = max(a for a, _ in apart), max(d for _, d in apart)
     if angle > 1.0 or distance > 5.0:
-        raise PlopError("A wrist camera does not move with the tool.", where=f"{recording.path}: camera {name}",
-                        expected="a constant pose in the gripper (within 1 deg, 5 mm)",
-                        found=f"{angle:.1f} deg, {distance:.0f} mm",
-                        fix='Say "mount": "fixed" in poses.json, or correct calibrate.flange_from_tool.')  # fmt: skip
-
-
-def _finite(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None
+        raise PlopError(problem, where=f"{recording.path}: camera {name}", expected=f"{expected} (within 1 deg, 5 mm)",
+                        found=f"{angle:.1f} deg, {distance:.0f} mm", fix=fix)  # fmt: skip

@@ -14,7 +14,10 @@ from plop.geometry.handeye import HAND_EYE_METHODS
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.calibrate.episode import calibrate_episode
-from stages.calibrate.pass_on import pass_on
+from stages.calibrate.handeye_folder import MOUNTS
+from stages.calibrate.handeye_held import contradicted
+from stages.calibrate.handeye_solve import NO_COLUMNS
+from stages.calibrate.pass_on import Edits, pass_on
 from stages.calibrate.solved import Solved, board_of, edits_for, solve
 from stages.calibrate.verdict import ORDER
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
@@ -58,6 +61,12 @@ class CalibrateConfig:
     """Id of the single marker."""
     hand_eye_method: str = "auto"
     """TSAI, PARK, HORAUD, ANDREFF or DANIILIDIS; "auto" tries all and keeps the most consistent."""
+    handeye_mount: str = "auto"
+    """Where the hand-eye cameras are: "wrist" (on the gripper), "fixed" (the board is in the gripper), or "auto": as
+    each camera's files say, "wrist" where they say nothing."""
+    fit_board_scale: bool = False
+    """Whether board distances are multiplied by the factor that fits the robot's motion, where it is not 1 (the board
+    is not of the size told)."""
     flange_from_tool: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Pose of the tool in the gripper of the hand-eye poses: x, y, z [m], extrinsic xyz Euler angles [rad]."""
     refine_scan: str = "auto"
@@ -114,27 +123,55 @@ def _solve(inputs: Inputs, recordings: RecordingSet, config: CalibrateConfig) ->
 
 def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateConfig, folder: Path) -> dict:
     source, first = recordings.path(name), folder / f"{name}.h5.first"
+    plain = folder / f"{name}.h5.plain"
     try:
         with recordings.open(name) as recording:
             given = edits_for(recording, solved, config)
-        if given:
-            pass_on(source, first, given)
-            source = first
-        with Recording(source) as recording:
-            result = calibrate_episode(recording, config, solved.reprojection_px)
-        pass_on(source, folder / f"{name}.h5", result.edits)
+        stay = _place(source, plain, first, given, solved, config) if given else {}
+        with Recording(first if first.exists() else source) as recording:
+            trusted = frozenset(n for n, each in solved.handeye.items()
+                                if n not in stay and each.trusted(config.max_disagreement_mm))  # fmt: skip
+            result = calibrate_episode(recording, config, solved.reprojection_px, trusted)
+            pass_on(recording.path, folder / f"{name}.h5", result.edits)
     except PlopError as error:
         return {"skipped": error.first_cause().one_line()}
     finally:
         first.unlink(missing_ok=True)
-    return {"cameras": [asdict(verdict) for verdict in result.cameras],
+        plain.unlink(missing_ok=True)
+    return {"cameras": [_with_handeye(asdict(verdict), solved, stay) for verdict in result.cameras],
             "scan": [asdict(verdict) for verdict in result.scans]}  # fmt: skip
+
+
+def _place(source: Path, plain: Path, first: Path, given: Edits, solved: Solved,
+           config: CalibrateConfig) -> dict[str, str]:  # fmt: skip
+    """Write the recording with what the user gave; keep recorded poses that the hand-eye ones only make worse."""
+    pass_on(source, first, given)
+    names = [name for name in solved.handeye if f"cameras/{name}" in given.poses]
+    if not names:
+        return {}
+    pass_on(source, plain, replace(given, poses={}))
+    with Recording(plain) as recorded, Recording(first) as replaced:
+        stay = contradicted(recorded, replaced, names, config)
+    if stay:
+        kept = {key: poses for key, poses in given.poses.items() if key.partition("/")[2] not in stay}
+        pass_on(source, first, replace(given, poses=kept))
+    return stay
+
+
+def _with_handeye(entry: dict, solved: Solved, stay: dict[str, str]) -> dict:
+    """Add a camera's hand-eye columns, and why its hand-eye pose was not used."""
+    found = solved.handeye.get(entry["camera"])
+    if found is None:
+        return {**entry, **NO_COLUMNS}
+    why = found.why_not or stay.get(entry["camera"], "")
+    said = f"its hand-eye pose was not used, the recorded one stays: {why}" if why else ""
+    return {**entry, **found.columns(), "fix": "; ".join(part for part in (said, entry["fix"]) if part)}
 
 
 def _check(config: CalibrateConfig) -> None:
     check_choices(config, "calibrate", {
         "refine_scan": ("auto", "always", "never"), "scan_scale": ("poses", "depth"),
-        "hand_eye_method": ("auto", *HAND_EYE_METHODS),
+        "hand_eye_method": ("auto", *HAND_EYE_METHODS), "handeye_mount": ("auto", *MOUNTS),
     })  # fmt: skip
     check_ranges(config, "calibrate", {
         "check_frames": (1, inf), "max_disagreement_mm": (1e-6, inf), "gate_m": (1e-6, inf), "region_margin_m": (0, 10),
@@ -162,7 +199,8 @@ def _badness(entry: dict) -> tuple[int, float]:
 
 
 def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
-    columns = ("camera", "verdict", "reprojection_px", "disagreement_mm", "time_offset_ms", "depth_scale", "fix")
+    columns = ("camera", "verdict", "reprojection_px", "disagreement_mm", "time_offset_ms", "depth_scale",
+               *NO_COLUMNS, "fix")
     table = [{key: entry[key] for key in columns} for _, entry in sorted(facts["cameras"].items())]
     counts = {kind: sum(entry["verdict"] == kind for entry in facts["cameras"].values()) for kind in ORDER}
     figures = {"episodes": len(facts["episodes"]), "skipped": len(skipped),
@@ -179,7 +217,7 @@ def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
 
 STAGE = Stage(
     name="calibrate",
-    version=3,
+    version=4,
     help="Verify the cameras of recordings, correct what can be corrected, give a verdict per camera.",
     config=CalibrateConfig,
     inputs={

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from statistics import median_low
 
 import numpy as np
 
@@ -22,7 +23,8 @@ class CameraCheck:
     pixels: int
     """Measured pixels in the region around the object, over the frames checked."""
     disagreement_mm: float | None
-    """Median over other cameras of the median absolute depth difference [mm]; None when nothing overlaps."""
+    """Lower median over other cameras of the median absolute depth difference [mm]: one of two is enough to agree with,
+    so that of three cameras the two that are right stand by each other; None when nothing overlaps."""
     bias_mm: float | None
     """Median over other cameras of their depth minus this one's [mm]."""
     ratio: float | None
@@ -124,7 +126,7 @@ def _summarise(pixels: int, name: str, found: dict[str, dict[str, list[Disagreem
     if not medians:
         return CameraCheck(pixels, None, None, float(np.median(ratios)) if ratios else None, 0)
     ratio = float(np.median(ratios)) if ratios else None
-    return CameraCheck(pixels, float(np.median(medians)), float(np.median(biases)), ratio, len(medians))
+    return CameraCheck(pixels, median_low(medians), float(np.median(biases)), ratio, len(medians))
 
 
 def spread_frames(total: int, count: int) -> list[int]:

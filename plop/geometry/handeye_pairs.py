@@ -1,0 +1,59 @@
+"""Refuse pairs of robot and board poses that no hand-eye method can use."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from plop.errors import PlopError
+from plop.geometry.rigid import check_rigid
+
+MIN_POSES = 4
+MAX_REACH_M = 20.0
+"""No robot or board is farther away: larger numbers are another unit [m]."""
+MIN_TURN_DEG = 5.0
+"""Some two motions must turn at least this far, about axes at least this far apart [deg]."""
+
+
+def check_pose_pairs(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return both as float64 arrays, or raise a PlopError that says why they cannot be used."""
+    robot, board = np.asarray(base_from_gripper, np.float64), np.asarray(cam_from_board, np.float64)
+    if len(robot) != len(board):
+        raise PlopError("Robot poses and board poses do not pair up.", expected="as many of each",
+                        found=f"{len(robot)} robot poses, {len(board)} board poses")  # fmt: skip
+    if len(robot) < MIN_POSES:
+        raise PlopError("There are too few poses for a hand-eye calibration.", expected=f"at least {MIN_POSES}",
+                        found=f"{len(robot)}", fix="Record 10 to 20 poses that turn about different axes.")  # fmt: skip
+    for what, poses in (("robot", robot), ("board", board)):
+        if not np.isfinite(poses).all():
+            bad = int(np.flatnonzero(~np.isfinite(poses).all((1, 2)))[0])
+            raise PlopError(f"A {what} pose has values that are no numbers.", where=f"pose {bad}",
+                            expected="16 finite numbers", found="NaN or infinity",
+                            fix="Leave this pair out on both sides.")  # fmt: skip
+        if np.abs(poses[:, :3, 3]).max() > MAX_REACH_M:
+            raise PlopError(f"The {what} poses seem to be in millimetres (or centimetres).", expected="metres",
+                            found=f"a translation of {np.abs(poses[:, :3, 3]).max():.0f}",
+                            fix="Divide the translations by 1000 (centimetres: by 100).")  # fmt: skip
+        check_rigid(poses, "hand-eye poses", what=what)
+    for what, poses in (("robot", robot), ("board", board)):
+        _check_turning(what, poses[:, :3, :3])
+    return robot, board
+
+
+def _check_turning(what: str, rotations: np.ndarray) -> None:
+    turns = Rotation.from_matrix(rotations)
+    pairs = [(turns[i].inv() * turns[j]).as_rotvec() for i in range(len(turns)) for j in range(i)]
+    vectors = np.stack(pairs)
+    angles = np.rad2deg(np.linalg.norm(vectors, axis=1))
+    strong = vectors[angles > MIN_TURN_DEG]
+    fix = "Record poses that turn at least 20 degrees about at least two different axes."
+    if len(strong) == 0:
+        raise PlopError(f"The {what} hardly turns: hand-eye calibration is impossible.",
+                        expected=f"rotations above {MIN_TURN_DEG:.0f} deg between poses",
+                        found=f"at most {angles.max():.2f} deg (a pure translation)", fix=fix)  # fmt: skip
+    axes = strong / np.linalg.norm(strong, axis=1, keepdims=True)
+    apart = np.rad2deg(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axes[0]), axis=1), 0, 1))).max()
+    if apart < MIN_TURN_DEG:
+        raise PlopError(f"The {what} turns about one axis only: hand-eye calibration is not determined.",
+                        expected=f"axes at least {MIN_TURN_DEG:.0f} deg apart", found=f"{apart:.2f} deg",
+                        fix=fix)  # fmt: skip
