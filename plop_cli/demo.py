@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 from plop.artifacts.store import Store
 from plop_cli.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step, show_times
 from plop_cli.console import Console
 from plop_cli.execute import Outcome
+from plop_cli.pictures import say_videos, shown
 
 
 def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str]) -> None:
@@ -26,17 +26,14 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
         made[outcome.artifact.manifest.stage] = outcome
         done[command] = outcome
     scores = made["eval"].artifact
-    videos = sorted(made["rollout"].artifact.path.glob("*/video.mp4"))
     console.table(scores.manifest.summary.get("table", []), title="scores")
     show_times(console, done)
-    for video in videos:
-        console.say(f"video (measured | predicted | difference): {_shown(video)}")
-    console.say(f"scores: {_shown(scores.path / 'scores.json')}")
-    console.result(_facts(scores.manifest.summary, videos, {name: outcome.seconds for name, outcome in done.items()}))
-
-
-def _facts(summary: dict[str, Any], videos: list[Path], times: dict[str, float]) -> dict[str, Any]:
-    return {"scores": summary, "videos": [str(video) for video in videos], "seconds": times}
+    pictures = say_videos(console, made["rollout"].artifact)
+    for picture in sorted((scores.path / "pictures").glob("*.png")):
+        console.say(f"  first, middle and last frame: {shown(picture)}")
+    console.say(f"scores: {shown(scores.path / 'scores.json')}, over time: {shown(scores.path / 'over_time.png')}")
+    seconds = {name: outcome.seconds for name, outcome in done.items()}
+    console.result({"scores": scores.manifest.summary, **pictures, "seconds": seconds})
 
 
 def _simulate(workspace: Path, console: Console, seed: int) -> Path:
@@ -52,11 +49,5 @@ def _simulate(workspace: Path, console: Console, seed: int) -> Path:
     with console.progress("simulate") as progress:
         make_demo_recordings(draft, seed=seed, progress=progress)
     os.replace(draft, folder)
-    console.say(f"simulated recordings in {_shown(folder)}")
+    console.say(f"simulated recordings in {shown(folder)}")
     return folder
-
-
-def _shown(path: Path) -> str:
-    """Name a path relative to the current folder where that is shorter."""
-    here = Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)

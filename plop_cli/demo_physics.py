@@ -13,6 +13,7 @@ from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.physics.sealed import open_answer
 from plop_cli.console import Console, format_seconds
+from plop_cli.pictures import input_of, say_videos, shown, worst_picture
 
 PROFILE = "demo-physics.toml"
 Command = Callable[[list[str]], int]
@@ -55,10 +56,22 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     for model in models:
         steps("eval", "--model", model, "--recordings", "mystery", "--name", f"scores-{model}")
     steps("report", "--models", ",".join(models), "--recordings", "mystery", "--name", "report")
-    page = next(Store(workspace).find("report").path.glob("*.html"))
-    console.say(f"all in {format_seconds(time.perf_counter() - started)}; open {page}")
-    console.result({"verdict": found["verdict"], "answer": answer, "models": models, "report": str(page),
+    console.say(f"all in {format_seconds(time.perf_counter() - started)}")
+    console.result({"verdict": found["verdict"], "answer": answer, "models": models,
+                    **_say_pictures(Store(workspace), console, models[-1]),
                     "seconds": round(time.perf_counter() - started, 1)})  # fmt: skip
+
+
+def _say_pictures(store: Store, console: Console, model: str) -> dict[str, Any]:
+    """Print where the report is, a picture of what it is about, and the videos of the last model; gives the paths."""
+    report = store.find("report")
+    page = next(report.path.glob("*.html"))
+    still = worst_picture(input_of(store, report, "comparisons.0"))
+    videos = say_videos(console, input_of(store, store.find(f"scores-{model}"), "rollouts"))
+    console.say(f"report: {shown(page)}")
+    if still is not None:
+        console.say(f"  a still of it, where base is wrong: {shown(still)}")
+    return {"report": str(page), "report_still": None if still is None else str(still), **videos}
 
 
 class Steps:

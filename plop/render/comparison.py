@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 import torch
 
@@ -28,6 +29,8 @@ _MAP_PX = 192
 _MAP_SMOOTH_PX = 0.8
 """Smoothing of a drawn distance: the nearest sample of a surface lies up to half a pixel beside the nearest point,
 which makes a pattern. Numbers are of the distances as they are."""
+_PHOTO_SMOOTH_PX = 0.45
+"""Smoothing of a strongly enlarged photo [px of the recording]."""
 _NOT_MEASURED = (120, 126, 135)
 """Object pixels at which there is no distance."""
 
@@ -112,7 +115,11 @@ def compared_views(measured: View, predicted: View) -> np.ndarray:
 
 
 def _photo(view: View, crop: Crop) -> np.ndarray:
-    return _bytes(resized(crop.of(view.rgb).astype(np.float32), crop.size))
+    """Show what a camera recorded; strongly enlarged, the steps of its pixels are smoothed."""
+    part = crop.of(view.rgb).astype(np.float32)
+    if crop.size[0] > 2 * crop.rows:
+        part = cv2.GaussianBlur(part, (0, 0), _PHOTO_SMOOTH_PX, borderType=cv2.BORDER_REPLICATE)
+    return _bytes(resized(part, crop.size))
 
 
 def _drawn_map(distance_mm: np.ndarray, measured: View, crop: Crop, end_mm: float) -> np.ndarray:

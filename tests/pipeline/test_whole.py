@@ -37,7 +37,7 @@ def test_demo_ends_with_scores_a_video_and_times(
     command = ["demo", "-w", str(tmp_path), *options([*SMALL, "ingest.mesh.size=40", "ingest.mesh.cameras=4"])]
     assert main(command) == 0
     shown = capsys.readouterr().out
-    for word in ("plop", "persistence", "rigid", "video.mp4", "scores.json", "rollout", "all "):
+    for word in ("plop", "persistence", "rigid", "video.mp4", "still.png", "scores.json", "rollout", "all "):
         assert word in shown
     assert "kept" not in shown
     assert main(command) == 0
@@ -45,7 +45,8 @@ def test_demo_ends_with_scores_a_video_and_times(
     assert main([*command, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert set(facts["seconds"].values()) == {0.0}
-    assert all(Path(video).stat().st_size > 0 for video in facts["videos"])
+    assert all(Path(video).stat().st_size > 0 for video in facts["videos"] + facts["stills"])
+    assert len(facts["videos"]) == len(facts["stills"]) == 1
 
 
 def reproduce_small(shared_data: Path, folder: Path) -> tuple[list[str], Path]:

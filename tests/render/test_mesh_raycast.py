@@ -114,11 +114,25 @@ def test_an_even_supersample_is_refused() -> None:
         MeshRenderer(box_sequence(), FLAT, supersample=2)
 
 
-def test_texture_depends_on_its_seed_only() -> None:
+@pytest.mark.parametrize("drawn", [SolidTexture.from_seed, SolidTexture.dough])
+def test_texture_depends_on_its_seed_only(drawn) -> None:
     points = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 3))
     outside = np.zeros(200, bool)
-    one, same, other = (SolidTexture.from_seed(seed_from("box", s)).colour(points, outside) for s in (0, 0, 1))
+    one, same, other = (drawn(seed_from("box", s)).colour(points, outside) for s in (0, 0, 1))
     np.testing.assert_array_equal(one, same)
     assert np.abs(one - other).mean() > 0.05
     assert one.std(0).min() > 0.05, "colour carries information"
     assert one.min() >= 0 and one.max() <= 1
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_dough_is_warm_of_one_hue_and_its_cut_is_seen(seed: int) -> None:
+    points = np.random.default_rng(0).uniform(-0.04, 0.04, (2000, 3))
+    texture = SolidTexture.dough(seed)
+    outside, inside = (texture.colour(points, np.full(2000, cut)) for cut in (False, True))
+    for colours in (outside, inside):
+        assert (colours[:, 0] >= colours[:, 2]).mean() > 0.95, "never blue"
+        assert colours.mean(1).std() > 0.08, "light and dark can be tracked"
+        own = (colours - colours.mean(1, keepdims=True)).std(0).max()
+        assert own < 0.6 * colours.mean(1).std(), "brightness, not hue"
+    assert np.abs(inside.mean(0) - outside.mean(0)).mean() > 0.05
