@@ -42,17 +42,19 @@ class HandEyeFit:
     """Standard error of where the camera puts a point at the board's mean distance [mm]; inf: undetermined."""
 
 
-def fit_hand_eye(moving: np.ndarray, cam_from_board: np.ndarray, *, free_scale: bool = False) -> HandEyeFit:
+def fit_hand_eye(moving: np.ndarray, cam_from_board: np.ndarray, *, free_scale: bool = False,
+                 steps: int = STEPS) -> HandEyeFit:  # fmt: skip
     """Solve M X C = Z.
 
     Args:
         moving: M, shape [N, 4, 4] [m], N >= 4.
         cam_from_board: C, shape [N, 4, 4] [m].
         free_scale: Whether the board's distances are multiplied by an unknown, too.
+        steps: Most Gauss-Newton steps; 1 gives the closed form.
     """
     state = _start(moving, cam_from_board, free_scale)
     best, least = state, np.inf
-    for _ in range(STEPS):
+    for _ in range(steps):
         turn, shift = _residuals(state, moving, cam_from_board)
         cost = np.linalg.norm(shift, axis=1).mean() + np.linalg.norm(turn, axis=1).mean()
         if not np.isfinite(cost) or cost > 10 * least:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -198,7 +199,10 @@ def consistent_readings(robot: np.ndarray, board: np.ndarray, mount: str, given:
         moving = moving_poses(reading.robot, reading.mount)
         if not (np.isfinite(moving).all() and np.isfinite(reading.board).all()):
             continue
-        fit, limits = fit_hand_eye(moving, reading.board), _limits(moving, reading.board)
+        limits = _limits(moving, reading.board)
+        if not _consistent(fit_hand_eye(moving, reading.board, steps=1), tuple(5 * each for each in limits)):
+            continue  # the closed form of a right reading is near already
+        fit = fit_hand_eye(moving, reading.board)
         if _consistent(fit, limits) and fit.uncertainty_mm <= RULE.max_uncertainty_mm:
             value = _value(fit, reading.board)
             if value < values.get(reading.name, np.inf):
@@ -232,7 +236,7 @@ def _fault(fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float],
     return HandEyeFault.ROLES if on_gripper > max(RULE.longest_on_gripper_m, 2 * at_base) else HandEyeFault.NONE
 
 
-def _consistent(fit: HandEyeFit, limits: tuple[float, float]) -> bool:
+def _consistent(fit: HandEyeFit, limits: Sequence[float]) -> bool:
     return fit.spread_mm <= limits[0] and fit.spread_deg <= limits[1]
 
 
