@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
 STEPS = 8
+MOST_TURNS = 300
+"""Turns between poses, out of all pairs of poses, that the start is solved from: enough for a start."""
 CONFIDENCE = 0.999
 """Of the interval of the board's scale: one right set in a thousand may be called wrong by chance."""
 LEAST_NOISE = 1e-7
@@ -77,6 +79,8 @@ class _State:
 
 def _start(moving: np.ndarray, board: np.ndarray, free_scale: bool) -> _State:
     first, second = np.triu_indices(len(moving), 1)
+    some = np.linspace(0, len(first) - 1, min(len(first), MOST_TURNS)).astype(int)
+    first, second = first[some], second[some]
     robot, seen = Rotation.from_matrix(moving[:, :3, :3]), Rotation.from_matrix(board[:, :3, :3])
     a = (robot[first].inv() * robot[second]).as_rotvec()
     b = (seen[first] * seen[second].inv()).as_rotvec()
