@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
 STEPS = 8
+MOST_TURNS = 300
+"""Turns between poses, out of all pairs of poses, that the start is solved from: enough for a start."""
 CONFIDENCE = 0.999
 """Of the interval of the board's scale: one right set in a thousand may be called wrong by chance."""
 LEAST_NOISE = 1e-7
@@ -42,17 +44,19 @@ class HandEyeFit:
     """Standard error of where the camera puts a point at the board's mean distance [mm]; inf: undetermined."""
 
 
-def fit_hand_eye(moving: np.ndarray, cam_from_board: np.ndarray, *, free_scale: bool = False) -> HandEyeFit:
+def fit_hand_eye(moving: np.ndarray, cam_from_board: np.ndarray, *, free_scale: bool = False,
+                 steps: int = STEPS) -> HandEyeFit:  # fmt: skip
     """Solve M X C = Z.
 
     Args:
         moving: M, shape [N, 4, 4] [m], N >= 4.
         cam_from_board: C, shape [N, 4, 4] [m].
         free_scale: Whether the board's distances are multiplied by an unknown, too.
+        steps: Most Gauss-Newton steps; 1 gives the closed form.
     """
     state = _start(moving, cam_from_board, free_scale)
     best, least = state, np.inf
-    for _ in range(STEPS):
+    for _ in range(steps):
         turn, shift = _residuals(state, moving, cam_from_board)
         cost = np.linalg.norm(shift, axis=1).mean() + np.linalg.norm(turn, axis=1).mean()
         if not np.isfinite(cost) or cost > 10 * least:
@@ -75,6 +79,8 @@ class _State:
 
 def _start(moving: np.ndarray, board: np.ndarray, free_scale: bool) -> _State:
     first, second = np.triu_indices(len(moving), 1)
+    some = np.linspace(0, len(first) - 1, min(len(first), MOST_TURNS)).astype(int)
+    first, second = first[some], second[some]
     robot, seen = Rotation.from_matrix(moving[:, :3, :3]), Rotation.from_matrix(board[:, :3, :3])
     a = (robot[first].inv() * robot[second]).as_rotvec()
     b = (seen[first] * seen[second].inv()).as_rotvec()

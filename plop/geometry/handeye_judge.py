@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -101,9 +102,10 @@ class Judgement:
         if self.fault is HandEyeFault.SCALE:
             return self.scale_text(square_mm)
         if self.fault is HandEyeFault.UNDETERMINED:
-            return (f"the motion leaves the camera's place open by {_mm(self.fit.uncertainty_mm)} (limit "
-                    f"{RULE.max_uncertainty_mm:.0f}): record more poses that turn by 20 degrees and more about two "
-                    "axes")  # fmt: skip
+            return (f"the motion is too small, or too much about one axis, for its noise ({_mm(self.fit.spread_mm)}, "
+                    f"{self.fit.spread_deg:.1f} deg): it leaves the camera's place open by "
+                    f"{_mm(self.fit.uncertainty_mm)} (limit {RULE.max_uncertainty_mm:.0f}). Record "
+                    "more poses that turn by 20 degrees and more about two axes")  # fmt: skip
         if self.fault is HandEyeFault.NONE:
             return ""
         if self.fault is HandEyeFault.ROLES:
@@ -173,6 +175,8 @@ def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mo
     likely, unlikely = consistent_readings(robot, board, mount, given)
     if given is None:  # the given one is consistent, too: only what puts things into likely places says more
         unlikely = ()
+    elif not likely + unlikely and _consistent(fit, _noise_limits(board)):
+        fault = HandEyeFault.UNDETERMINED  # no more than noise, but a third of what the robot moved
     return Judgement(fault, fit, scaled, *limits, *places, likely, unlikely,
                      _different_turns(robot, board, limits[1]))  # fmt: skip
 
@@ -198,7 +202,10 @@ def consistent_readings(robot: np.ndarray, board: np.ndarray, mount: str, given:
         moving = moving_poses(reading.robot, reading.mount)
         if not (np.isfinite(moving).all() and np.isfinite(reading.board).all()):
             continue
-        fit, limits = fit_hand_eye(moving, reading.board), _limits(moving, reading.board)
+        limits = _limits(moving, reading.board)
+        if not _consistent(fit_hand_eye(moving, reading.board, steps=1), tuple(5 * each for each in limits)):
+            continue  # the closed form of a right reading is near already
+        fit = fit_hand_eye(moving, reading.board)
         if _consistent(fit, limits) and fit.uncertainty_mm <= RULE.max_uncertainty_mm:
             value = _value(fit, reading.board)
             if value < values.get(reading.name, np.inf):
@@ -232,17 +239,22 @@ def _fault(fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float],
     return HandEyeFault.ROLES if on_gripper > max(RULE.longest_on_gripper_m, 2 * at_base) else HandEyeFault.NONE
 
 
-def _consistent(fit: HandEyeFit, limits: tuple[float, float]) -> bool:
+def _consistent(fit: HandEyeFit, limits: Sequence[float]) -> bool:
     return fit.spread_mm <= limits[0] and fit.spread_deg <= limits[1]
 
 
+def _noise_limits(board: np.ndarray) -> tuple[float, float]:
+    """Give what cameras and robots may add, whatever the motion [mm, deg]."""
+    distance = float(np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
+    return max(RULE.max_spread_of_distance * distance, RULE.least_limit_mm), RULE.max_spread_deg
+
+
 def _limits(moving: np.ndarray, board: np.ndarray) -> tuple[float, float]:
-    distance = np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3
     motion = max(np.linalg.norm(p[:, :3, 3] - p[:, :3, 3].mean(0), axis=1).mean() for p in (moving, board)) * 1e3
     turns = [Rotation.from_matrix(poses[:, :3, :3]) for poses in (moving, board)]
     turned = np.rad2deg(max((each.mean().inv() * each).magnitude().mean() for each in turns))
-    return (float(min(max(RULE.max_spread_of_distance * distance, RULE.least_limit_mm), RULE.max_of_motion * motion)),
-            float(min(RULE.max_spread_deg, RULE.max_of_motion * turned)))  # fmt: skip
+    noise = _noise_limits(board)
+    return float(min(noise[0], RULE.max_of_motion * motion)), float(min(noise[1], RULE.max_of_motion * turned))
 
 
 def _value(fit: HandEyeFit, board: np.ndarray) -> float:

@@ -42,8 +42,8 @@ def check_pose_pairs(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) 
 
 def _check_turning(what: str, rotations: np.ndarray) -> None:
     turns = Rotation.from_matrix(rotations)
-    pairs = [(turns[i].inv() * turns[j]).as_rotvec() for i in range(len(turns)) for j in range(i)]
-    vectors = np.stack(pairs)
+    first, second = np.triu_indices(len(turns), 1)
+    vectors = (turns[first].inv() * turns[second]).as_rotvec()
     angles = np.rad2deg(np.linalg.norm(vectors, axis=1))
     strong = vectors[angles > MIN_TURN_DEG]
     fix = "Record poses that turn at least 20 degrees about at least two different axes."

@@ -57,14 +57,17 @@ def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     yield Reading(f'the board poses are inverted (board_from_cam) and the mount is "{other}"', robot,
                   invert_rigid(board), other)  # fmt: skip
     yield from _pairings(robot, board, mount)
-    for name, change in _rotations():
+    turns = [Rotation.from_matrix(poses[:, :3, :3]) for poses in (robot, board)]
+    for name, changes in _rotations():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # gimbal lock: that reading will not fit
-            yield Reading(f"the robot's {name}", _turned(robot, change), board, mount)
-            yield Reading(f"the board's {name}", robot, _turned(board, change), mount)
-            if name.startswith(("quaternions", "rotations")):
-                yield Reading(f"the robot's and the board's {name}", _turned(robot, change), _turned(board, change),
-                              mount)  # fmt: skip
+            changed = [[change(turn) for change in changes] for turn in turns]
+        for first in range(len(changes)):
+            yield Reading(f"the robot's {name}", _with(robot, _picked(changed[0], turns[1], first)), board, mount)
+            yield Reading(f"the board's {name}", robot, _with(board, _picked(changed[1], turns[0], first)), mount)
+        if len(changes) == 1:
+            yield Reading(f"the robot's and the board's {name}", _with(robot, changed[0][0]),
+                          _with(board, changed[1][0]), mount)  # fmt: skip
     if 6 <= len(robot) <= MAX_LEFT_OUT:
         for index in range(len(robot)):
             kept = np.arange(len(robot)) != index
@@ -90,41 +93,54 @@ def _pairings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     yield Reading("one side is in reversed order", robot[::-1], board, mount)
 
 
-def _rotations() -> Iterator[tuple[str, Callable[[Rotation], Rotation]]]:
-    yield "rotations are transposed (3x3 parts column by column)", lambda turns: turns.inv()
+Change = Callable[[Rotation], Rotation]
+
+
+def _rotations() -> Iterator[tuple[str, list[Change]]]:
+    """Give the ways to mistake rotations, and how to undo each: two ways where a rotation has two sets of numbers."""
+    yield "rotations are transposed (3x3 parts column by column)", [lambda turns: turns.inv()]
     yield ("quaternions are w, x, y, z and were read as x, y, z, w",
-           lambda turns: Rotation.from_quat(turns.as_quat()[:, [1, 2, 3, 0]]))  # fmt: skip
+           [lambda turns: Rotation.from_quat(turns.as_quat()[:, [1, 2, 3, 0]])])  # fmt: skip
     yield ("quaternions are x, y, z, w and were read as w, x, y, z",
-           lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]]))  # fmt: skip
+           [lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]])])  # fmt: skip
     for read, told in ANGLES.items():
-        for branch in (False, True):
-            for meant, wanted in ANGLES.items():
-                if meant != read:
-                    yield f"angles are {wanted} and were read as {told}", _reread(read, meant, branch, 1.0)
-        yield f"angles ({told}) are radians and were read as degrees", _reread(read, read, False, 180 / np.pi)
+        for meant, wanted in ANGLES.items():
+            if meant != read:
+                yield (f"angles are {wanted} and were read as {told}",
+                       [_reread(read, meant, other) for other in (False, True)])  # fmt: skip
+        yield f"angles ({told}) are radians and were read as degrees", [_reread(read, read, False, 180 / np.pi)]
 
 
-def _reread(read: str, meant: str, branch: bool, factor: float) -> Callable[[Rotation], Rotation]:
-    """Undo one reading of three numbers and read them otherwise.
-
-    `branch`: of the two sets of numbers that a rotation has, take the other; all poses are taken to share it.
-    """
+def _reread(read: str, meant: str, other: bool, factor: float = 1.0) -> Change:
+    """Undo one reading of three numbers and read them otherwise; `other`: of the two sets of numbers the other one."""
 
     def change(turns: Rotation) -> Rotation:
         if read == "rotvec":
             numbers = turns.as_rotvec()
             length = np.linalg.norm(numbers, axis=1, keepdims=True)
-            numbers = numbers * (1 - 2 * np.pi / np.maximum(length, 1e-9)) if branch else numbers
+            numbers = numbers * (1 - 2 * np.pi / np.maximum(length, 1e-9)) if other else numbers
         else:
             numbers = turns.as_euler(read)
-            numbers = numbers * [1, -1, 1] + np.pi if branch else numbers
+            numbers = numbers * [1, -1, 1] + np.pi if other else numbers
+            numbers = (numbers + np.pi) % (2 * np.pi) - np.pi
         numbers = numbers * factor
         return Rotation.from_rotvec(numbers) if meant == "rotvec" else Rotation.from_euler(meant, numbers)
 
     return change
 
 
-def _turned(poses: Poses, change: Callable[[Rotation], Rotation]) -> Poses:
+def _picked(ways: list[Rotation], across: Rotation, first: int) -> Rotation:
+    """Take, pose by pose, the way that turns from the first pose by as much as the other side does."""
+    if len(ways) == 1:
+        return ways[0]
+    start, wanted = ways[first][0], (across[0].inv() * across).magnitude()
+    off = np.stack([np.abs((start.inv() * way).magnitude() - wanted) for way in ways])
+    off[1 - first, 0] = np.inf
+    better = (off[1] < off[0])[:, None]
+    return Rotation.from_quat(np.where(better, ways[1].as_quat(), ways[0].as_quat()))
+
+
+def _with(poses: Poses, turns: Rotation) -> Poses:
     out = poses.copy()
-    out[:, :3, :3] = change(Rotation.from_matrix(poses[:, :3, :3])).as_matrix()
+    out[:, :3, :3] = turns.as_matrix()
     return out

@@ -24,6 +24,7 @@ def flat_picture(board: Board) -> np.ndarray:
     if board.kind == "charuco":
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
         pattern = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_m, board.marker_m, dictionary)
+        pattern.setLegacyPattern(board.legacy)
         picture = pattern.generateImage((board.columns * square, board.rows * square))
     else:
         cells = np.indices((board.rows, board.columns)).sum(0) % 2
