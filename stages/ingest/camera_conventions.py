@@ -35,6 +35,8 @@ IN_WORKSPACE = 0.05
 """Smallest share of a camera's points in the workspace, on or above its table."""
 TIE = 0.1
 """Guesses whose clouds agree as well, to this share of their points, cannot be told apart: all are named."""
+NONE_IN_BOX = 0.01
+"""Another unit of depth is thought of only where a smaller share of the points lies in the workspace."""
 NEAR_M = 0.02
 """Points of two cameras nearer than this are of one surface [m]."""
 DEPTH_UNITS = {
@@ -188,7 +190,8 @@ def _best(
     One guess is the same for all of `names`. Fewer departures are likelier, then clouds of cameras that agree.
     """
     found = []
-    for guesses in zip_longest(*(_guesses(own[name], stored[name]) for name in names)):
+    far = all(_share_in_box(looks[name], own[name], workspace) < NONE_IN_BOX for name in names)
+    for guesses in zip_longest(*(_guesses(own[name], stored[name], units=far) for name in names)):
         chosen = dict(own) | dict(zip(names, guesses, strict=True))
         fits = {name: _strict(look, chosen[name], workspace, table_z_m) for name, look in looks.items() if look.planes}
         if not fits or not all(fits.values()):
@@ -203,8 +206,13 @@ def _best(
     return [(guess, height) for _, _, guess, height in likely]
 
 
-def _guesses(own: _Guess, pose6: np.ndarray) -> Iterator[_Guess]:
-    for scale, unit in DEPTH_UNITS.items():
+def _share_in_box(look: _Look, guess: _Guess, workspace: np.ndarray) -> float:
+    world = transform_points(guess.pose, look.points)
+    return float(((world >= workspace[0]) & (world <= workspace[1])).all(1).mean())
+
+
+def _guesses(own: _Guess, pose6: np.ndarray, *, units: bool) -> Iterator[_Guess]:
+    for scale, unit in DEPTH_UNITS.items() if units else ():
         yield _Guess(f"depth in units of {unit}", own.pose, scale, 1)
     for reading in readings_of(pose6):
         if reading.departures:
