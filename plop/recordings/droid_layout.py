@@ -107,8 +107,7 @@ def inside(root: Path, relative: str, *, base: Path | None = None, where: str) -
     path = (base or root) / relative
     within = path.resolve().is_relative_to(root.resolve()) or _is_blob_of_its_set(path, root)
     if Path(relative).is_absolute() or not within:
-        target = path.resolve()
-        led = path.parent.resolve() != target.parent and not Path(relative).is_absolute() and ".." not in relative
+        led = not Path(relative).is_absolute() and Path(os.path.abspath(path)).is_relative_to(root.absolute())
         raise PlopError("A path leaves the raw folder.", where=where, expected=f"a relative path inside {root}",
                         found=relative + (", a link that leads out of it" if led else ""),
                         fix="Put the file itself into the raw folder and write a relative path.")  # fmt: skip

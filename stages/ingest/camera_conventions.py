@@ -35,6 +35,10 @@ IN_WORKSPACE = 0.05
 """Smallest share of a camera's points in the workspace, on or above its table."""
 TIE = 0.1
 """Guesses whose clouds agree as well, to this share of their points, cannot be told apart: all are named."""
+NONE_IN_BOX = 0.01
+"""Another unit of depth is thought of only where a smaller share of the points lies in the workspace."""
+RANGE_M = (0.15, 4.0)
+"""Median depth of a camera that sees a workspace [m]."""
 NEAR_M = 0.02
 """Points of two cameras nearer than this are of one surface [m]."""
 DEPTH_UNITS = {
@@ -114,7 +118,8 @@ def _refusal(names: list[str], likely: list[tuple[_Guess, float]], as_stored: li
         which = "" if len(likely) == 1 else " (table_z in plop_episode.json would tell which)"
         return PlopError("Depth is in another unit.", where=f"{episode}: camera {', '.join(names)}",
                          expected="millimetres", found=told, cause=Cause.DEPTH,
-                         fix=f"Multiply the depth pictures by {factors} and run again{which}.")  # fmt: skip
+                         fix=f"Multiply the depth pictures by {factors} and run again{which}. (If they are in "
+                             "millimetres, workspace or table_z of plop_episode.json is wrong.)")  # fmt: skip
     return PlopError("Poses of cameras are in another convention.", where=f"{episode}: camera {', '.join(names)}",
                      expected="camera -> robot base, metres, extrinsic xyz Euler angles in radians, OpenCV axes "
                      "(right, down, forward)", found=f"probably {told}; {planes}", cause=Cause.EXTRINSICS,
@@ -188,7 +193,12 @@ def _best(
     One guess is the same for all of `names`. Fewer departures are likelier, then clouds of cameras that agree.
     """
     found = []
-    for guesses in zip_longest(*(_guesses(own[name], stored[name]) for name in names)):
+    astray = all(_share_in_box(looks[name], own[name], workspace) < NONE_IN_BOX for name in names)
+    medians_m = [float(np.median(looks[name].points[:, 2])) for name in names]
+    for guesses in zip_longest(*(_guesses(own[name], stored[name], units=astray) for name in names)):
+        scale = guesses[0].scale
+        if scale != 1 and not all(RANGE_M[0] < scale * median_m < RANGE_M[1] for median_m in medians_m):
+            continue
         chosen = dict(own) | dict(zip(names, guesses, strict=True))
         fits = {name: _strict(look, chosen[name], workspace, table_z_m) for name, look in looks.items() if look.planes}
         if not fits or not all(fits.values()):
@@ -203,8 +213,13 @@ def _best(
     return [(guess, height) for _, _, guess, height in likely]
 
 
-def _guesses(own: _Guess, pose6: np.ndarray) -> Iterator[_Guess]:
-    for scale, unit in DEPTH_UNITS.items():
+def _share_in_box(look: _Look, guess: _Guess, workspace: np.ndarray) -> float:
+    world = transform_points(guess.pose, look.points)
+    return float(((world >= workspace[0]) & (world <= workspace[1])).all(1).mean())
+
+
+def _guesses(own: _Guess, pose6: np.ndarray, *, units: bool) -> Iterator[_Guess]:
+    for scale, unit in DEPTH_UNITS.items() if units else ():
         yield _Guess(f"depth in units of {unit}", own.pose, scale, 1)
     for reading in readings_of(pose6):
         if reading.departures:

@@ -94,7 +94,7 @@ def test_case_03_frames_missing_in_the_middle(raw, tmp_path):
     _without_frames(raw, EXT1, {4, 5}, stamps=True)
     depth = episode_of(raw) / "recordings/depth" / EXT1
     for frame in range(6, 12):  # depth pictures are numbered like the frames of the video
-        shutil.copy(depth / f"{frame:06d}.png", depth / f"{frame - 2:06d}.png")
+        (depth / f"{frame:06d}.png").replace(depth / f"{frame - 2:06d}.png")
     summary, recordings = ingest(raw, tmp_path / "out")
     assert said(summary, f"{EXT1}.mp4", "2 of 12 rows (4, 5)")
     with recordings.open(recordings.names[0]) as recording:

@@ -179,7 +179,7 @@ def test_masks_made_elsewhere(raw, tmp_path):
             picture = np.zeros((48, 64), np.uint8)
             picture[20:30, 25:40] = 255
             cv2.imwrite(str(tmp_path / "masks" / name / serial / f"{frame:06d}.png"), picture)
-    with pytest.raises(PlopError, match="binary_masks"):
+    with pytest.raises(PlopError, match="--binary-masks"):
         ingest(raw, tmp_path / "a", masks=tmp_path / "masks")
     _, recordings = ingest(raw, tmp_path / "b", masks=tmp_path / "masks", binary_masks=True)
     with recordings.open(recordings.names[0]) as recording:
