@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from plop.errors import PlopError
+from plop.finite import UNKNOWN
 
 if TYPE_CHECKING:
     from stages.contract import Progress
@@ -110,7 +112,9 @@ def format_figure(value: Any) -> str:
     """Write a number with four significant digits, anything else as it is."""
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.4g}" if math.isfinite(value) else UNKNOWN
+    return str(value)
 
 
 def format_seconds(seconds: float) -> str:

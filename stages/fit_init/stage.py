@@ -15,8 +15,9 @@ from PIL import Image
 from plop.artifacts.whole_file import whole, write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.device import chosen_device
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
+from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import each_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
@@ -133,9 +134,13 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
     def report(step: int, figures: dict[str, float]) -> None:
         out.progress(step, max(config.steps, 1), name, **figures)
 
-    with recordings.open(name) as recording:
+    bad = only_bad_cameras(recordings.folder)
+    known = [bad[name]] if name in bad else []
+    with remembering(known), recordings.open(name) as recording:
         cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
-        _write_episode(out.path / name, fit_episode(recording, cloud, config, report))
+        result = fit_episode(recording, cloud, config, report)
+        result.score["warnings"] = known + result.score["warnings"]
+        _write_episode(out.path / name, result)
 
 
 def _check(config: FitInitConfig) -> None:

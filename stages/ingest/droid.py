@@ -238,7 +238,7 @@ def _relative(text: str, root: Path) -> str:
 
 INGEST_DROID = Stage(
     name="ingest",
-    version=1,
+    version=2,
     help="Turn episodes of a DROID robot into recordings.",
     config=DroidConfig,
     inputs={

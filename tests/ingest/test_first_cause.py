@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from datetime import datetime
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
+from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.set import RecordingSet
 from stages.contract import Input, Output
 from stages.ingest.droid import INGEST_DROID, DroidConfig
@@ -40,6 +43,20 @@ def test_a_tool_that_never_touches_is_blamed_where_the_cameras_agree(tmp_path):
     make_episode(tmp_path / "raw", notes={"tool": tool})
     error, _ = refused(tmp_path / "raw", tmp_path / "out")
     assert ": The tool never touches the object." in str(error.found) and "extrinsics" not in str(error.fix)
+
+
+def test_euler_angles_of_another_convention_blame_the_cameras(tmp_path):
+    folder = make_episode(tmp_path / "raw")
+    notes = json.loads((folder / "plop_episode.json").read_text())
+    (folder / "plop_episode.json").write_text(json.dumps({"tool": notes["tool"]}))
+    with edit(tmp_path / "raw") as file:
+        for serial in (EXT1, EXT2):
+            stored = file[f"observation/camera_extrinsics/{serial}_left"]
+            turn = pose_from_euler_xyz(np.asarray(stored[0]))[:3, :3]
+            stored[:, 3:] = Rotation.from_matrix(turn).as_euler("XYZ")
+    error, _ = refused(tmp_path / "raw", tmp_path / "out")
+    assert f"cameras {EXT1} and {EXT2} contradict each other" in str(error.found)
+    assert str(error.fix).startswith("Check the cameras' extrinsics")
 
 
 def test_what_the_reader_noticed_is_told_with_its_refusal(tmp_path):
