@@ -22,8 +22,9 @@ from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import WORKSPACE_M
+from plop.recordings.raw_folder import check_raw_folder
 from plop.recordings.set import RecordingSet, check_patterns
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
 from stages.ingest.masks import MaskRules
@@ -127,6 +128,12 @@ def _check(config: DroidConfig) -> None:
         raise PlopError("The workspace has no inside.", where="ingest.droid.workspace_min, ingest.droid.workspace_max",
                         expected="min below max on every axis",
                         found=f"{config.workspace_min} .. {config.workspace_max}")  # fmt: skip
+
+
+def _check_given(config: DroidConfig, given: Mapping[str, str | Path]) -> None:
+    _check(config)
+    if "raw" in given:
+        check_raw_folder(Path(given["raw"]), "droid")
 
 
 def _chosen(found: list[DroidFolder], config: DroidConfig, root: Path) -> list[DroidFolder]:
@@ -248,6 +255,6 @@ INGEST_DROID = Stage(
         "extrinsics": InputSpec((), "cam2base_extrinsics.json; default: the raw folder's.", optional=True),
     },
     run=run,
-    check=settings_only(_check),
+    check=_check_given,
     raw_files=raw_files,
 )
