@@ -39,6 +39,7 @@ PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_optio
 
 def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
     def command(context: typer.Context) -> None:
+        _announce(ref, context.args)
         from plop_cli.stage_command import run_stage_command
 
         run_stage_command(ref, list(context.args))
@@ -57,6 +58,13 @@ def _ingest(context: typer.Context) -> None:
         raise ask_format(Path(context.args[0]), context.args[1:])
     code = ingest(list(context.args), prog_name="plop ingest", standalone_mode=False)
     raise typer.Exit(code if isinstance(code, int) else 0)
+
+
+def _announce(ref: StageRef, arguments: list[str]) -> None:
+    """Say at once what is going to happen: the import of a stage takes seconds."""
+    silent = {"--quiet", "-q", "--json", "--help", "-h"}
+    if not silent & set(arguments) and os.environ.get("RANK", "0") == "0":
+        Console().at_once(f"plop {ref.command}: {ref.help}")
 
 
 def _names_a_path(word: str) -> bool:

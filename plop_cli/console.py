@@ -42,6 +42,12 @@ class Console:
         if not self.quiet:
             _rich(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True, style="dim")
 
+    def at_once(self, text: str) -> None:
+        """Print one line beside the result before anything heavy is imported, unless quiet."""
+        if not self.quiet:
+            sys.stderr.write(f"{text}\n")
+            sys.stderr.flush()
+
     def warn(self, text: str) -> None:
         """Print a warning to stderr, also when quiet."""
         _rich(stderr=True).print(f"warning: {text}", markup=False, highlight=False, soft_wrap=True, style="yellow")
