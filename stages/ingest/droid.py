@@ -182,7 +182,8 @@ def _ingest(
             number + done / all_, total, folder.name, frames=done))  # fmt: skip
     except PlopError as error:
         reason = error.first_cause()
-        facts["skipped"] = _relative(reason.one_line(), folder.root)
+        said = _relative(reason.one_line(), folder.root)
+        facts["skipped"] = said[:1] + said[1:].replace(f"{folder.name}: ", "")  # the name stands before it already
         facts["fix"] = _relative(reason.fix or "", folder.root)
         facts["warnings"] = [_relative(text, folder.root) for text in error.noticed]
         return facts
