@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any, Protocol
@@ -9,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from plop.errors import PlopError
+from plop.finite import UNKNOWN
 
 
 class NumberOfLaw(Protocol):
@@ -26,9 +28,9 @@ class NumberOfLaw(Protocol):
     def default(self) -> float: ...  # noqa: D102
 
 
-def short_number(value: float) -> str:
+def short_number(value: float | None) -> str:
     """Write three significant digits, without an exponent where that is readable: 1790, 0.0123, 1.2e+07."""
-    return f"{float(f'{value:.3g}'):g}"
+    return UNKNOWN if value is None or not math.isfinite(value) else f"{float(f'{value:.3g}'):g}"
 
 
 def with_unit(number: str, unit: str | None) -> str:
@@ -44,7 +46,7 @@ def parameter_text(name: str, found: Mapping[str, Any]) -> str:
         found: {"value", "low", "high", "unit"}, and "also", other values that do as well, for one that was tried with
             some values only.
     """
-    known = np.isfinite([found["low"], found["high"]]).all()
+    known = all(end is not None and math.isfinite(end) for end in (found["low"], found["high"]))
     interval = f" ({short_number(found['low'])} to {short_number(found['high'])})" if known else ""
     return with_unit(f"{name} = {short_number(found['value'])}{interval}{also_text(found)}", found["unit"])
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from difflib import get_close_matches
 from importlib import metadata
 from typing import Annotated
 
@@ -39,6 +41,7 @@ PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_optio
 
 def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
     def command(context: typer.Context) -> None:
+        _announce(ref, context.args)
         from plop_cli.stage_command import run_stage_command
 
         run_stage_command(ref, list(context.args))
@@ -68,8 +71,30 @@ def _front(
 
 def _ingest(context: typer.Context) -> None:
     """Turn raw data into recordings: disect, mesh or droid."""
+    if context.args and _names_a_path(context.args[0]):
+        from pathlib import Path
+
+        from plop.recordings.raw_folder import ask_format
+
+        raise ask_format(Path(context.args[0]), context.args[1:])
     code = ingest(list(context.args), prog_name="plop ingest", standalone_mode=False)
     raise typer.Exit(code if isinstance(code, int) else 0)
+
+
+def _announce(ref: StageRef, arguments: list[str]) -> None:
+    """Say at once what is going to happen: the import of a stage takes seconds."""
+    silent = {"--quiet", "-q", "--json", "--help", "-h"}
+    if not silent & set(arguments) and os.environ.get("RANK", "0") == "0":
+        Console().at_once(f"plop {ref.command}: {ref.help}")
+
+
+def _names_a_path(word: str) -> bool:
+    """Tell whether the word after `plop ingest` is no format but data; a mistyped format is left to Typer."""
+    known = [command.name for command in ingest.registered_commands]
+    if word.startswith("-") or word in known:
+        return False
+    return os.path.exists(word) or any(mark in word for mark in ("/", os.sep, "~", ".")) or not any(
+        get_close_matches(word, [name or "" for name in known]))  # fmt: skip
 
 
 for _ref in PIPELINE:

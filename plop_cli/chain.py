@@ -15,6 +15,7 @@ from plop.errors import PlopError
 from plop_cli.console import Console, format_seconds
 from plop_cli.execute import Outcome, execute
 from plop_cli.inputs import ORDER
+from plop_cli.outcome import begins
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, parse_assignments, read_settings_file, settings_by_command
 from stages import PIPELINE, stage_ref
@@ -135,6 +136,7 @@ def run_step(
             inputs=_inputs(stage, made, raw) | {name: _address(one) for name, one in (named or {}).items()},
             progress=progress,
             on_wait=lambda pid: console.warn(f"another run (process {pid}) is making {command}; waiting for it"),
+            on_start=lambda planned: console.note(f"{title} {begins(planned)}".strip()),
         )
     for text in [] if outcome.skipped else outcome.warnings:
         console.warn(f"{command}: {text}")

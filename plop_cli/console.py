@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from plop.errors import PlopError
+from plop.finite import UNKNOWN
 
 if TYPE_CHECKING:
     from stages.contract import Progress
@@ -39,6 +41,12 @@ class Console:
         """Print one line beside the result, unless quiet."""
         if not self.quiet:
             _rich(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True, style="dim")
+
+    def at_once(self, text: str) -> None:
+        """Print one line beside the result before anything heavy is imported, unless quiet."""
+        if not self.quiet:
+            sys.stderr.write(f"{text}\n")
+            sys.stderr.flush()
 
     def warn(self, text: str) -> None:
         """Print a warning to stderr, also when quiet."""
@@ -110,7 +118,9 @@ def format_figure(value: Any) -> str:
     """Write a number with four significant digits, anything else as it is."""
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.4g}" if math.isfinite(value) else UNKNOWN
+    return str(value)
 
 
 def format_seconds(seconds: float) -> str:

@@ -14,11 +14,13 @@ from importlib import metadata
 from pathlib import Path
 
 from plop.artifacts.store import Store
+from plop.installed import install_extra, install_package
 from plop_cli.console import Console
 
 LIBRARIES_FIX = "apt-get install -y libusb-1.0-0 libx11-6 libgl1 libegl1 libgomp1"
 ZED_FOLDER = Path("/usr/local/zed")
 """Where the ZED SDK's installer puts it."""
+OK, OPTIONAL, PROBLEM = "ok", "optional", "problem"
 
 
 @dataclass(frozen=True)
@@ -26,143 +28,184 @@ class Finding:
     """One part of the machine."""
 
     part: str
+    group: str
+    """"needed" or "optional"."""
     state: str
-    """"ok", "absent" (plop works without it) or "problem"."""
+    """"ok"; "optional" (not there, and plop works without it); or "problem"."""
     detail: str
     remedy: str = ""
 
 
+@dataclass(frozen=True)
+class Look:
+    """What a look at one part found."""
+
+    there: bool
+    detail: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part that plop needs or can use: a row of the table below."""
+
+    name: str
+    look: Callable[[Store], Look]
+    needed: bool = True
+    use: str = ""
+    """What an optional part is for."""
+
+
 def examine(store: Store) -> list[Finding]:
-    """Look at every part; a part that breaks is a finding, never an error."""
-    checks: list[tuple[str, Callable[[], Finding]]] = [
-        ("python", _python), ("torch", _torch), ("cuda", _cuda), ("gsplat", _gsplat), ("cores and memory", _cores),
-        ("disk", lambda: _disk(store.workspace)), ("numba", _numba), ("open3d", _open3d), ("opencv", _opencv),
-        ("pycolmap", lambda: _package("pycolmap", "pycolmap", "pip install pycolmap", needed=True)),
-        ("ffmpeg", _ffmpeg), ("usd-core", _usd), ("Blender", _blender), ("LPIPS backbone", _lpips),
-        ("ZED SDK", _zed), ("rerun-sdk", lambda: _package("rerun-sdk", "rerun", "pip install -e '.[view]'")),
-    ]  # fmt: skip
-    found = []
-    for part, check in checks:
-        try:
-            found.append(check())
-        except Exception as error:  # a broken part must not hide the others
-            found.append(Finding(part, "problem", f"{type(error).__name__}: {error}"))
-    return found
+    """Look at every part, the needed ones first; a part that breaks is a finding, never an error."""
+    return [_finding(part, store) for part in sorted(PARTS, key=lambda part: not part.needed)]
+
+
+def _finding(part: Part, store: Store) -> Finding:
+    group = "needed" if part.needed else "optional"
+    try:
+        look = part.look(store)
+    except Exception as error:  # a broken part must not hide the others, but one that is installed should work
+        return Finding(part.name, group, PROBLEM, f"{type(error).__name__}: {error}",
+                       f"install {part.name} again")  # fmt: skip
+    state = OK if look.there else PROBLEM if part.needed else OPTIONAL
+    detail = look.detail if look.there or not part.use else f"{look.detail}: {part.use}"
+    return Finding(part.name, group, state, detail, look.remedy)
 
 
 def show(store: Store, console: Console) -> int:
-    """Print the findings; return 1 when a needed part is broken."""
+    """Print the findings in two groups; return 1 when a needed part is missing or an installed one is broken."""
     findings = examine(store)
-    console.table([asdict(finding) for finding in findings])
+    for group in ("needed", "optional"):
+        console.table([{key: value for key, value in asdict(finding).items() if key != "group"}
+                       for finding in findings if finding.group == group], title=group)  # fmt: skip
+        console.say("")
+    broken = [finding.part for finding in findings if finding.state == PROBLEM]
+    missing = [finding.part for finding in findings if finding.state == OPTIONAL]
+    console.say(f"needs repair: {', '.join(broken)}" if broken else "everything that plop needs is there"
+                + (f"; not there, and not needed: {', '.join(missing)}" if missing else ""))  # fmt: skip
     console.result([asdict(finding) for finding in findings])
-    return 1 if any(finding.state == "problem" for finding in findings) else 0
+    return 1 if broken else 0
 
 
-def _python() -> Finding:
-    fine = sys.version_info >= (3, 11)
-    state, remedy = ("ok", "") if fine else ("problem", "use 3.11 or newer")
-    return Finding("python", state, platform.python_version(), remedy)
+def _python(store: Store) -> Look:
+    return Look(sys.version_info >= (3, 11), platform.python_version(),
+                "" if sys.version_info >= (3, 11) else "use Python 3.11 or newer")  # fmt: skip
 
 
-def _torch() -> Finding:
+def _torch(store: Store) -> Look:
     import torch
 
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    return Finding("torch", "ok", f"{torch.__version__}, device {device}, {torch.get_num_threads()} threads")
+    return Look(True, f"{torch.__version__}, device {device}, {torch.get_num_threads()} threads")
 
 
-def _cuda() -> Finding:
+def _cuda(store: Store) -> Look:
     import torch
 
     if not torch.cuda.is_available():
-        return Finding("cuda", "absent", "no CUDA device, or a CPU build of torch; everything runs on the CPU",
-                       "with a GPU: install a CUDA build of torch")  # fmt: skip
+        return Look(False, "no CUDA device, or a CPU build of torch", "with a GPU: install a CUDA build of torch")
     free, total = torch.cuda.mem_get_info()
-    return Finding("cuda", "ok", f"{torch.cuda.get_device_name()}, {free / 2**30:.0f} of {total / 2**30:.0f} GiB free")
+    return Look(True, f"{torch.cuda.get_device_name()}, {free / 2**30:.0f} of {total / 2**30:.0f} GiB free")
 
 
-def _gsplat() -> Finding:
-    if importlib.util.find_spec("gsplat") is None:
-        return Finding("gsplat", "absent", "the renderer on CUDA; the CPU has its own", "pip install -e '.[cuda]'")
-    return Finding("gsplat", "ok", f"{metadata.version('gsplat')} (compiled on first use, on CUDA only)")
-
-
-def _cores() -> Finding:
+def _cores(store: Store) -> Look:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     threads = os.environ.get("OMP_NUM_THREADS", "not set")
-    return Finding("cores and memory", "ok", f"{cores} cores, {memory:.1f} GiB, OMP_NUM_THREADS {threads}")
+    return Look(True, f"{cores} cores, {memory:.1f} GiB, OMP_NUM_THREADS {threads}")
 
 
-def _disk(workspace: Path) -> Finding:
+def _disk(store: Store) -> Look:
+    workspace = store.workspace
     folder = next(path for path in [workspace, *workspace.parents] if path.exists())
     free = shutil.disk_usage(folder).free / 2**30
-    state = "ok" if free > 1 else "problem"
-    return Finding("disk", state, f"{free:.1f} GiB free for {workspace}", "" if free > 1 else "free some space")
+    return Look(free > 1, f"{free:.1f} GiB free for {workspace}", "" if free > 1 else "free some space")
 
 
-def _numba() -> Finding:
+def _numba(store: Store) -> Look:
     import numba
 
-    return Finding("numba", "ok", f"{numba.__version__}, {numba.config.NUMBA_NUM_THREADS} threads")
+    return Look(True, f"{numba.__version__}, {numba.config.NUMBA_NUM_THREADS} threads")
 
 
-def _open3d() -> Finding:
+def _open3d(store: Store) -> Look:
     try:
         module = importlib.import_module("open3d")
-    except (ImportError, OSError) as error:
-        return Finding("open3d", "problem", str(error), LIBRARIES_FIX)
-    return Finding("open3d", "ok", str(module.__version__))
+    except OSError as error:
+        return Look(False, str(error), LIBRARIES_FIX)
+    except ImportError as error:
+        shared = "cannot open shared object" in str(error)
+        return Look(False, str(error), LIBRARIES_FIX if shared else install_package("open3d"))
+    return Look(True, str(module.__version__))
 
 
-def _opencv() -> Finding:
+def _opencv(store: Store) -> Look:
     cv2 = importlib.import_module("cv2")
     if not hasattr(cv2, "calibrateHandEye"):
-        return Finding("opencv", "problem", f"{cv2.__version__} has no calibrateHandEye",
-                       "pip install 'opencv-python-headless>=4.12,<5'")  # fmt: skip
-    return Finding("opencv", "ok", str(cv2.__version__))
+        return Look(False, f"{cv2.__version__} has no calibrateHandEye",
+                    install_package("opencv-python-headless>=4.12,<5"))  # fmt: skip
+    return Look(True, str(cv2.__version__))
 
 
-def _package(part: str, module: str, remedy: str, *, needed: bool = False) -> Finding:
-    if importlib.util.find_spec(module) is None:
-        return Finding(part, "problem" if needed else "absent", "not installed", remedy)
-    return Finding(part, "ok", metadata.version(part))
+def _package(name: str, module: str, extra: str = "") -> Callable[[Store], Look]:
+    """Look for a package; `extra` of plop that brings it, else it is installed by its own name."""
+
+    def look(store: Store) -> Look:
+        if importlib.util.find_spec(module) is None:
+            return Look(False, "not installed", install_extra(extra) if extra else install_package(name))
+        return Look(True, metadata.version(name))
+
+    return look
 
 
-def _ffmpeg() -> Finding:
+def _ffmpeg(store: Store) -> Look:
     import imageio_ffmpeg
 
-    return Finding("ffmpeg", "ok", f"{imageio_ffmpeg.get_ffmpeg_version()} (of imageio-ffmpeg)")
+    return Look(True, f"{imageio_ffmpeg.get_ffmpeg_version()} (of imageio-ffmpeg)")
 
 
-def _usd() -> Finding:
-    if importlib.util.find_spec("pxr") is None:
-        return Finding("usd-core", "absent", "needed by `plop ingest disect` only", "pip install -e '.[disect]'")
-    return Finding("usd-core", "ok", metadata.version("usd-core"))
-
-
-def _blender() -> Finding:
+def _blender(store: Store) -> Look:
     program = shutil.which("blender")
     if program is None and importlib.util.find_spec("bpy") is None:
-        return Finding("Blender", "absent", "for `plop ingest disect --renderer blender`; raycast needs nothing",
-                       "install Blender, or give its executable with --blender")  # fmt: skip
-    return Finding("Blender", "ok", program or "the package bpy")
+        return Look(False, "not installed", "install Blender, or give its executable with --blender")
+    return Look(True, program or "the package bpy")
 
 
-def _lpips() -> Finding:
+def _lpips(store: Store) -> Look:
     from plop.metrics.lpips import BACKBONE_FILES, Unavailable, load_lpips
 
     loaded = load_lpips("alex")
     if isinstance(loaded, Unavailable):
         file = BACKBONE_FILES["alex"]
         remedy = f"put {file} into $TORCH_HOME/hub/checkpoints, or name it with `plop eval --lpips-backbone`"
-        return Finding("LPIPS backbone", "absent", loaded.reason, remedy)
-    return Finding("LPIPS backbone", "ok", "LPIPS is scored")
+        return Look(False, loaded.reason.rstrip("."), remedy)
+    return Look(True, "LPIPS is scored")
 
 
-def _zed() -> Finding:
+def _zed(store: Store) -> Look:
     if importlib.util.find_spec("pyzed") is None and not ZED_FOLDER.is_dir():
-        return Finding("ZED SDK", "absent", "needed to read depth from SVO files of DROID recordings",
-                       "install the ZED SDK, or extract depth elsewhere first")  # fmt: skip
+        return Look(False, "not installed", "install the ZED SDK, or extract depth elsewhere first")
     python = "with" if importlib.util.find_spec("pyzed") is not None else "without"
-    return Finding("ZED SDK", "ok", f"{python} its Python package pyzed")
+    return Look(True, f"{python} its Python package pyzed")
+
+
+PARTS = (
+    Part("python", _python),
+    Part("cores and memory", _cores),
+    Part("disk", _disk),
+    Part("torch", _torch),
+    Part("numba", _numba),
+    Part("open3d", _open3d),
+    Part("opencv", _opencv),
+    Part("pycolmap", _package("pycolmap", "pycolmap")),
+    Part("ffmpeg", _ffmpeg),
+    Part("cuda", _cuda, needed=False, use="everything runs on the CPU without it, slower"),
+    Part("gsplat", _package("gsplat", "gsplat", "cuda"), needed=False, use="the renderer on CUDA; the CPU has its own"),
+    Part("usd-core", _package("usd-core", "pxr", "disect"), needed=False, use="for `plop ingest disect`"),
+    Part("Blender", _blender, needed=False, use="for `plop ingest disect --renderer blender`"),
+    Part("LPIPS backbone", _lpips, needed=False, use="for the score LPIPS of `plop eval`"),
+    Part("ZED SDK", _zed, needed=False, use="for depth from SVO files of DROID recordings"),
+    Part("rerun-sdk", _package("rerun-sdk", "rerun", "view"), needed=False, use="for `plop view`"),
+)
+"""What is looked at; a part moves between the groups by `needed`."""

@@ -67,6 +67,7 @@ def execute(
     force: bool = False,
     progress: Progress = silent,
     on_wait: Callable[[str], None] | None = None,
+    on_start: Callable[[Plan], None] | None = None,
 ) -> Outcome:
     """Run a stage unless its artifact is already there.
 
@@ -80,6 +81,7 @@ def execute(
         force: Make it again although it is there.
         progress: Called as the work goes on.
         on_wait: Called with a process id when another run is making the same artifact.
+        on_start: Called with what is going to run, when it is not there already.
 
     Raises:
         PlopError: Bad input, a full disk, or whatever the stage reports.
@@ -97,6 +99,8 @@ def execute(
             there = None if force else store.get(stage.name, planned.fingerprint)
             if there is not None:
                 return _already_there(store, there, name)
+            if on_start is not None:
+                on_start(planned)
             return _run(store, planned, name, force, progress)
     except (OSError, RuntimeError) as error:
         explained = _explained(error, store)

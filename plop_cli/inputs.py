@@ -14,6 +14,7 @@ from pathlib import Path
 
 from plop.artifacts.lineage import LEFT_OUT, Key, closure
 from plop.artifacts.store import Artifact, Store
+from plop.artifacts.suggestions import told
 from plop.errors import PlopError
 from stages import PIPELINE
 from stages.contract import InputSpec, Stage
@@ -90,9 +91,16 @@ def fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str
             f"{address} cannot be the {name} of `{stage.name}`.",
             expected=f"an artifact of {' or '.join(spec.stages)} ({spec.help})",
             found=f"an artifact of {artifact.manifest.stage}",
-            fix="`plop status` lists the artifacts.",
+            fix=_instead(store, spec),
         )
     return artifact
+
+
+def _instead(store: Store, spec: InputSpec) -> str:
+    """Name the latest artifacts that an input takes."""
+    latest = [told(artifact) for artifact in store.artifacts(*spec.stages)[-3:]][::-1]
+    fits = f"Of those there are {'; '.join(latest)}. " if latest else "There is none yet. "
+    return fits + "`plop status` lists the artifacts."
 
 
 def _default(
@@ -141,6 +149,7 @@ def _nothing_fits(store: Store, stage: Stage, name: str, spec: InputSpec, wanted
         f"`{stage.name}` needs the input {name!r}, and this workspace has none{about}.",
         where=store.root,
         expected=f"an artifact of {' or '.join(spec.stages)}: {spec.help}",
+        found=None if store.root.is_dir() else "no workspace yet: no artifacts/ in this folder",
         fix=f"Run {commands} first, or choose another workspace with -w.",
     )
 

@@ -48,6 +48,19 @@ def outcome_facts(outcome: Outcome) -> dict[str, Any]:
     }
 
 
+def begins(planned: Plan) -> str:
+    """Say what is going to run, and on what: "train: recordings calibrate@299d65b4 (block, 5 episodes), ..."."""
+    sources = []
+    for name, artifact in planned.inputs.artifacts.items():
+        episodes = artifact.manifest.summary.get("figures", {}).get("episodes")
+        facts = [artifact.manifest.environment, f"{episodes} episodes" if isinstance(episodes, int) else ""]
+        told = ", ".join(fact for fact in facts if fact)
+        sources.append(f"{name} {artifact.address}" + (f" ({told})" if told else ""))
+    sources += [f"{name} {path}" for name, path in planned.inputs.raw.items()]
+    known = "" if planned.last_seconds is None else f"; {_last(planned.last_seconds)}"
+    return f"{planned.command}: {', '.join(sources)}{known}"
+
+
 def report_plan(console: Console, planned: Plan) -> None:
     """Show what a run would do."""
     address = f"{planned.stage.name}@{planned.fingerprint[:8]}"

@@ -18,6 +18,7 @@ from plop.errors import PlopError
 from plop_cli.console import Console
 from plop_cli.execute import execute, plan
 from plop_cli.inputs import fitting
+from plop_cli.outcome import begins
 from plop_cli.settings import resolve
 from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
 from stages import PIPELINE, stage_ref
@@ -206,7 +207,8 @@ class Preparation:
                 raise WouldRun(command)
             return there
         with self.console.progress(command) as progress:
-            outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress)
+            outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress,
+                              on_start=lambda planned: self.console.note(begins(planned)))  # fmt: skip
         if not outcome.skipped:
             self.console.say(f"made {outcome.artifact.address} on the way")
         for text in [] if outcome.skipped else outcome.warnings:

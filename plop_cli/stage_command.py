@@ -19,7 +19,7 @@ from plop_cli.console import Console
 from plop_cli.convert import describe
 from plop_cli.execute import execute, is_first_process, plan
 from plop_cli.help_option import HELP
-from plop_cli.outcome import report, report_plan, report_unplanned
+from plop_cli.outcome import begins, report, report_plan, report_unplanned
 from plop_cli.prepare import MODELS, RECORDINGS, Preparation, takes_model_instead, wants_preparation
 from plop_cli.prepare_augment import FIT, augment_inputs
 from plop_cli.prepare_report import labels_of_models, report_inputs
@@ -109,6 +109,8 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     first = is_first_process()
     console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
     store = Store(values["workspace"], warn=console.warn if first else None)
+    if any(spec.stages and not spec.optional for spec in stage.inputs.values()) and not store.workspace.exists():
+        store.check_begun()  # such a stage goes on with what is there: a misspelt folder must not become a workspace
     config = _config(ref, stage, settings, values, store)
     names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
@@ -141,6 +143,7 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
             force=values["force"],
             progress=progress,
             on_wait=lambda pid: console.warn(f"another run (process {pid}) is making this artifact; waiting for it"),
+            on_start=lambda planned: console.note(begins(planned)),
         )
     report(console, store, outcome, values["name"])
 

@@ -8,11 +8,13 @@ from typing import Any
 
 from plop.artifacts.lineage import Key, first_difference, parents, stale_reasons
 from plop.artifacts.store import Artifact, Store
+from plop.artifacts.suggestions import workspaces_near
 from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError
 from plop_cli.console import Console, format_seconds
 from plop_cli.execute import raw_content
 from plop_cli.inputs import ORDER
+from plop_cli.next_step import next_step
 from plop_cli.settings import resolve
 from stages import stage_ref
 from stages.contract import Stage
@@ -21,8 +23,13 @@ from stages.contract import Stage
 def show_status(store: Store, console: Console, *, everything: bool) -> None:
     """Print a table for each environment, one row an artifact in the order of the pipeline, then what is amiss.
 
-    Older artifacts are shown only with `everything`.
+    Older artifacts are shown only with `everything`. Last comes the next sensible command.
+
+    Raises:
+        PlopError: There is no such folder.
     """
+    if not store.workspace.is_dir():
+        store.check_begun()
     artifacts = store.artifacts()
     reasons = _stale(store, artifacts)
     shown = artifacts if everything else _latest_lines(artifacts)
@@ -46,8 +53,13 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     for error in problems.values():
         console.warn(error.render())
     if not artifacts and not problems:
-        console.say(f"no artifacts in {store.root}; `plop ingest --help` tells how to begin")
+        near = ", ".join(f"-w {path}" for path in workspaces_near(store.workspace)[:3])
+        console.say(f"no artifacts in {store.root}" + (f"; perhaps {near}" if near else ""))
+    step = next_step(shown, stale=reasons, unfinished=unfinished(store), damaged=list(damage),
+                     workspace=store.workspace)  # fmt: skip
+    console.say(f"next: {step.command}   ({step.why})")
     console.result({
+        "next": {"command": step.command, "why": step.why},
         "artifacts": rows,
         "unfinished": ["@".join(key) for key in unfinished(store)],
         "unreadable": [error.as_dict() for error in problems.values()],
@@ -159,6 +171,7 @@ def verify_all(store: Store, console: Console, addresses: list[str]) -> None:
     Raises:
         PlopError: One artifact is damaged, or several are.
     """
+    store.check_begun()
     chosen = [store.find(address) for address in addresses] if addresses else store.artifacts()
     damaged = [] if addresses else list(store.unreadable().values())
     for artifact in chosen:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.manifest import Manifest
+from plop.finite import UNKNOWN, json_ready, readable
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,18 @@ class Summary:
     table: list[dict[str, Any]] = field(default_factory=list)
     """Rows to show, one dict a row, the same keys in each. JSON types only."""
     warnings: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Keep no number that is none: it becomes null, and "unknown" in a text; a figure lost so is told."""
+        figures: dict[str, Any] = json_ready(self.figures)
+        lost = [key for key, value in figures.items() if value is None and self.figures[key] is not None]
+        warnings = [readable(text) if isinstance(text, str) else text for text in self.warnings]
+        if lost:
+            warnings.append(f"{', '.join(lost)}: {UNKNOWN}, the result was not a finite number")
+        table = [{key: readable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
+                 for row in json_ready(self.table)]  # fmt: skip
+        for name, value in (("figures", figures), ("table", table), ("warnings", warnings)):
+            object.__setattr__(self, name, value)
 
 
 Check = Callable[[Any, Mapping[str, "str | Path"]], None]

@@ -15,18 +15,18 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 
 from plop.artifacts.digest import DigestCache, content_digest, file_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
+from plop.artifacts.suggestions import nearest, workspaces_near
 from plop.artifacts.whole_file import in_the_way, write_json
 from plop.errors import PlopError
 
-_TOLD = 12
-"""Names that are told where none resembles what was asked for."""
+BEGIN = "`plop ingest FOLDER` or `plop simulate SCENE` begins one from data, `plop demo` one to look at"
+"""How a workspace begins."""
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
@@ -47,6 +47,11 @@ class Artifact:
     def address(self) -> str:
         """Short address, e.g. `train@3f9a1c04`."""
         return self.manifest.address
+
+    @property
+    def made(self) -> str:
+        """When it was made, ISO date and time; "" when the manifest does not tell."""
+        return str(self.manifest.provenance.get("made", ""))
 
     @property
     def content(self) -> str:
@@ -76,6 +81,21 @@ class Store:
                             fix="Choose another workspace with -w (--workspace) or PLOP_WORKSPACE.")  # fmt: skip
         self.cache = DigestCache(self.root / ".cache" / "digests.json")
         self.journal = Journal(self.root / "journal.jsonl")
+
+    def check_begun(self) -> None:
+        """Refuse a folder that is no workspace, for commands that only look at one.
+
+        Raises:
+            PlopError: It does not exist, or holds no artifacts/; tells how a workspace begins, and which are near.
+        """
+        if self.root.is_dir():
+            return
+        there = self.workspace.is_dir()
+        near = ", ".join(f"-w {path}" for path in workspaces_near(self.workspace)[:3])
+        raise PlopError("There is no workspace here yet." if there else "There is no such workspace.",
+                        where=self.workspace, expected="a folder with artifacts/ in it",
+                        found="a folder without artifacts/" if there else "nothing",
+                        fix=(f"Perhaps {near}. " if near else "") + f"{BEGIN}.")  # fmt: skip
 
     def shared(self, stage: str) -> Path:
         """Give the folder for pieces that runs of a stage share; it need not exist."""
@@ -148,20 +168,17 @@ class Store:
         Raises:
             PlopError: Nothing fits, or several do.
         """
+        self.check_begun()
         if "@" not in address:
             names = self.names()
             if address not in names:
-                raise self._unknown(address, list(names))
+                raise self._unknown(address)
             address = names[address]
         stage, _, prefix = address.partition("@")
         if prefix == "latest":
             known = self.artifacts(stage)
             if not known:
-                raise self.passed_over(stage) or PlopError(
-                    f"There is no artifact of `{stage}` in this workspace.",
-                    where=self.root,
-                    fix="`plop status` lists what is there, `plop --help` the commands; -w chooses a workspace.",
-                )
+                raise self.passed_over(stage) or self._unknown(address, f"There is no artifact of `{stage}`")
             self.warn_passed_over(stage, taken=known[-1])
             return known[-1]
         fits = [folder for folder in self._folders((stage,)) if prefix and folder.name.startswith(prefix)]
@@ -170,15 +187,15 @@ class Store:
         if fits:
             raise PlopError("The address fits several artifacts.", where=address, expected="a longer prefix",
                             found=", ".join(f"{stage}@{folder.name}" for folder in fits))  # fmt: skip
-        raise self._unknown(address, [a.address for a in self.artifacts()])
+        raise self._unknown(address)
 
-    def _unknown(self, address: str, known: list[str]) -> PlopError:
-        close = get_close_matches(address, known, n=3) or known[-_TOLD:]
+    def _unknown(self, address: str, problem: str = "") -> PlopError:
+        close = nearest(address, self.artifacts(), self.names())
         return PlopError(
-            f"There is no artifact {address!r} in this workspace.",
+            f"{problem or f'There is no artifact {address!r}'} in this workspace.",
             where=self.root,
             expected="stage@prefix, stage@latest or a name given with --name",
-            found=f"nothing; perhaps {', '.join(close)}" if close else "nothing",
+            found=f"nothing; perhaps {'; '.join(close)}" if close else "an empty workspace",
             fix="`plop status` lists what is there; -w chooses another workspace.",
         )
 

@@ -17,6 +17,7 @@ from joblib import Parallel, delayed, parallel_config
 from plop.artifacts.whole_file import whole
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.errors import PlopError
+from plop.installed import install_extra
 from plop.kernel_cache import sources_digest
 from plop.physics.effects.library import library
 
@@ -80,7 +81,7 @@ class Runs:
             from distributed import Client
         except ImportError as error:
             raise PlopError("A Dask scheduler needs the package distributed.", expected="distributed", found=str(error),
-                            fix="In plop's folder: pip install -e '.[cluster]'; or leave --scheduler out."
+                            fix=f"{install_extra('cluster')}; or leave --scheduler out."
                             ) from error  # fmt: skip
         try:
             client = Client(self.scheduler, timeout="20s", set_as_default=True)

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
+from plop.installed import install_extra
 from plop.recordings.mesh_sequence import MeshSequence, check_mesh_sequence
 from plop.recordings.npz_file import Part, read_npz
 from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
@@ -162,7 +163,7 @@ def _read_usd(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     except ImportError as error:
         raise PlopError("Reading USD files needs usd-core, which is not installed.", where=path,
                         expected="the package usd-core", found=str(error),
-                        fix="pip install usd-core") from error  # fmt: skip
+                        fix=install_extra("disect") + ".") from error  # fmt: skip
     damaged = PlopError("The USD file is missing or damaged.", where=path, expected="a complete USD file",
                         found=f"{path.stat().st_size} bytes" if path.is_file() else "no file",
                         fix=_COPY_AGAIN)  # fmt: skip

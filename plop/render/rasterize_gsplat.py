@@ -9,6 +9,7 @@ from torch import Tensor
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
+from plop.installed import install_extra
 from plop.render.interface import Rendering
 from plop.render.projection import LOW_PASS_PX2
 from plop.render.sh import TERMS_OF_DEGREE
@@ -38,7 +39,7 @@ def render_gsplat(gaussians: Gaussians, cameras: list[Camera], background: Tenso
     try:
         from gsplat import rasterization
     except ImportError as error:
-        fix = 'In the folder of plop: pip install -e ".[cuda]"; it also needs the CUDA toolkit to compile.'
+        fix = f"{install_extra('cuda')}; it also needs the CUDA toolkit to compile."
         raise PlopError("gsplat is not installed.", found=str(error), fix=fix) from error
 
     like, (width, height) = gaussians.means, (cameras[0].width, cameras[0].height)

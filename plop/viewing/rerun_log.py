@@ -16,6 +16,7 @@ from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
 from plop.geometry.cloud_ply import read_cloud
+from plop.installed import install_extra
 from plop.recordings.recording import Recording
 from plop.reporting.colours import ERROR_MAP
 
@@ -33,7 +34,7 @@ def open_rerun(title: str, save: Path | None) -> Any:
     try:
         rr = importlib.import_module("rerun")
     except ImportError as error:
-        fix = "In the folder of plop: pip install -e '.[view]'; or look at the PLY and MP4 files of `plop export`."
+        fix = f"{install_extra('view')}; or look at the PLY and MP4 files of `plop export`."
         raise PlopError("The viewer is not installed.", expected="the package rerun-sdk", fix=fix) from error
     rr.init(title, spawn=save is None)
     if save is not None:

@@ -66,8 +66,12 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
     for kind in ("scale", "pose", "pose and scale"):
         found = register(clouds, gate_m=gate_m, free_pose="pose" in kind, fixed=fixed,
                          centers=centers if "scale" in kind else None)  # fmt: skip
+        if not (np.isfinite(found.corrections).all() and np.isfinite(found.scales).all()):
+            continue  # no answer
         change = _as_change(names, found)
         tried.append(Correction(change, kind, check_episode(recording, frames, margin_m, change)))
+    if not tried:
+        return None
     least = min(_worst(each.checks) for each in tried)
     best = next(each for each in tried if _worst(each.checks) <= max(1.3 * least, least + 0.1))
     return best if _worst(best.checks) <= limit_mm or _worst(best.checks) < 0.5 * _worst(before) else None

@@ -12,6 +12,7 @@ from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.finding import Finding, explained_text
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
+from plop.finite import json_ready
 from plop.law_values import short_number, with_unit
 from plop.physics.effects.library import EffectType
 
@@ -30,11 +31,11 @@ def facts_of(
     return {
         "schema": SCHEMA,
         "verdict": {"kind": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
-                    "evidence": _clean(found.verdict.evidence)},
+                    "evidence": json_ready(found.verdict.evidence)},
         "ranking": [row for row, f in zip(ranking, found.findings, strict=True) if f is not found.findings[-1]],
         "base": ranking[-1],
         "confounded": confounded,
-        "limits": _clean(found.limits),
+        "limits": json_ready(found.limits),
         "sensors": sensors,
         "shams": {"count": len(found.shams), "quantile_98": float(np.quantile(found.shams, 0.98))},
         "error": found.size.error, "floor": found.size.floor, "excess": found.size.excess,
@@ -53,11 +54,11 @@ def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None
         "effect": finding.name, "kind": finding.kind, "help": kind.help if kind else "",
         "law": kind.law if kind else "", "source": kind.source if kind else "",
         "gain": finding.gain, "gain_error": finding.gain_error, "p": finding.p,
-        "contrast": _clean(finding.contrast and finding.contrast.errors),
-        "contrast_p": _clean(finding.contrast and finding.contrast.p),
+        "contrast": json_ready(finding.contrast and finding.contrast.errors),
+        "contrast_p": json_ready(finding.contrast and finding.contrast.p),
         "size_mm": None if size_m is None else 1000 * size_m, "shown": finding.shown, "shown_by": finding.shown_by,
-        "alone": _clean(finding.alone), "parameters": _clean(_parameters(finding, kind)), "passes": finding.passes(),
-        "reasons": finding.reasons(),
+        "alone": json_ready(finding.alone), "parameters": json_ready(_parameters(finding, kind)),
+        "passes": finding.passes(), "reasons": finding.reasons(),
     }  # fmt: skip
 
 
@@ -78,12 +79,11 @@ def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
     """Give the head of the ranking as rows for the terminal."""
     rows = []
     for row in [*facts["ranking"][:most], facts["base"]]:
-        nothing = ("", {"value": float("nan"), "unit": ""})
-        first: tuple[str, dict[str, Any]] = next(iter(row["parameters"].items()), nothing)
+        first: tuple[str, dict[str, Any]] | None = next(iter(row["parameters"].items()), None)
         rows.append({
             "effect": row["effect"], "explains": explained_text(row["gain"], row["gain_error"]), "p": row["p"],
             "moves_mm": None if row["size_mm"] is None else round(row["size_mm"], 3),
-            "parameter": _parameter_text(*first),
+            "parameter": first and _parameter_text(*first),
             "verdict": "named" if row["effect"] in facts["verdict"]["named"] else (row["reasons"] or ["passes"])[0],
         })  # fmt: skip
     return rows
@@ -92,16 +92,3 @@ def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
 def _parameter_text(name: str, p: Mapping[str, Any]) -> str:
     found = with_unit(f"{name} = {short_number(p['value'])}", p["unit"])
     return found if p.get("determined", True) else f"{found}, {NOT_DETERMINED}"
-
-
-def _clean(value: Any) -> Any:
-    """Turn infinities into null and numpy numbers into Python's, so that any JSON reader takes it."""
-    if isinstance(value, Mapping):
-        return {str(key): _clean(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_clean(item) for item in value]
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    if isinstance(value, np.integer):
-        return int(value)
-    return bool(value) if isinstance(value, np.bool_) else value

@@ -16,8 +16,9 @@ from PIL import Image
 from plop.artifacts.whole_file import whole, write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.device import chosen_device
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
+from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import each_piece
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
@@ -134,13 +135,17 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
     def report(step: int, figures: dict[str, float]) -> None:
         out.progress(step, max(config.steps, 1), name, **figures)
 
+    bad = only_bad_cameras(recordings.folder)
+    known = [bad[name]] if name in bad else []
     cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
-    with ExitStack() as opened:
+    with remembering(known), ExitStack() as opened:
         recording = opened.enter_context(recordings.open(name))
         shown = recording if name in recordings.train else None
         if shown is None and recordings.train:
             shown = opened.enter_context(recordings.open(recordings.train[0]))
-        _write_episode(out.path / name, fit_episode(recording, shown, cloud, config, report))
+        result = fit_episode(recording, shown, cloud, config, report)
+        result.score["warnings"] = known + result.score["warnings"]
+        _write_episode(out.path / name, result)
 
 
 def _check(config: FitInitConfig) -> None:

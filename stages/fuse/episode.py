@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plop.causes import Cause, Noticed
 from plop.errors import PlopError, remembering
 from plop.geometry.agreement import DepthView, disagreement
 from plop.geometry.plane import find_plane
@@ -19,7 +20,7 @@ from plop.geometry.pointcloud import (
     outlier_free,
     voxel_average,
 )
-from plop.geometry.registration import register
+from plop.geometry.registration import Registration, register
 from plop.geometry.tsdf import DepthFrame, fuse_tsdf
 from plop.recordings.recording import MaskLabel, Recording, View
 
@@ -84,10 +85,10 @@ def _fused(
     if not views:
         raise PlopError("No camera sees the object.", where=recording.path,
                         expected="pixels that are object (mask) and have depth", found="none in any camera",
-                        fix="Check the masks and depth images of this episode.")  # fmt: skip
+                        fix="Check the masks and depth images of this episode.", cause=Cause.MASKS)  # fmt: skip
     clouds = [cloud_from_depth(v.camera, v.depth_m, v.rgb, m) for v, m in zip(views, masks, strict=True)]
     before = view_disagreement_mm(views, masks)
-    views, clouds, registered = _registered(views, clouds, before, config, warnings)
+    views, clouds, registered = _registered(views, masks, clouds, before, config, warnings)
     method = config.method if config.method != "auto" else ("tsdf" if scan else "points")
     if method == "tsdf":
         frames = [DepthFrame(v.camera, np.where(m, v.depth_m, 0), v.rgb) for v, m in zip(views, masks, strict=True)]
@@ -143,22 +144,43 @@ def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | 
     return float(np.median(values)) if values else None
 
 
-def _registered(views: list[View], clouds: list[PointCloud], before: float | None, config: FuseConfig,
-                warnings: list[str]) -> tuple[list[View], list[PointCloud], bool]:  # fmt: skip
+def _registered(
+    views: list[View], masks: list[np.ndarray], clouds: list[PointCloud], before: float | None, config: FuseConfig,
+    warnings: list[str],
+) -> tuple[list[View], list[PointCloud], bool]:  # fmt: skip
+    """Move the views to fit each other where they disagree, if that makes them agree better."""
     if before is None or before <= config.icp_above_mm or len(views) < 2:
         return views, clouds, False
     result = register([voxel_average(cloud, config.voxel_m) for cloud in clouds], gate_m=config.icp_gate_m)
-    moved = max(float(np.linalg.norm(m[:3, :3] @ c.points.mean(0) + m[:3, 3] - c.points.mean(0)))
-                for m, c in zip(result.corrections, clouds, strict=True))  # fmt: skip
-    if moved > config.max_correction_m or result.residual_after_mm >= result.residual_before_mm:
-        warnings.append(f"the views disagree by {before:.1f} mm and registration did not help "
-                        f"(it would move a view by {1e3 * moved:.1f} mm): run `plop calibrate`")  # fmt: skip
-        return views, clouds, False
-    warnings.append(f"the views disagreed by {before:.1f} mm and were registered: "
-                    f"{result.residual_before_mm:.2f} -> {result.residual_after_mm:.2f} mm")  # fmt: skip
-    moved_views = [replace(v, camera=replace(v.camera, world_from_cam=m @ v.camera.world_from_cam))
-                   for v, m in zip(views, result.corrections, strict=True)]  # fmt: skip
-    return moved_views, [c.moved(m) for c, m in zip(clouds, result.corrections, strict=True)], True
+    moved = [replace(v, camera=replace(v.camera, world_from_cam=m @ v.camera.world_from_cam))
+             for v, m in zip(views, result.corrections, strict=True)]  # fmt: skip
+    refusal = _why_not_kept(result, clouds, config)
+    if not refusal:
+        after = view_disagreement_mm(moved, masks)
+        if after is not None and after < before:
+            warnings.append(f"the views disagreed by {before:.1f} mm and were registered: they disagree by "
+                            f"{after:.1f} mm now")  # fmt: skip
+            return moved, [c.moved(m) for c, m in zip(clouds, result.corrections, strict=True)], True
+        refusal = "the views would not overlap then" if after is None else f"they would disagree by {after:.1f} mm"
+    text = f"the views disagree by {before:.1f} mm and registration did not help ({refusal}): run `plop calibrate`"
+    warnings.append(Noticed(text, Cause.EXTRINSICS, "Run `plop calibrate`, and mend the cameras that it calls bad."))
+    return views, clouds, False
+
+
+def _why_not_kept(result: Registration, clouds: list[PointCloud], config: FuseConfig) -> str:
+    """Say why a registration must not be used, "" when it may."""
+    if not result.pairs:
+        return "no part of the object's surface is seen by two views"
+    if not np.isfinite(result.corrections).all() or not np.isfinite(result.residual_after_mm):
+        return "it found no finite answer"
+    middles = [c.points.mean(0) for c in clouds]
+    moved = max(float(np.linalg.norm(m[:3, :3] @ p + m[:3, 3] - p))
+                for m, p in zip(result.corrections, middles, strict=True))  # fmt: skip
+    if moved > config.max_correction_m:
+        return f"it would move a view by {1e3 * moved:.1f} mm"
+    if not result.residual_after_mm < result.residual_before_mm:
+        return f"distances stay at {result.residual_before_mm:.2f} mm"
+    return ""
 
 
 def _cleaned(cloud: PointCloud, recording: Recording, masked: bool, config: FuseConfig) -> PointCloud:
@@ -182,8 +204,10 @@ def _check_size(facts: CloudFacts, recording: Recording, config: FuseConfig) -> 
     if facts.points < config.min_points:
         raise PlopError("Too few points are left of the object.", where=recording.path,
                         expected=f"at least {config.min_points}", found=f"{facts.points}",
-                        fix="Check masks and table height, or lower --set fuse.voxel_m.")  # fmt: skip
+                        fix="Check masks and table height, or lower --set fuse.voxel_m.",
+                        cause=Cause.MASKS)  # fmt: skip
     if max(facts.extent_m) > config.max_extent_m:
         raise PlopError("The object is too large to be true.", where=recording.path,
                         expected=f"below {config.max_extent_m} m", found=f"{max(facts.extent_m):.2f} m",
-                        fix="Check the masks and that poses and depth are in metres.")  # fmt: skip
+                        fix="Check the masks and that poses and depth are in metres.",
+                        cause=Cause.MASKS)  # fmt: skip

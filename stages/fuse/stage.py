@@ -11,8 +11,9 @@ import numpy as np
 
 from plop.artifacts.whole_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
-from plop.errors import PlopError
+from plop.errors import PlopError, remembering
 from plop.geometry.cloud_ply import write_cloud
+from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
@@ -58,35 +59,38 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
     (out.path / "clouds").mkdir(parents=True, exist_ok=True)
     rows: dict[str, dict] = {}
     skipped: dict[str, str] = {}
-    names = recordings.names
+    advice = ""
+    names, bad = recordings.names, only_bad_cameras(recordings.folder)
     for done, name in enumerate(names):
         facts = out.path / "clouds" / f"{name}.json.part"
         if out.is_done(name):
             saved = json.loads(facts.read_text())
         else:
-            saved = _one(recordings, name, config, out.path / "clouds")
+            saved = _one(recordings, name, config, out.path / "clouds", [bad[name]] if name in bad else [])
             write_text(facts, json.dumps(saved))
             out.mark_done(name)
         (skipped if "skipped" in saved else rows)[name] = saved.get("skipped", saved)
+        advice = advice or saved.get("fix", "")
         out.progress(done + 1, len(names), name)
     if not rows:
         reason = next(iter(skipped.values()), "the set holds no episode")
         raise PlopError("No episode could be fused.", where=recordings.folder, expected="at least one object cloud",
-                        found=reason, fix="See the first episode's reason above.")  # fmt: skip
+                        found=reason, fix=advice or "Ingest recordings with an episode that can be used.")  # fmt: skip
     write_json(out.path / "fuse.json", {"episodes": rows, "skipped": skipped})
     for name in names:
         (out.path / "clouds" / f"{name}.json.part").unlink(missing_ok=True)
     return _summary(rows, skipped)
 
 
-def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path) -> dict:
+def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path, known: list[str]) -> dict:
     try:
-        with recordings.open(name) as recording:
+        with remembering(known), recordings.open(name) as recording:
             result: EpisodeCloud = fuse_episode(_usable(recording, config), config)
     except PlopError as error:
-        return {"skipped": error.first_cause().one_line()}
+        reason = error.first_cause()
+        return {"skipped": reason.one_line(), "fix": reason.fix}
     write_cloud(folder / f"{name}.ply", result.cloud)
-    return asdict(result.facts)
+    return asdict(result.facts) | {"warnings": known + result.facts.warnings}
 
 
 def _usable(recording: Recording, config: FuseConfig) -> Recording:
@@ -122,7 +126,7 @@ def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
 
 STAGE = Stage(
     name="fuse",
-    version=2,
+    version=3,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
     inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},

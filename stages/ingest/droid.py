@@ -22,8 +22,9 @@ from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
 from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import WORKSPACE_M
+from plop.recordings.raw_folder import check_raw_folder
 from plop.recordings.set import RecordingSet, check_patterns
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
 from stages.ingest.masks import MaskRules
@@ -130,6 +131,12 @@ def _check(config: DroidConfig) -> None:
                         found=f"{config.workspace_min} .. {config.workspace_max}")  # fmt: skip
 
 
+def _check_given(config: DroidConfig, given: Mapping[str, str | Path]) -> None:
+    _check(config)
+    if "raw" in given:
+        check_raw_folder(Path(given["raw"]), "droid")
+
+
 def _chosen(found: list[DroidFolder], config: DroidConfig, root: Path) -> list[DroidFolder]:
     chosen = [folder for folder in found if any(fnmatch(folder.name, pattern) for pattern in config.episodes)
               and config.outcome in ("any", folder.outcome)]  # fmt: skip
@@ -176,7 +183,8 @@ def _ingest(
             number + done / all_, total, folder.name, frames=done))  # fmt: skip
     except PlopError as error:
         reason = error.first_cause()
-        facts["skipped"] = _relative(reason.one_line(), folder.root)
+        said = _relative(reason.one_line(), folder.root)
+        facts["skipped"] = said[:1] + said[1:].replace(f"{folder.name}: ", "")  # the name stands before it already
         facts["fix"] = _relative(reason.fix or "", folder.root)
         facts["warnings"] = [_relative(text, folder.root) for text in error.noticed]
         return facts
@@ -249,6 +257,6 @@ INGEST_DROID = Stage(
         "extrinsics": InputSpec((), "cam2base_extrinsics.json; default: the raw folder's.", optional=True),
     },
     run=run,
-    check=settings_only(_check),
+    check=_check_given,
     raw_files=raw_files,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -10,10 +10,11 @@ from plop.errors import PlopError
 from plop.recordings.disect import list_disect, read_disect
 from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest, list_mesh_sequences, read_mesh_sequence
 from plop.recordings.overview import overview
+from plop.recordings.raw_folder import check_raw_folder
 from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.recordings.side_file import RawEpisode
 from plop.render.recorder import record
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
@@ -86,6 +87,12 @@ def _raw_files(
     return [path for path in paths if path.is_file()]
 
 
+def _check(reader: str, config: SimulatedConfig, given: Mapping[str, str | Path]) -> None:
+    check_config(f"ingest {reader}", config)
+    if "raw" in given:
+        check_raw_folder(Path(given["raw"]), reader)
+
+
 INGEST_DISECT = Stage(
     name="ingest",
     version=1,
@@ -93,7 +100,7 @@ INGEST_DISECT = Stage(
     config=DisectConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.usd, <name>.npz and <name>.json.")},
     run=partial(_run, "ingest disect", list_disect, read_disect),
-    check=settings_only(partial(check_config, "ingest disect")),
+    check=partial(_check, "disect"),
     raw_files=partial(_raw_files, list_disect, (".usd", ".npz", ".json")),
 )
 
@@ -104,6 +111,6 @@ INGEST_MESH = Stage(
     config=MeshConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.npz and <name>.json.")},
     run=partial(_run, "ingest mesh", list_mesh_sequences, read_mesh_sequence),
-    check=settings_only(partial(check_config, "ingest mesh")),
+    check=partial(_check, "mesh"),
     raw_files=partial(_raw_files, list_mesh_sequences, (".npz", ".json")),
 )

@@ -66,13 +66,14 @@ def test_unknown_address_is_a_clear_error(store: Store, address: str):
         store.find(address)
 
 
-def test_names_are_told_where_none_is_like_what_was_asked_for(store: Store):
+def test_the_latest_are_told_where_none_is_like_what_was_asked_for(store: Store):
     names = ["base", "block", "mystery", "plain", "quiet", "verdict", "zebra"]
     for number, name in enumerate(names):
         store.set_name(name, add(store, "train", f"{number:02d}"))
     with pytest.raises(PlopError) as caught:
         store.find("xxxxx")
-    assert caught.value.found == f"nothing; perhaps {', '.join(names)}"
+    assert caught.value.found == "nothing; perhaps " + "; ".join(
+        f"{name} = train@{number:02d}" for number, name in list(enumerate(names))[:0:-1])
 
 
 def test_ambiguous_prefix_lists_candidates(store: Store):

@@ -67,6 +67,67 @@ def test_a_tool_that_hides_the_object_from_one_of_two_opposed_cameras_is_no_disa
     assert facts["disagreement_mm"] < 0.5 and not facts["registered"] and not facts["warnings"]
 
 
+def test_a_registration_without_a_finite_answer_is_not_kept(tmp_path, monkeypatch):
+    """Normals turned away from each other leave no pair: what nothing was compared with has not been improved."""
+    cameras = ring(4)
+    wrong = [replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.006 * i, 0, 0, 0, 0, 0])) @ c.world_from_cam)
+             for i, c in enumerate(cameras)]  # fmt: skip
+    write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
+    monkeypatch.setattr("plop.geometry.registration._NORMALS_AGREE", 2.0)
+    summary = fuse(tmp_path / "set", tmp_path / "out")
+    facts = json.loads((tmp_path / "out" / "fuse.json").read_text())["episodes"]["a"]
+    assert not facts["registered"]
+    assert "registration did not help (no part" in summary.warnings[0] and "nan" not in " ".join(summary.warnings)
+
+
+@pytest.mark.parametrize(
+    "broken", [{"corrections": np.nan}, {"residual_after_mm": np.nan}, {"residual_after_mm": np.inf}]
+)
+def test_a_registration_that_is_no_number_is_not_kept(tmp_path, monkeypatch, broken):
+    import stages.fuse.episode as episode
+
+    cameras = ring(4)
+    wrong = [replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.006 * i, 0, 0, 0, 0, 0])) @ c.world_from_cam)
+             for i, c in enumerate(cameras)]  # fmt: skip
+    write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
+
+    def register(clouds, **settings):
+        found = real(clouds, **settings)
+        return replace(found, **{key: getattr(found, key) * value for key, value in broken.items()})
+
+    real = episode.register
+    monkeypatch.setattr(episode, "register", register)
+    summary = fuse(tmp_path / "set", tmp_path / "out")
+    assert summary.table[0]["registered"] is False
+    assert "no finite answer" in summary.warnings[0]
+
+
+VERDICTS = [{"camera": "c0", "verdict": "bad", "fix": "its depth disagrees by 11.6 mm"},
+            {"camera": "c1", "verdict": "bad", "fix": "its depth disagrees by 9 mm"}]  # fmt: skip
+
+
+@pytest.mark.parametrize("verdict, told", [("bad", True), ("good", False), ("corrected", False)])
+def test_that_every_camera_is_bad_is_said_first(tmp_path, verdict, told):
+    folder = tmp_path / "set"
+    write_set(folder, {"a": {}}, cameras=ring(4))
+    facts = {"episodes": {"a": {"cameras": [VERDICTS[0], VERDICTS[1] | {"verdict": verdict}]}}}
+    (folder / "calibration.json").write_text(json.dumps(facts))
+    warnings = fuse(folder, tmp_path / "out").warnings
+    assert told == bool(
+        warnings and "calls all 2 cameras of it bad (c0: its depth disagrees by 11.6 mm)" in warnings[0]
+    )
+
+
+def test_bad_cameras_stand_before_an_object_that_cannot_be(tmp_path):
+    folder = tmp_path / "set"
+    write_set(folder, {"a": {}}, cameras=ring(4))
+    (folder / "calibration.json").write_text(json.dumps({"episodes": {"a": {"cameras": VERDICTS}}}))
+    with pytest.raises(PlopError) as caught:
+        fuse(folder, tmp_path / "out", FuseConfig(max_extent_m=0.01))
+    assert caught.value.found.startswith("`plop calibrate` calls all 2 cameras") and "too large" in caught.value.found
+    assert str(caught.value.fix).startswith("Mend the cameras first")
+
+
 def thickness(points: np.ndarray) -> float:
     """Spread of the distance to the best-placed ellipsoid: translation is free."""
     from scipy.optimize import least_squares

@@ -1,0 +1,36 @@
+"""What `plop calibrate` says of the cameras of a set of recordings, for the stages that use them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from plop.causes import Cause, Noticed
+
+VERDICTS = "calibration.json"
+BAD = "bad"
+
+
+def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
+    """Find the episodes none of whose cameras is fit for use; what is made of them is no better.
+
+    Args:
+        folder: Payload of a set of recordings, calibrated or not.
+
+    Returns:
+        Per such episode what to say, with the advice for its first camera; nothing where there are no verdicts.
+    """
+    try:
+        episodes = json.loads((folder / VERDICTS).read_text(encoding="utf-8"))["episodes"]
+        cameras = {name: list(row["cameras"]) for name, row in episodes.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return {name: _said(verdicts) for name, verdicts in cameras.items()
+            if verdicts and all(verdict.get("verdict") == BAD for verdict in verdicts)}  # fmt: skip
+
+
+def _said(verdicts: list[dict[str, str]]) -> Noticed:
+    fix = str(verdicts[0].get("fix", ""))
+    count = "its only camera" if len(verdicts) == 1 else f"all {len(verdicts)} cameras of it"
+    return Noticed(f"`plop calibrate` calls {count} bad ({verdicts[0].get('camera')}: {fix})", Cause.EXTRINSICS,
+                   f"Mend the cameras first: {fix}.")  # fmt: skip

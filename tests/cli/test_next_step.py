@@ -1,0 +1,84 @@
+"""The last line of `plop status`: one command, from what the workspace holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from plop.artifacts.manifest import Manifest
+from plop.artifacts.store import Artifact
+from plop_cli.next_step import AFTER, next_step
+from stages import PIPELINE
+
+
+def artifact(stage: str, *, environment: str = "block", figures: dict | None = None, **provenance) -> Artifact:
+    manifest = Manifest(stage, "01" * 8, 1, {}, {}, environment=environment, summary={"figures": figures or {}},
+                        provenance={"command": stage, **provenance})  # fmt: skip
+    return Artifact(Path("artifacts") / stage / ("01" * 8), manifest)
+
+
+def step(*stages: str, **more) -> str:
+    return next_step([artifact(stage) for stage in stages], **{"stale": {}, **more}).command
+
+
+@pytest.mark.parametrize(("stages", "command"), [
+    ((), "plop ingest FOLDER"),
+    (("ingest",), "plop calibrate"),
+    (("simulate",), "plop fuse"),
+    (("ingest", "calibrate"), "plop fuse"),
+    (("ingest", "calibrate", "fuse"), "plop fit-init"),
+    (("fuse", "ingest", "fit-init"), "plop train"),
+    (("ingest", "fit-init", "train"), "plop rollout"),
+    (("ingest", "fit-init", "train", "filter"), "plop rollout"),
+    (("ingest", "fit-init", "filter"), "plop identify"),
+    (("fit-init", "train", "rollout"), "plop eval"),
+    (("fit-init", "train", "rollout", "eval"), "plop compare --model train@01010101"),
+    (("fit-init", "identify"), "plop compare --model identify@01010101"),
+    (("train", "eval", "compare"), "plop diagnose --model train@01010101"),
+    (("train", "compare", "diagnose"), "plop augment"),
+    (("train", "diagnose", "augment"), "plop report"),
+    (("train", "diagnose", "augment", "report"), "plop export report@01010101 OUT"),
+])  # fmt: skip
+def test_what_follows_on_what_is_there(stages, command):
+    assert step(*stages) == command
+
+
+def test_every_stage_of_the_pipeline_has_a_successor_that_is_a_command():
+    names = {ref.name for ref in PIPELINE}
+    assert set(AFTER) == names - {"report"}
+    assert {command for command, _ in AFTER.values()} <= names
+
+
+def test_cameras_that_are_all_bad_come_before_anything_is_made_from_them():
+    bad = artifact("calibrate", figures={"cameras_good": 0, "cameras_corrected": 0, "cameras_bad": 2})
+    assert next_step([artifact("ingest"), bad], stale={}).command == "plop calibrate --handeye FOLDER"
+    some = artifact("calibrate", figures={"cameras_good": 1, "cameras_bad": 2})
+    assert next_step([some], stale={}).command == "plop fuse"
+
+
+def test_the_first_stale_stage_is_run_again_with_its_raw_input():
+    raw = artifact("ingest", command="x", raw_paths={"raw": "my data"})
+    raw.manifest.provenance["command"] = "ingest mesh"
+    artifacts = [artifact("fit-init"), raw, artifact("fuse")]
+    stale = {("fuse", "01" * 8): "an input is stale", ("ingest", "01" * 8): "raw has changed",
+             ("fit-init", "01" * 8): "the stage is now version 8"}  # fmt: skip
+    assert next_step(artifacts, stale=stale).command == "plop ingest mesh 'my data'"
+    del stale["ingest", "01" * 8]
+    assert next_step(artifacts, stale=stale).command == "plop fit-init"
+
+
+def test_damage_comes_first_then_what_was_begun():
+    keys = [("fuse", "01" * 8)]
+    stale = {("ingest", "01" * 8): "raw has changed"}
+    assert step("ingest", "fuse", stale=stale, damaged=keys, unfinished=[("train", "ff")]) == "plop fuse --force"
+    assert step("ingest", "fuse", stale=stale, unfinished=[("train", "ff")]) == "plop train"
+
+
+def test_workspace_and_environment_are_named_where_needed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    two = [artifact("ingest", environment="a"), artifact("ingest", environment="big block")]
+    (tmp_path / "my ws").mkdir()
+    assert next_step(two, stale={}, workspace=tmp_path).command == "plop calibrate --env 'big block'"
+    assert next_step(two[:1], stale={}, workspace=tmp_path / "my ws").command == "plop calibrate -w 'my ws'"
+    assert next_step([], stale={}, workspace=tmp_path / "my ws").command == "plop ingest FOLDER -w 'my ws'"
