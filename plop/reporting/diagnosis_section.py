@@ -61,8 +61,9 @@ def _ranked(row: dict[str, Any], reach: float, named: bool) -> list[str]:
     explains = explained_text(row["gain"], row["gain_error"])
     if not helps and row.get("alone", 0.0) > GAIN_LEAST:
         explains += f" once the stiffness is refitted, too ({100 * row['alone']:.0f} % as the base is)"
+    share = f"<span class='whole'>{text(explains)}</span>" if helps else text(explains)
     return [
-        f"<span title='{text(row.get('help', ''))}'>{text(row['effect'])}</span>{kind}", dot, text(explains),
+        f"<span title='{text(row.get('help', ''))}'>{text(row['effect'])}</span>{kind}", dot, share,
         "–" if row["p"] is None else f"{row['p']:.3f}", number(row.get("size_mm")),
         parameters_text(row["parameters"], row["effect"]),
         "<b>named</b>" if named else "–" if not helps else _why_not(row["reasons"]),

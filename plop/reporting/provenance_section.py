@@ -29,7 +29,7 @@ def provenance_section(facts: ReportFacts) -> str:
     return ("<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name "
             "contents, so the same command gives the same result. Settings are those that differ from the defaults."
             f"</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
-            + table(["artifact", "what", "made from", "seed", "made", "plop"], rows)
+            + table(["artifact", "what", "made from", "seed", "made", "plop"], rows, cards=True)
             + f"<p class='soft'>{text(', '.join(versions))}</p>{settings}")  # fmt: skip
 
 

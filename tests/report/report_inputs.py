@@ -72,4 +72,4 @@ def report_inputs(folder: Path) -> dict[str, Input]:
 def visible(page: Path) -> str:
     """Text of the page without scripts, styles and tags."""
     body = re.sub(r"<(script|style).*?</\1>", " ", page.read_text(), flags=re.S)
-    return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body)))
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]+>", " ", body)))
