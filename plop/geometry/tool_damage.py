@@ -16,6 +16,8 @@ _RIM_PER_STRAY = 3
 """Free edges that one lost triangle leaves."""
 _WHOLE_PER_STRAY = 5
 """Triangles in order for each that is astray, for the rest to count as a surface with a fault."""
+_NOTHING_M = 1e-9
+"""A coordinate this small is zero: bytes of a number that are zero but for the last ones make it 1e-39 or so [m]."""
 _UNUSED_SHARE = 0.01
 """Vertices without a face may reach beyond the used ones by this share of the tool's size."""
 
@@ -36,15 +38,17 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
     """
     joined = welded(vertices, faces)
     collapsed = is_collapsed(joined)
-    at_zero = (vertices == 0).all(1)[faces]
-    nothing = at_zero.all(1)
-    if nothing.any():
-        raise _damaged(where, f"{int(nothing.sum())} of {len(faces)} triangles lie with all corners at exactly 0 0 0",
-                       vertices, faces, nothing)  # fmt: skip
+    at_zero = (np.abs(vertices).max(1) < _NOTHING_M)[faces]
+    nothing = at_zero.all(1) | (collapsed & (at_zero.sum(1) == 2))
+    if at_zero.all(1).any() or nothing.sum() > 1:
+        raise _damaged(where, f"{int(nothing.sum())} of {len(faces)} triangles lie with two or three corners at "
+                       "exactly 0 0 0", vertices, faces, nothing)  # fmt: skip
     if collapsed.all():
         raise _damaged(where, f"all {len(faces)} triangles are collapsed", vertices, faces, collapsed)
-    lost = collapsed & (at_zero.any(1) | (faces == faces[:, :1]).all(1))
-    stray = lost | _lonely(joined, ~collapsed) | (at_zero.any(1) & _at_rim(joined, ~collapsed))
+    free, crowded = _edge_faults(joined, ~collapsed)
+    crowd_at_zero = bool((at_zero.any(1) & crowded).any())
+    lost = (collapsed & ~_in_place(joined, collapsed)) | (at_zero.any(1) & crowd_at_zero)
+    stray = lost | _lonely(joined, ~collapsed) | (at_zero.any(1) & free)
     count = int(stray.sum())
     rest = Topology.of(joined[~stray & ~collapsed])
     mostly = len(rest.faces) >= _WHOLE_PER_STRAY * int((stray & ~lost).sum())
@@ -61,14 +65,24 @@ def _lonely(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return valid & (uses[faces] == 1).any(1)
 
 
-def _at_rim(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Faces with a free edge."""
+def _in_place(faces: np.ndarray, collapsed: np.ndarray) -> np.ndarray:
+    """Collapsed faces that fill nothing: their one edge already has two other faces; bool, shape [F]."""
+    edges, counts = np.unique(np.sort(faces[~collapsed][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0,
+                              return_counts=True)  # fmt: skip
+    twice = {tuple(edge) for edge in edges[counts == 2].tolist()}
+    ends = zip(faces.min(1).tolist(), faces.max(1).tolist(), strict=True)
+    return np.array([flat and end in twice for flat, end in zip(collapsed.tolist(), ends, strict=True)])
+
+
+def _edge_faults(faces: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Faces with an edge that no other face has, and with one that three or more have; bool, shape [F] each."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     kept = np.repeat(valid, 3)
     _, edge, uses = np.unique(edges[kept], axis=0, return_inverse=True, return_counts=True)
-    free = np.zeros(len(edges), bool)
-    free[kept] = uses[edge.reshape(-1)] == 1
-    return np.asarray(free.reshape(-1, 3).any(1))
+    count = np.full(len(edges), 2)
+    count[kept] = uses[edge.reshape(-1)]
+    fewest, most = count.reshape(-1, 3).min(1), count.reshape(-1, 3).max(1)
+    return fewest == 1, most > 2
 
 
 def _check_unused(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:

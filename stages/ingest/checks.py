@@ -17,6 +17,8 @@ from stages.ingest.settings import SimulatedConfig
 from stages.ingest.untouched import untouched
 
 _TOUCH_M = 0.003
+_USUAL_M = 0.05
+"""The larger of object and tool usually has at least this size [m]."""
 _FLATTEST = 20.0
 """Object and tool are at least this small a part of the smallest size."""
 _BLOWN_UP = 4.0
@@ -70,8 +72,10 @@ def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smalles
         if size > largest_m or size < smallest_m / _FLATTEST or larger < smallest_m:
             fits = {name: key for name, (key, scale) in _UNITS.items()
                     if smallest_m <= larger * scale <= largest_m}  # fmt: skip
-            guess = f": {' or '.join(fits)}?" if size > largest_m and fits else ""
-            unit = f'"{next(iter(fits.values()))}"' if guess else "..."
+            small = next((factor for factor in (10, 100, 1000) if factor * larger > _USUAL_M), None)
+            guess = f": {' or '.join(fits)}?" if size > largest_m and fits else \
+                f": {small} times too small?" if size <= largest_m and small else ""
+            unit = f'"{next(iter(fits.values()))}"' if size > largest_m and len(fits) == 1 else "..."
             key = "tool_vertices" if what == "tool" else "vertices"
             raise PlopError(f"The {what} has an implausible size.", where=f"{path}: {key}",
                             expected=f"{smallest_m:g} to {largest_m:g} m for the larger of object and tool",

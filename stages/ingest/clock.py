@@ -56,8 +56,8 @@ def check_clock(sequence: MeshSequence, path: Path) -> list[str]:
         raise PlopError("The times look like frame numbers.", where=f"{path}: times", expected="seconds",
                         found=f"{times[0]:g}, {times[1]:g} ... {times[-1]:g}: whole numbers only",
                         fix=f"Divide them by the frame rate, or state it in {side}: \"units\": "
-                            f'{{"frames_per_second": 30}}. If they are seconds{" (or ms)" if "ms" in fits else ""}: '
-                            '"units": {"time": "s"}.')  # fmt: skip
+                            f'{{"frames_per_second": 30}}. If they are seconds: "units": {{"time": "s"}}'
+                            + (', if milliseconds: "ms".' if "ms" in fits else "."))  # fmt: skip
     if odd is None:
         return []
     if fits:

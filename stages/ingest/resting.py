@@ -49,7 +49,8 @@ def check_table(sequence: MeshSequence, path: Path) -> list[str]:
         raise PlopError("The object does not stand on its table: another axis seems to be up.",
                         where=f"{path}: table_z_m", expected=f"{on_table}, {sequence.up} up", found=what,
                         fix=f"With {axis} up it stands on it: {_turn(sequence.up, axis)}. State it in "
-                            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses.')  # fmt: skip
+                            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses; where the axes are '
+                            "right, correct table_z_m (null: no table).")  # fmt: skip
     if gap < 0:
         below = "far below" if height > first[:, 2].max() else "partly in"
         raise PlopError(f"The object lies {below} its table.", where=f"{path}: table_z_m", expected=on_table,
