@@ -8,12 +8,16 @@ are not like that: collapsed triangles of a CAD export leave no hole, and an ope
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from plop.errors import PlopError
 from plop.geometry.surface import Topology, is_collapsed, welded
 
 _RIM_PER_STRAY = 3
 """Free edges that one lost triangle leaves."""
+_RIM_OF_ENDS = 12
+"""Free edges that the two triangles at the ends of a lost stretch leave: their own, and those of their holes."""
 _WHOLE_PER_STRAY = 5
 """Triangles in order for each that is astray, for the rest to count as a surface with a fault."""
 _NOTHING_M = 1e-9
@@ -45,14 +49,17 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
                        "exactly 0 0 0", vertices, faces, nothing)  # fmt: skip
     if collapsed.all():
         raise _damaged(where, f"all {len(faces)} triangles are collapsed", vertices, faces, collapsed)
-    free, crowded = _edge_faults(joined, ~collapsed)
-    crowd_at_zero = bool((at_zero.any(1) & crowded).any())
+    uses = _edge_uses(joined, ~collapsed)
+    free, alone = (uses == 1).any(axis=1), uses.max(axis=1) == 1
+    around_zero = at_zero.any(1) & ~collapsed
+    crowded = bool((around_zero & (uses.max(axis=1) > 2)).any())
+    crowd_at_zero = crowded or _fans(joined[around_zero], joined[at_zero]) > 1
     lost = (collapsed & ~_in_place(joined, collapsed)) | (at_zero.any(1) & crowd_at_zero)
-    stray = lost | _lonely(joined, ~collapsed) | (at_zero.any(1) & free)
+    stray = lost | alone | _lonely(joined, ~collapsed) | (at_zero.any(1) & free)
     count = int(stray.sum())
     rest = Topology.of(joined[~stray & ~collapsed])
     mostly = len(rest.faces) >= _WHOLE_PER_STRAY * int((stray & ~lost).sum())
-    if 0 < rest.free_edges <= _RIM_PER_STRAY * count and mostly:
+    if 0 < rest.free_edges <= _RIM_PER_STRAY * count + _RIM_OF_ENDS * bool(lost.any()) and mostly:
         raise _damaged(where, f"{count} of {len(faces)} triangles are stray or collapsed, and the rest is closed but "
                        f"for {rest.free_edges} edges", vertices, faces, stray)  # fmt: skip
     _check_unused(vertices, faces, where)
@@ -74,15 +81,25 @@ def _in_place(faces: np.ndarray, collapsed: np.ndarray) -> np.ndarray:
     return np.array([flat and end in twice for flat, end in zip(collapsed.tolist(), ends, strict=True)])
 
 
-def _edge_faults(faces: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces with an edge that no other face has, and with one that three or more have; bool, shape [F] each."""
+def _fans(faces: np.ndarray, middle: np.ndarray) -> int:
+    """How many separate fans of faces lie around one vertex: several where vertices that were apart fell together."""
+    if not len(faces):
+        return 0
+    _, ends = np.unique(faces[faces != middle[0]], return_inverse=True)
+    links = ends.reshape(-1, 2)
+    size = int(ends.max()) + 1
+    graph = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), (size, size))
+    return int(connected_components(graph, directed=False)[0])
+
+
+def _edge_uses(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """How many valid faces have each edge of each face, shape [F, 3]; 2 for all edges of the others."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     kept = np.repeat(valid, 3)
     _, edge, uses = np.unique(edges[kept], axis=0, return_inverse=True, return_counts=True)
-    count = np.full(len(edges), 2)
+    count: np.ndarray = np.full(len(edges), 2)
     count[kept] = uses[edge.reshape(-1)]
-    fewest, most = count.reshape(-1, 3).min(1), count.reshape(-1, 3).max(1)
-    return fewest == 1, most > 2
+    return count.reshape(-1, 3)
 
 
 def _check_unused(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
