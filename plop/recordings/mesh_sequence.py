@@ -4,7 +4,8 @@
                  frame, tool_faces [G, 3], world_from_tool [T, 4, 4]; optional: rest_vertices [V, 3] m
                  (the first frame when absent), cut_faces [F] bool (faces that the cut makes), and
                  truth_<key>: whatever else only the simulator knows
-    <name>.json  {"schema": 1, "environment", "source", "table_z_m" (null = no table), "facts": {...}}
+    <name>.json  {"schema": 1, "environment", "source", "table_z_m" (null = no table), "facts": {...}}; optional
+                 "units": {"length", "up", "time", "frames_per_second"}: other units and axes are converted
 
 World frame: metres, right-handed, z up. Faces are counter-clockwise seen from outside.
 """
@@ -21,15 +22,17 @@ import numpy as np
 from plop.artifacts.whole_file import whole, write_json
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
+from plop.recordings.declared_units import WorldFrame, declared_in_side_file, seconds_from
 from plop.recordings.npz_file import Part, read_npz
 from plop.recordings.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 MESH_SEQUENCE_SCHEMA = 1
 _TRUTH = "truth_"
 _EXPORT_AGAIN = "Record or export this episode again."
+_TRIANGLES = Part((None, 3), advice={(None, 4): "Quads? Triangulate them: (a, b, c, d) -> (a, b, c), (a, c, d)."})
 _ARRAYS = {
-    "times": Part((None,)), "vertices": Part((None, None, 3)), "faces": Part((None, 3)),
-    "tool_vertices": Part((None, 3)), "tool_faces": Part((None, 3)), "world_from_tool": Part((None, 4, 4)),
+    "times": Part((None,)), "vertices": Part((None, None, 3)), "faces": _TRIANGLES,
+    "tool_vertices": Part((None, 3)), "tool_faces": _TRIANGLES, "world_from_tool": Part((None, 4, 4)),
     "rest_vertices": Part((None, 3)), "cut_faces": Part((None,)),
 }  # fmt: skip
 
@@ -64,6 +67,12 @@ class MeshSequence:
     """Anything else that only the simulator knows; goes to `/truth/<key>` of the recording."""
     facts: dict[str, Any] = field(default_factory=dict)
     """Parameters of the simulator, JSON types only."""
+    up: str = "z"
+    """Axis of the files that was read as up (the world is z up)."""
+    declared: frozenset[str] = frozenset()
+    """Which of "up", "length" and "time" the files themselves declare."""
+    notes: tuple[str, ...] = ()
+    """What a person should know of how it was read."""
 
     @property
     def rest(self) -> np.ndarray:
@@ -141,25 +150,47 @@ def read_mesh_sequence(path: str | Path) -> MeshSequence:
     path = Path(path)
     side = _read_side(path.with_suffix(".json"))
     arrays = read_npz(path, _ARRAYS, optional=("rest_vertices", "cut_faces"), fix=_EXPORT_AGAIN)
-    truth = {key.removeprefix(_TRUTH): value for key, value in arrays.items() if key.startswith(_TRUTH)}
+    said = declared_in_side_file(side, path.with_suffix(".json"))
+    frame = WorldFrame(said.up or "z", said.metres or 1.0)
+    times, notes = seconds_from(arrays["times"], said.seconds or 1.0)
+    rest = arrays.get("rest_vertices")
     sequence = MeshSequence(
         name=path.stem,
         environment=side["environment"],
-        times=arrays["times"].astype(np.float64),
-        vertices=arrays["vertices"].astype(np.float64),
+        times=times,
+        vertices=frame.points(arrays["vertices"].astype(np.float64)),
         faces=arrays["faces"].astype(np.int64),
-        tool_vertices=arrays["tool_vertices"].astype(np.float64),
+        tool_vertices=frame.points(arrays["tool_vertices"].astype(np.float64)),
         tool_faces=arrays["tool_faces"].astype(np.int64),
-        world_from_tool=arrays["world_from_tool"].astype(np.float64),
+        world_from_tool=_poses(arrays["world_from_tool"].astype(np.float64), frame, path),
         table_z_m=side.get("table_z_m"),
-        rest_vertices=arrays["rest_vertices"].astype(np.float64) if "rest_vertices" in arrays else None,
+        rest_vertices=None if rest is None else frame.points(rest.astype(np.float64)),
         cut_faces=arrays["cut_faces"].astype(bool) if "cut_faces" in arrays else None,
         source=side.get("source", "mesh"),
-        truth=truth,
+        truth=_truth(arrays, frame),
         facts=side.get("facts", {}),
+        up=frame.up,
+        declared=said.said,
+        notes=tuple(notes),
     )
     check_mesh_sequence(sequence, path)
     return sequence
+
+
+def _poses(world_from_tool: np.ndarray, frame: WorldFrame, path: Path) -> np.ndarray:
+    check_rigid(world_from_tool, f"{path}: world_from_tool", what="tool")
+    poses = world_from_tool.copy()
+    if frame.up != "z":
+        poses[:, :3, :3] = frame.rotations(poses[:, :3, :3])
+    poses[:, :3, 3] = frame.points(poses[:, :3, 3])
+    return poses
+
+
+def _truth(arrays: dict[str, np.ndarray], frame: WorldFrame) -> dict[str, np.ndarray]:
+    """Take out what only the simulator knows; positions (`..._m`, three numbers each) are converted with the rest."""
+    truth = {key.removeprefix(_TRUTH): value for key, value in arrays.items() if key.startswith(_TRUTH)}
+    return {key: frame.points(value).astype(value.dtype) if key.endswith("_m") and value.shape[-1:] == (3,) else value
+            for key, value in truth.items()}  # fmt: skip
 
 
 def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
@@ -191,12 +222,15 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
     for key, faces, limit in (("faces", sequence.faces, count),
                               ("tool_faces", sequence.tool_faces, len(sequence.tool_vertices))):  # fmt: skip
         if faces.min() < 0 or faces.max() >= limit:
+            from_one = faces.min() >= 1 and faces.max() == limit
             raise PlopError("A face points at a vertex that does not exist.", where=f"{where}: {key}",
-                            expected=f"indices 0..{limit - 1}", found=f"{faces.min()}..{faces.max()}")  # fmt: skip
+                            expected=f"indices 0..{limit - 1}", found=f"{faces.min()}..{faces.max()}",
+                            fix="Counted from 1, as in OBJ files and MATLAB? Subtract 1." if from_one
+                            else _EXPORT_AGAIN)  # fmt: skip
 
 
 def _read_side(path: Path) -> dict[str, Any]:
-    kinds = {"environment": str, "schema": int, "source": str, "facts": dict}
+    kinds = {"environment": str, "schema": int, "source": str, "facts": dict, "units": dict}
     side = read_side_file(path, kinds, fix=_EXPORT_AGAIN)
     if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
         raise PlopError("The episode comes from a newer version.", where=path,

@@ -65,11 +65,12 @@ def fit_episode(recording: Recording, training_episode: Recording | None, cloud:
     """
     warnings: list[str] = []
     with remembering(warnings):
-        return _fitted(recording, cloud, config, report, warnings)
+        return _fitted(recording, training_episode, cloud, config, report, warnings)
 
 
 def _fitted(
-    recording: Recording, cloud: Path | None, config: FitInitConfig, report: Report, warnings: list[str]
+    recording: Recording, training_episode: Recording | None, cloud: Path | None, config: FitInitConfig, report: Report,
+    warnings: list[str],
 ) -> EpisodeFit:
     check_held_out(config.held_out, len(recording.camera_names), f"{recording.path}:/cameras")
     views = usable_views(recording, warnings)

@@ -11,84 +11,95 @@ from plop.geometry.rigid import invert_rigid, transform_points
 from plop.geometry.tool_reach import check_tool_reach
 from plop.lazy_open3d import o3d
 from plop.recordings.mesh_sequence import MeshSequence
+from stages.ingest.clock import check_clock
+from stages.ingest.resting import check_table
+from stages.ingest.settings import SimulatedConfig
 from stages.ingest.untouched import untouched
 
-_LARGEST_M, _SMALLEST_M = 2.0, 1e-3
 _TOUCH_M = 0.003
-_LONGEST_STEP_S = 2.0
+_USUAL_M = 0.05
+"""The larger of object and tool usually has at least this size [m]."""
+_FLATTEST = 20.0
+"""Object and tool are at least this small a part of the smallest size."""
+_BLOWN_UP = 4.0
+"""Parts that fall apart spread; farther than four times the largest object only what has blown up gets."""
+_UNITS = {"decimetres": ("dm", 0.1), "centimetres": ("cm", 0.01), "millimetres": ("mm", 1e-3), "inches": ("in", 0.0254)}
 
 
-def check_plausible(sequence: MeshSequence, path: Path, *, workspace_m: float) -> None:
+def check_plausible(sequence: MeshSequence, path: Path, config: SimulatedConfig) -> list[str]:
     """Refuse an episode whose numbers are no metres and seconds, or whose parts do not belong together.
 
     Args:
         sequence: The episode.
         path: File that holds its arrays, for the messages; its JSON lies beside it.
-        workspace_m: Farthest distance from the world's origin at which the object may start [m].
+        config: Gives workspace_m, largest_m and smallest_m.
+
+    Returns:
+        Notes on what is odd but believed.
 
     Raises:
         PlopError: Size, place, clock, table or tool cannot be right; names file and key.
     """
-    check_scale(sequence, workspace_m=workspace_m)
-    check_clock(sequence, path)
-    check_table(sequence, path.with_suffix(".json"))
+    side = path.with_suffix(".json")
+    check_scale(sequence, path, largest_m=config.largest_m, smallest_m=config.smallest_m)
+    check_place(sequence, workspace_m=config.workspace_m)
     points = sequence.vertices.reshape(-1, 3)
     check_tool_reach(sequence.tool_vertices, sequence.world_from_tool, points, f"{path}: world_from_tool")
+    return check_clock(sequence, path) + check_table(sequence, side)
 
 
-def check_clock(sequence: MeshSequence, path: Path) -> None:
-    """Refuse a single frame, and frames so far apart that the times cannot be seconds.
+def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smallest_m: float) -> None:
+    """Refuse an object or a tool that is no plausible size in metres.
 
-    Raises:
-        PlopError: Nothing can move, or the median step is too long (milliseconds?).
-    """
-    steps = np.diff(sequence.times)
-    if not len(steps):
-        raise PlopError("The episode is too short: nothing moves in it.", where=f"{path}: times",
-                        expected="2 frames or more", found="1 frame",
-                        fix="Record it again, or leave it out with --skip-bad.")  # fmt: skip
-    if np.median(steps) > _LONGEST_STEP_S:
-        raise PlopError("The frames are too far apart in time.", where=f"{path}: times",
-                        expected=f"seconds, a median step of at most {_LONGEST_STEP_S:g} s",
-                        found=f"a median step of {np.median(steps):.4g}: milliseconds?",
-                        fix="Convert the times to seconds (milliseconds: divide by 1000).")  # fmt: skip
-
-
-def check_table(sequence: MeshSequence, path: Path) -> None:
-    """Refuse an object that starts wholly below its table, by more than its own size.
-
-    Raises:
-        PlopError: Names the table's height and the object's.
-    """
-    low, high = sequence.vertices[0].min(0), sequence.vertices[0].max(0)
-    if sequence.table_z_m is not None and sequence.table_z_m - high[2] > (high - low).max():
-        raise PlopError("The object lies far below its table.", where=f"{path}: table_z_m",
-                        expected=f"an object on or above table_z_m = {sequence.table_z_m:g} m",
-                        found=f"an object from z = {low[2]:.4g} to {high[2]:.4g} m in the first frame",
-                        fix="Correct table_z_m (null: no table), or the frame of the vertices.")  # fmt: skip
-
-
-def check_scale(sequence: MeshSequence, *, workspace_m: float) -> None:
-    """Refuse an object that is no plausible size in metres or lies outside the workspace.
+    What a robot cuts or presses is 1 to 50 cm long, and so are its tools; the larger of both lies between 5 and 30 cm
+    nearly always. A range of 2 to 50 cm for the larger tells a factor of ten either way.
 
     Args:
         sequence: The episode.
-        workspace_m: Farthest distance from the world's origin at which the object may start [m].
+        path: File that holds its arrays.
+        largest_m: Longest edge that object and tool may have [m].
+        smallest_m: Longest edge that the larger of both must have [m].
 
     Raises:
-        PlopError: Too large (millimetres?), too small, blown up, or too far away.
+        PlopError: Too large, too small or blown up; names the units that would be right.
     """
-    for what, size in (("at rest", float(np.ptp(sequence.rest, axis=0).max())),
-                       ("over time", float(np.ptp(sequence.vertices, axis=1).max()))):  # fmt: skip
-        if size > _LARGEST_M or size < _SMALLEST_M:
-            guess = "It looks like millimetres: divide by 1000." if size > _LARGEST_M else "Check the unit."
-            raise PlopError("The object has an implausible size.", where=f"{sequence.name}, {what}",
-                            expected=f"{_SMALLEST_M:g} to {_LARGEST_M:g} m", found=f"{size:.4g} m",
-                            fix=guess)  # fmt: skip
     tool = float(np.ptp(sequence.tool_vertices, axis=0).max())
-    if tool > _LARGEST_M or tool < _SMALLEST_M:
-        raise PlopError("The tool has an implausible size.", where=sequence.name, fix="Convert it to metres.",
-                        expected=f"{_SMALLEST_M:g} to {_LARGEST_M:g} m", found=f"{tool:.4g} m")  # fmt: skip
+    over_time = np.ptp(sequence.vertices, axis=1).max(1)
+    sizes = {"object": float(np.ptp(sequence.rest, axis=0).max()), "object in the first frame": float(over_time[0]),
+             "tool": tool}  # fmt: skip
+    larger = max(sizes.values())
+    for what, size in sizes.items():
+        if size > largest_m or size < smallest_m / _FLATTEST or larger < smallest_m:
+            fits = {name: key for name, (key, scale) in _UNITS.items()
+                    if smallest_m <= larger * scale <= largest_m}  # fmt: skip
+            small = next((factor for factor in (10, 100, 1000) if factor * larger > _USUAL_M), None)
+            guess = f": {' or '.join(fits)}?" if size > largest_m and fits else \
+                f": {small} times too small?" if size <= largest_m and small else ""
+            unit = f'"{next(iter(fits.values()))}"' if size > largest_m and len(fits) == 1 else "..."
+            key = "tool_vertices" if what == "tool" else "vertices"
+            raise PlopError(f"The {what} has an implausible size.", where=f"{path}: {key}",
+                            expected=f"{smallest_m:g} to {largest_m:g} m for the larger of object and tool",
+                            found=f"{size:.4g} m{guess}",
+                            fix=f"Convert it to metres; where object, tool and poses share the unit, state it in "
+                                f"{path.with_suffix('.json').name}: \"units\": {{\"length\": {unit}}}. Where the size "
+                                "is right: --largest-m, --smallest-m.")  # fmt: skip
+    if over_time.max() > _BLOWN_UP * largest_m:
+        raise PlopError("The object has an implausible size.",
+                        where=f"{path}: vertices, frame {int(over_time.argmax())}",
+                        expected=f"at most {_BLOWN_UP * largest_m:g} m at any time", found=f"{over_time.max():.4g} m",
+                        fix="The simulation probably blew up: leave it out.")  # fmt: skip
+
+
+def check_place(sequence: MeshSequence, *, workspace_m: float) -> None:
+    """Refuse an object that starts far from the world's origin.
+
+    Args:
+        sequence: The episode.
+        workspace_m: Farthest distance at which the object may start [m].
+
+    Raises:
+        PlopError: It is farther away.
+    """
     middle = (sequence.vertices[0].min(0) + sequence.vertices[0].max(0)) / 2
     if np.linalg.norm(middle) > workspace_m:
         raise PlopError("The object lies outside the workspace.", where=sequence.name,

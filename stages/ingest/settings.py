@@ -24,6 +24,10 @@ class SimulatedConfig(CameraSettings):
     """Keep episodes in which the tool never comes within 3 mm of the object, as in a free fall."""
     workspace_m: float = 1.0
     """Farthest distance from the world's origin at which the object may start [m]."""
+    largest_m: float = 0.5
+    """Longest edge that object and tool may have; what is larger is taken for another unit [m]."""
+    smallest_m: float = 0.02
+    """Longest edge that the larger of object and tool must have; what is smaller is taken for another unit [m]."""
     from_rest: bool = False
     """Begin at time 0 with the rest shape where the first frame lies later. DiSECt lets an object go at time 0
     and stores the first frame 1/30 s later, while it bounces: from a recording alone its speed cannot be known."""
@@ -50,4 +54,5 @@ def check_config(command: str, config: SimulatedConfig) -> None:
         PlopError: Names the setting.
     """
     check_cameras(config, command)
-    check_ranges(config, command, {"workspace_m": (1e-3, 100)})
+    check_ranges(config, command, {"workspace_m": (1e-3, 100), "smallest_m": (1e-6, 100),
+                                   "largest_m": (config.smallest_m, 100)})  # fmt: skip

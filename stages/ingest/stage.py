@@ -18,6 +18,7 @@ from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
+from stages.ingest.surface_checks import sound_surface
 
 
 def _run(
@@ -39,7 +40,7 @@ def _run(
     skipped: dict[str, str] = {}
     for index, entry in enumerate(entries):
         try:
-            _ingest_one(entry, read, config, out, index, len(entries))
+            warnings += _ingest_one(entry, read, config, out, index, len(entries))
         except PlopError as error:
             if not config.skip_bad:
                 raise
@@ -65,11 +66,13 @@ def _ingest_one(
     out: Output,
     index: int,
     total: int,
-) -> None:
-    """Write one recording unless it is there."""
-    sequence = begun_at_rest(read(entry.path)) if config.from_rest else read(entry.path)
+) -> list[str]:
+    """Write one recording unless it is there; give what is odd about it."""
     arrays = entry.path.with_suffix(".npz")
-    check_plausible(sequence, arrays, workspace_m=config.workspace_m)
+    sequence = read(entry.path)
+    sequence, odd = sound_surface(sequence, arrays)
+    odd += check_plausible(sequence, arrays, config)
+    sequence = begun_at_rest(sequence) if config.from_rest else sequence
     if not config.keep_untouched:
         check_contact(sequence, arrays)
     if not out.is_done(entry.name):
@@ -77,6 +80,7 @@ def _ingest_one(
         for share in record(path, sequence, config):
             out.progress(index + share, total, entry.name)
         out.mark_done(entry.name)
+    return [f"{entry.name}: {note}" for note in (*sequence.notes, *odd)]
 
 
 def _raw_files(
@@ -95,7 +99,7 @@ def _check(reader: str, config: SimulatedConfig, given: Mapping[str, str | Path]
 
 INGEST_DISECT = Stage(
     name="ingest",
-    version=1,
+    version=2,
     help="Render DiSECt recordings (USD, npz, JSON) into multi-view RGB-D recordings.",
     config=DisectConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.usd, <name>.npz and <name>.json.")},
@@ -106,7 +110,7 @@ INGEST_DISECT = Stage(
 
 INGEST_MESH = Stage(
     name="ingest",
-    version=1,
+    version=2,
     help="Render mesh sequences of a simulator (npz, JSON) into multi-view RGB-D recordings.",
     config=MeshConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.npz and <name>.json.")},

@@ -181,7 +181,7 @@ def _scaled(factor: float) -> MeshSequence:
         (_scaled(1e-3), "implausible size"),
         (dataclasses.replace(BOX, tool_vertices=BOX.tool_vertices * 1000), "tool has an implausible"),
         (dataclasses.replace(BOX, vertices=BOX.vertices + [3.0, 0, 0]), "outside the workspace"),
-        (dataclasses.replace(BOX, table_z_m=0.06), "sees nothing"),
+        (dataclasses.replace(BOX, table_z_m=0.06), "far below its table"),
     ],
 )
 def test_implausible_episodes_are_refused_and_leave_nothing(

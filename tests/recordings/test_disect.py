@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.disect import Z_UP_FROM_Y_UP, list_disect, read_disect
+from plop.recordings.declared_units import WORLD_FROM_UP
+from plop.recordings.disect import list_disect, read_disect
 from tests.recordings import disect_sample as sample
+
+Z_UP_FROM_Y_UP = WORLD_FROM_UP["y"]
 
 pytest.importorskip("pxr", reason="usd-core (the extra `disect`) is not installed")
 
@@ -139,15 +142,6 @@ def test_nan_is_refused_wherever_it_hides(tmp_path: Path) -> None:
     arrays["knife_position"][2, 1] = np.inf
     with pytest.raises(PlopError, match="NaN"):
         read_disect(sample.write_sample(tmp_path, "b_000", arrays=arrays))
-
-
-def test_other_units_are_refused(tmp_path: Path) -> None:
-    path = sample.write_sample(tmp_path)
-    side = json.loads(path.with_suffix(".json").read_text())
-    side["units"]["length"] = "mm"
-    path.with_suffix(".json").write_text(json.dumps(side))
-    with pytest.raises(PlopError, match="other units"):
-        read_disect(path)
 
 
 def test_pickles_in_the_npz_are_not_opened(tmp_path: Path) -> None:
