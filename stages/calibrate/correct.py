@@ -27,10 +27,11 @@ class Correction:
 
 
 def find_correction(recording: Recording, frames: list[int], margin_m: float, before: dict[str, CameraCheck],
-                    limit_mm: float, gate_m: float) -> Correction | None:  # fmt: skip
+                    limit_mm: float, gate_m: float, *, trusted: frozenset[str] = frozenset(),
+                    leave_out: frozenset[str] = frozenset()) -> Correction | None:  # fmt: skip
     """Try depth scales, poses, and both, and keep the simplest that is about as good as the best.
 
-    Cameras within the limit stay where they are; when none is, the one that agrees best does.
+    Cameras within the limit stay where they are; when none is, those that are trusted, or the one that agrees best.
 
     Args:
         recording: Open recording.
@@ -39,18 +40,23 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
         before: Agreement as recorded.
         limit_mm: Disagreement that is good enough [mm].
         gate_m: Largest distance of corresponding points [m].
+        trusted: Cameras whose own evidence (the table) says that they are right.
+        leave_out: Cameras with a fault that no pose or scale mends: they are neither moved nor looked at.
 
     Returns:
         The correction; None when none makes all cameras agree or at least halves the worst disagreement.
     """
-    names = recording.camera_names
+    names = [name for name in recording.camera_names if name not in leave_out]
     values = [before[name].disagreement_mm for name in names]
     known = [i for i, value in enumerate(values) if value is not None]
     if len(known) < 2:
         return None
     good = [i for i in known if values[i] <= limit_mm]  # type: ignore[operator]
-    fixed = good or [min(known, key=lambda i: values[i] or 0.0)]
-    picks = depth_views(read_views(recording, frames[0]), margin_m)
+    fixed = good or [i for i in known if names[i] in trusted] or [min(known, key=lambda i: values[i] or 0.0)]
+    if len(fixed) == len(known) and not good:
+        fixed = [min(known, key=lambda i: values[i] or 0.0)]
+    views = read_views(recording, frames[0])
+    picks = depth_views([view for view in views if view.camera.name in names], margin_m)
     blank = [np.zeros((*pick.depth_m.shape, 3), np.uint8) for pick in picks]
     clouds = [voxel_average(cloud_from_depth(p.camera, p.depth_m, rgb, p.region), VOXEL_M)
               for p, rgb in zip(picks, blank, strict=True)]  # fmt: skip
@@ -61,7 +67,7 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
         found = register(clouds, gate_m=gate_m, free_pose="pose" in kind, fixed=held,
                          centers=centers if "scale" in kind else None)  # fmt: skip
         change = _as_change(names, found)
-        tried.append(Correction(change, kind, check_episode(recording, frames, margin_m, change)))
+        tried.append(Correction(change, kind, check_episode(recording, frames, margin_m, change, leave_out)))
     least = min(_worst(each.checks) for each in tried)
     best = next(each for each in tried if _worst(each.checks) <= max(1.3 * least, least + 0.1))
     return best if _worst(best.checks) <= limit_mm or _worst(best.checks) < 0.5 * _worst(before) else None
