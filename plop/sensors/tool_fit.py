@@ -28,6 +28,8 @@ FITS = 0.25
 """Less than this share looked through: the tool is there."""
 MOST_PX, FEW_PX = 6000, 1500
 """Rays cast at most in a view, and in each view of a search for other axes."""
+SHIFT_M = 0.06
+"""A mount is searched so far from where it is said to be, in each direction [m]."""
 ABOVE_M = 0.015
 """What is measured lower than this above the table may be the table, and proves no tool [m]."""
 
@@ -64,7 +66,7 @@ class ToolLook:
         self._reach = float(np.linalg.norm(mesh.vertices, axis=1).max())
 
     def fit(self, views: Sequence[View], world_from_tool: Sequence[np.ndarray], axes: np.ndarray | None = None,
-            most_px: int = MOST_PX) -> ToolFit:  # fmt: skip
+            most_px: int = MOST_PX, shift_m: np.ndarray | None = None) -> ToolFit:  # fmt: skip
         """Compare depth with the tool drawn at its poses.
 
         Args:
@@ -72,9 +74,12 @@ class ToolLook:
             world_from_tool: Pose at each of them, shape [4, 4] each.
             axes: Turn the mesh about its frame's origin first, shape [3, 3], perhaps mirrored.
             most_px: Rays cast in a view, at most about.
+            shift_m: Then move the mesh in its frame, shape [3] [m].
         """
         total = ToolFit(0, 0)
-        for view, pose in zip(views, world_from_tool, strict=True):
+        move = np.eye(4)
+        move[:3, 3] = 0 if shift_m is None else shift_m
+        for view, pose in zip(views, [pose @ move for pose in world_from_tool], strict=True):
             total += self._one(view, pose, np.eye(3) if axes is None else axes, most_px)
         return total
 
@@ -132,6 +137,27 @@ class ToolLook:
         axes, fit = next((a, f) for a, f in tried if f.measured_px - f.through_px >= best - 0.03 * abs(best))
         clear = fit.through is not None and fit.through < FITS and fit.measured_px > 1.5 * here.measured_px
         return axes if clear else None
+
+
+    def better_place(self, frames: Sequence[tuple[Sequence[View], Sequence[np.ndarray]]]) -> np.ndarray | None:
+        """Search how far the mesh must be moved in its frame [m] to be where depth shows something, shape [3].
+
+        Returns:
+            None when no place up to SHIFT_M away fits.
+        """
+        found = np.zeros(3)
+        for step in (SHIFT_M / 3, SHIFT_M / 9):
+            around = found + step * np.stack(np.meshgrid(*[np.arange(-3, 4) if step > 0.01 else np.arange(-2, 3)] * 3),
+                                             -1).reshape(-1, 3)  # fmt: skip
+            scores = []
+            for shift in around:
+                fits = [self.fit(views, poses, None, FEW_PX // 4, shift) for views, poses in frames]
+                scores.append(sum(f.measured_px - f.through_px for f in fits) - 10 * float(np.linalg.norm(shift)))
+            found = around[int(np.argmax(scores))]
+        here, there = (sum((self.fit(views, poses, None, FEW_PX, shift) for views, poses in frames), ToolFit(0, 0))
+                       for shift in (np.zeros(3), found))  # fmt: skip
+        clear = there.through is not None and there.through < FITS and there.measured_px > 3 * here.measured_px
+        return found if clear else None
 
 
 @dataclass(frozen=True)

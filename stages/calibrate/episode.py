@@ -64,6 +64,11 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
                 corrected[name] = found.kind
                 scales[name] = factor
                 _add(edits, recording, name, move, factor)
+    faulty = frozenset(name for name, each in evidence.items() if each.faults)
+    if faulty - broken and faulty != frozenset(names):
+        # a camera that disagrees only with one whose own table is off is not to blame
+        alone = check_episode(recording, frames, config.region_margin_m, leave_out=faulty)
+        after = {name: after[name] if name in faulty else alone[name] for name in names}
     offsets = episode_offsets(recording, config.max_offset_search_ms) if config.time_offset else {}
     shift = _common_offset_ms(offsets, config)
     if shift is not None:

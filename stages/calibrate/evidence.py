@@ -16,7 +16,7 @@ import numpy as np
 from plop.recordings.recording import Recording, View
 from plop.sensors.depth_edges import EdgeAlignment, edge_alignment, tolerance_px
 from plop.sensors.support_plane import Support, find_support, turned
-from plop.sensors.tool_fit import THROUGH, Axes, ToolFit, ToolLook
+from plop.sensors.tool_fit import THROUGH, ToolFit, ToolLook
 from stages.calibrate.verify import Change, read_views
 
 if TYPE_CHECKING:
@@ -61,6 +61,14 @@ class CameraEvidence:
     """Checks that were made and agreed: "edges", "table", "flat", "tool"."""
 
     @property
+    def remark(self) -> str:
+        """What is odd without being a fault."""
+        if self.faults or self.tool is None or self.tool.through is None or self.tool.through <= THROUGH:
+            return ""
+        return (f"depth looks through {100 * self.tool.through:.0f} % of the drawn tool: a blade that depth does not see "
+                "(glossy, transparent), or a wrong mesh, mount or clock")  # fmt: skip
+
+    @property
     def broken(self) -> bool:
         """Whether something is wrong that no pose or depth scale mends."""
         return any(not fault.mendable for fault in self.faults)
@@ -90,8 +98,9 @@ def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig,
     for number, name in enumerate(recording.camera_names):
         views = [shot[number] for shot in shots]
         found[name] = _one_camera(views, tool_poses, look, table, config)
-    axes = _tool_axes(shots, tool_poses, look, found)
-    return {name: _with_tool(each, axes, found) for name, each in _with_shared_table(found).items()}
+    found = _with_shared_table(found)
+    said = _tool_fault(shots, tool_poses, look, found)
+    return {name: _with_tool(each, said) for name, each in found.items()}
 
 
 def _one_camera(views: list[View], tool_poses: np.ndarray, look: ToolLook, table: float | None,
@@ -227,29 +236,35 @@ def _with_shared_table(found: dict[str, CameraEvidence]) -> dict[str, CameraEvid
     return {name: replace(each, faults={Fault.TABLE: said}) if each in off else each for name, each in found.items()}
 
 
-def _tool_axes(shots: list[list[View]], tool_poses: np.ndarray, look: ToolLook,
-               found: Mapping[str, CameraEvidence]) -> Axes | None:  # fmt: skip
-    """Search other axes of the tool's mesh, on the frame where it is highest, in the cameras without another fault."""
-    names = [name for name in found if not found[name].broken]
+def _tool_fault(shots: list[list[View]], tool_poses: np.ndarray, look: ToolLook,
+                found: Mapping[str, CameraEvidence]) -> str:  # fmt: skip
+    """Say how the tool's mesh would fit what was measured, "" where it does or nothing is clearly better.
+
+    Looked at on the frame where the tool is highest, in the cameras without another fault that see most of it.
+    """
     order = list(found)
+    names = [name for name in order if not found[name].faults and found[name].tool is not None]
     frame = int(np.argmax(tool_poses[:, 2, 3]))
     best = sorted(names, key=lambda name: -(found[name].tool or ToolFit(0, 0)).judged_px)[:3]
-    return look.better_axes([([shots[frame][order.index(name)]], [tool_poses[frame]]) for name in best])
+    seen = [([shots[frame][order.index(name)]], [tool_poses[frame]]) for name in best]
+    axes = look.better_axes(seen)
+    if axes is not None:
+        return (f"the tool's mesh has other axes than its pose: {axes.name} about its frame's origin it fits what the "
+                "cameras measured; export the mesh so, or correct flange_from_tool")  # fmt: skip
+    through = [fit.through for name in best if (fit := found[name].tool) is not None and fit.through is not None]
+    if not through or np.median(through) <= THROUGH:
+        return ""
+    shift = look.better_place(seen)
+    if shift is None:
+        return ""
+    x, y, z = 1e3 * shift
+    return (f"the tool is not where its pose says: moved by ({x:+.0f}, {y:+.0f}, {z:+.0f}) mm in its frame it fits what "
+            "the cameras measured; correct flange_from_tool or the mesh")  # fmt: skip
 
 
-def _with_tool(evidence: CameraEvidence, axes: Axes | None, found: Mapping[str, CameraEvidence]) -> CameraEvidence:
+def _with_tool(evidence: CameraEvidence, said: str) -> CameraEvidence:
     """Add what is wrong with the tool; another fault of the camera explains a tool that is not there."""
-    if evidence.faults or evidence.tool is None:
+    if evidence.faults or not said:
         return evidence
     agreed = tuple(each for each in evidence.agreed if each != "tool")
-    if axes is not None:
-        said = (f"the tool's mesh has other axes than its pose: {axes.name} about its frame's origin it fits what the "
-                "cameras measured; export the mesh so, or correct flange_from_tool")  # fmt: skip
-        return replace(evidence, faults={Fault.TOOL: said}, agreed=agreed)
-    if evidence.tool.through is None or evidence.tool.through <= THROUGH:
-        return evidence
-    others = [each.tool.through for each in found.values() if each.tool is not None
-              and each.tool.through is not None and not each.broken]  # fmt: skip
-    whose = "the tool's mesh, flange_from_tool or its clock" if np.median(others) > THROUGH else "this camera's pose"
-    said = (f"{100 * evidence.tool.through:.0f} % of the drawn tool is looked through by depth: check {whose}")
     return replace(evidence, faults={Fault.TOOL: said}, agreed=agreed)

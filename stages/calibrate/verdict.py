@@ -100,6 +100,7 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
         else:
             verdict = "bad"
             fixes.append(f"{lag}: shift this camera's timestamps at ingest")
+    fixes += filter(None, [evidence.remark])
     return CameraVerdict(name, verdict, "; ".join(fixes), _rounded(after.disagreement_mm),
                          _rounded(before.disagreement_mm), round(depth_scale, 6), _rounded(reprojection_px),
                          _rounded(offset.offset_ms if offset else None),
@@ -129,10 +130,13 @@ def check_usable(cameras: list[CameraVerdict], where: Path) -> None:
         return
     kinds = Counter(each.faults[:1] for each in cameras)
     cause, _ = max(kinds.items(), key=lambda item: (bool(item[0]), item[1]))
-    said = [f"{each.camera}: {each.fix}" for each in sorted(cameras, key=lambda each: each.faults[:1] != cause)]
-    raise PlopError("All its cameras are bad.", where=where, expected="one camera or more that can be used",
-                    found="; ".join(said), fix="Mend the first cause and ingest again, or --keep-bad to go on.",
-                    )  # fmt: skip
+    said: dict[str, list[str]] = {}
+    for each in sorted(cameras, key=lambda each: each.faults[:1] != cause):
+        said.setdefault(each.fix, []).append(each.camera)
+    raise PlopError("All its cameras are bad: nothing that is made of it would be right.", where=where,
+                    expected="one camera or more that can be used",
+                    found="; ".join(f"{', '.join(names)}: {fix}" for fix, names in said.items()),
+                    fix="Mend the first cause and ingest again, or --keep-bad to go on.")  # fmt: skip
 
 
 def tolerance_ms(offset: Offset, config: CalibrateConfig) -> float:
