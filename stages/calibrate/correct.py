@@ -27,8 +27,8 @@ class Correction:
 
 
 def find_correction(recording: Recording, frames: list[int], margin_m: float, before: dict[str, CameraCheck],
-                    limit_mm: float, gate_m: float,
-                    trusted: frozenset[str] = frozenset()) -> Correction | None:  # fmt: skip
+                    limit_mm: float, gate_m: float, *, trusted: frozenset[str] = frozenset(),
+                    leave_out: frozenset[str] = frozenset()) -> Correction | None:  # fmt: skip
     """Try depth scales, poses, and both, and keep the simplest that is about as good as the best.
 
     Cameras within the limit stay where they are; when none is (two cameras that disagree, say), those that something
@@ -42,13 +42,14 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
         before: Agreement as recorded.
         limit_mm: Disagreement that is good enough [mm].
         gate_m: Largest distance of corresponding points [m].
-        trusted: Cameras with evidence of their own.
+        trusted: Cameras with evidence of their own that they are right: the table, their hand-eye data.
+        leave_out: Cameras with a fault that no pose or scale mends: they are neither moved nor looked at.
 
     Returns:
         The correction; None when there is nothing to hold on to, or none makes all cameras agree or at
         least halves the worst disagreement.
     """
-    names = recording.camera_names
+    names = [name for name in recording.camera_names if name not in leave_out]
     values = [before[name].disagreement_mm for name in names]
     known = [i for i, value in enumerate(values) if value is not None]
     if len(known) < 2:
@@ -57,7 +58,8 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
     fixed = good or [i for i in known if names[i] in trusted]
     if not fixed:
         return None
-    picks = depth_views(read_views(recording, frames[0]), margin_m)
+    views = read_views(recording, frames[0])
+    picks = depth_views([view for view in views if view.camera.name in names], margin_m)
     blank = [np.zeros((*pick.depth_m.shape, 3), np.uint8) for pick in picks]
     clouds = [voxel_average(cloud_from_depth(p.camera, p.depth_m, rgb, p.region), VOXEL_M)
               for p, rgb in zip(picks, blank, strict=True)]  # fmt: skip
@@ -69,7 +71,7 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
         if not (np.isfinite(found.corrections).all() and np.isfinite(found.scales).all()):
             continue  # no answer
         change = _as_change(names, found)
-        tried.append(Correction(change, kind, check_episode(recording, frames, margin_m, change)))
+        tried.append(Correction(change, kind, check_episode(recording, frames, margin_m, change, leave_out)))
     if not tried:
         return None
     least = min(_worst(each.checks) for each in tried)

@@ -10,6 +10,7 @@ import numpy as np
 
 from plop.recordings.recording import Recording
 from stages.calibrate.correct import find_correction
+from stages.calibrate.evidence import gather
 from stages.calibrate.pass_on import Edits
 from stages.calibrate.scan import ScanVerdict, check_scan
 from stages.calibrate.soundness import check_recording
@@ -51,27 +52,36 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
     names = recording.camera_names
     frames = spread_frames(len(recording), config.check_frames)
     check_recording(recording, frames)
-    before = check_episode(recording, frames, config.region_margin_m)
+    evidence = gather(recording, frames, config)
+    broken = frozenset(name for name, each in evidence.items() if each.broken)
+    before = check_episode(recording, frames, config.region_margin_m, leave_out=broken)
     edits, after, corrected, scales = Edits(), before, {}, dict.fromkeys(names, 1.0)
     off = [n for n, c in before.items() if c.disagreement_mm is not None
            and c.disagreement_mm > config.max_disagreement_mm]  # fmt: skip
     lost = [n for n, c in before.items() if c.disagreement_mm is None and c.pixels]
-    if config.correct and (off or (lost and len(names) > 1)):
+    if config.correct and (off or (lost and len(names) - len(broken) > 1)):
+        right = frozenset(name for name, each in evidence.items() if each.table_right)
         found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
-                                config.gate_m, trusted)  # fmt: skip
-        if found is not None:
-            after = found.checks
+                                config.gate_m, trusted=trusted | right, leave_out=broken)  # fmt: skip
+        moved = evidence if found is None else gather(recording, frames, config, change=found.change)
+        if found is not None and not any(each.faults and not evidence[name].faults for name, each in moved.items()):
+            after, evidence = found.checks, moved
             for name, (move, factor) in found.change.items():
                 corrected[name] = found.kind
                 scales[name] = factor
                 _add(edits, recording, name, move, factor)
+    faulty = frozenset(name for name, each in evidence.items() if each.faults)
+    if faulty - broken and faulty != frozenset(names):
+        # a camera that disagrees only with one whose own table is off is not to blame
+        alone = check_episode(recording, frames, config.region_margin_m, leave_out=faulty)
+        after = {name: after[name] if name in faulty else alone[name] for name in names}
     offsets = episode_offsets(recording, config.max_offset_search_ms) if config.time_offset else {}
     shift = _common_offset_ms(offsets, config)
     if shift is not None:
         edits.world_from_tool = shifted_tool_poses(recording, shift)
     verdicts = [judge(name, before[name], after[name], corrected=corrected.get(name), depth_scale=scales[name],
                       reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
-                      offset_corrected=shift is not None, config=config)
+                      offset_corrected=shift is not None, evidence=evidence[name], config=config)
                 for name in names]  # fmt: skip
     if not corrected and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
         verdicts = [replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each

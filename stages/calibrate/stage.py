@@ -19,7 +19,7 @@ from stages.calibrate.handeye_held import contradicted
 from stages.calibrate.handeye_solve import NO_COLUMNS
 from stages.calibrate.pass_on import Edits, pass_on
 from stages.calibrate.solved import Solved, board_of, edits_for, solve
-from stages.calibrate.verdict import ORDER
+from stages.calibrate.verdict import ORDER, check_usable
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 
@@ -35,6 +35,11 @@ class CalibrateConfig:
     """How far around the object surfaces are compared [m]."""
     max_disagreement_mm: float = 2.0
     """Depth disagreement with the other cameras that is still good [mm]."""
+    max_table_mm: float = 8.0
+    """How far from table_z a camera may see the table under the object [mm]: a real table is tilted by up to 1 deg, some
+    mm over a workspace, and table_z is measured by hand."""
+    max_table_deg: float = 2.5
+    """How much tilted a camera may see the table [deg]: 1 deg of table and 1 deg of pose, and what noise adds."""
     max_reprojection_px: float = 0.5
     """Reprojection error of board images that is still good [px]."""
     max_offset_ms: float = 15.0
@@ -73,6 +78,8 @@ class CalibrateConfig:
     """Whether poses of a scan are refined by its images: "auto" (when its views disagree), "always" or "never"."""
     scan_scale: str = "poses"
     """Where a refined scan takes its scale from: "poses" (robot, or a board before) or "depth"."""
+    keep_bad: bool = False
+    """Whether episodes whose cameras are all bad pass on, too."""
     max_scan_views: int = 40
     """At most this many views of a scan are refined, evenly spread; the others follow the nearest."""
 
@@ -132,6 +139,8 @@ def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateC
             trusted = frozenset(n for n, each in solved.handeye.items()
                                 if n not in stay and each.trusted(config.max_disagreement_mm))  # fmt: skip
             result = calibrate_episode(recording, config, solved.reprojection_px, trusted)
+            if not config.keep_bad:
+                check_usable(result.cameras, recordings.path(name))
             pass_on(recording.path, folder / f"{name}.h5", result.edits)
     except PlopError as error:
         return {"skipped": error.first_cause().one_line()}
@@ -175,7 +184,8 @@ def _check(config: CalibrateConfig) -> None:
     })  # fmt: skip
     check_ranges(config, "calibrate", {
         "check_frames": (1, inf), "max_disagreement_mm": (1e-6, inf), "gate_m": (1e-6, inf), "region_margin_m": (0, 10),
-        "max_reprojection_px": (1e-6, inf), "max_offset_ms": (0, inf), "max_offset_search_ms": (0, inf),
+        "max_reprojection_px": (1e-6, inf), "max_table_mm": (1e-6, inf), "max_table_deg": (1e-6, 90),
+        "max_offset_ms": (0, inf), "max_offset_search_ms": (0, inf),
         "board_columns": (2, inf), "board_rows": (2, inf), "max_scan_views": (2, inf),
         "board_square_m": (1e-6, 1), "board_marker_m": (0, 1), "board_marker_id": (0, inf),
     })  # fmt: skip
@@ -199,8 +209,8 @@ def _badness(entry: dict) -> tuple[int, float]:
 
 
 def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
-    columns = ("camera", "verdict", "reprojection_px", "disagreement_mm", "time_offset_ms", "depth_scale",
-               *NO_COLUMNS, "fix")
+    columns = ("camera", "verdict", "reprojection_px", "disagreement_mm", "edges_px", "table_mm", "table_deg",
+               "tool_share", "time_offset_ms", "depth_scale", "checks", *NO_COLUMNS, "fix")  # fmt: skip
     table = [{key: entry[key] for key in columns} for _, entry in sorted(facts["cameras"].items())]
     counts = {kind: sum(entry["verdict"] == kind for entry in facts["cameras"].values()) for kind in ORDER}
     figures = {"episodes": len(facts["episodes"]), "skipped": len(skipped),

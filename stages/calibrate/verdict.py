@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from plop.errors import PlopError
+from stages.calibrate.evidence import CameraEvidence
 from stages.calibrate.verify import CameraCheck
 
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
     from stages.calibrate.tool_timing import Offset
 
-ORDER = ("good", "corrected", "unchecked", "bad")
+ORDER = ("good", "corrected", "agreed", "unchecked", "bad")
 """Verdicts from best to worst."""
 
 
@@ -21,7 +25,9 @@ class CameraVerdict:
 
     camera: str
     verdict: str
-    """"good"; "corrected" (was off, the passed-on recording is right); "unchecked" (nothing to compare with); "bad"."""
+    """"good": agrees with the other cameras, and with colour edges, table or tool; "corrected": was off, the passed-on
+    recording is right; "agreed": with the other cameras, and nothing else could be looked at; "unchecked": no other
+    camera sees the same; "bad"."""
     fix: str
     """What to do, empty when nothing."""
     disagreement_mm: float | None
@@ -38,10 +44,22 @@ class CameraVerdict:
     """How finely it can tell: the tool moves half a pixel in this time [ms]."""
     partners: int
     """Cameras that see part of the same surface."""
+    checks: str = ""
+    """What agreed beside the other cameras, of "edges", "flat", "table" and "tool", with + between."""
+    edges_px: float | None = None
+    """How far depth lies from the edges of the colour picture [px]; None when its outlines do not tell."""
+    table_mm: float | None = None
+    """Table under the object, as this camera sees it, over table_z [mm]."""
+    table_deg: float | None = None
+    """Its tilt [deg]."""
+    tool_share: float | None = None
+    """Share of the drawn tool that depth shows, of what is not hidden, 0 to 1."""
+    faults: tuple[str, ...] = ()
+    """Kinds of faults that these checks found, see `evidence.Fault`."""
 
 
 def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str | None, depth_scale: float,
-          reprojection_px: float | None, offset: Offset | None, offset_corrected: bool,
+          reprojection_px: float | None, offset: Offset | None, offset_corrected: bool, evidence: CameraEvidence,
           config: CalibrateConfig) -> CameraVerdict:  # fmt: skip
     """Turn measurements of one camera into a verdict.
 
@@ -54,13 +72,18 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
         reprojection_px: From board images or the scan [px].
         offset: Of its images against the robot.
         offset_corrected: Whether the tool's poses were shifted by it.
+        evidence: What its pictures say of themselves, as passed on.
         config: Limits.
     """
-    verdict, fixes = "good", []
+    verdict, fixes = "good" if evidence.agreed else "agreed", list[str]()
     if corrected:
         verdict = "corrected"
         fixes.append(f"{corrected} corrected here; calibrate the camera again before recording more")
-    if after.disagreement_mm is None:
+    if evidence.faults:
+        verdict = "bad"
+        # the first cause only: a table that is off follows from pictures that are turned or not aligned
+        fixes.append(next(iter(evidence.faults.values())))
+    elif after.disagreement_mm is None:
         verdict = "unchecked" if after.pixels else "bad"
         fixes.append(_why_not_compared(after))
     elif after.disagreement_mm > config.max_disagreement_mm:
@@ -72,16 +95,48 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
     if offset is not None and abs(offset.offset_ms) > tolerance_ms(offset, config):
         lag = f"the images lag the robot by {offset.offset_ms:.0f} ms"
         if offset_corrected:
-            verdict = "corrected" if verdict == "good" else verdict
+            verdict = "corrected" if verdict in ("good", "agreed") else verdict
             fixes.append(f"{lag}: the tool's poses were shifted")
         else:
             verdict = "bad"
             fixes.append(f"{lag}: shift this camera's timestamps at ingest")
+    fixes += filter(None, [evidence.remark])
     return CameraVerdict(name, verdict, "; ".join(fixes), _rounded(after.disagreement_mm),
                          _rounded(before.disagreement_mm), round(depth_scale, 6), _rounded(reprojection_px),
                          _rounded(offset.offset_ms if offset else None),
                          _rounded(offset.resolution_ms if offset else None),
-                         after.partners)  # fmt: skip
+                         after.partners, **_looked_at(evidence))  # fmt: skip
+
+
+def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
+    edges, tool = evidence.edges, evidence.tool
+    return {
+        "checks": "+".join(evidence.agreed),
+        "edges_px": round(edges.off_px, 2) if edges is not None and edges.tells else None,
+        "table_mm": None if evidence.table_mm is None else round(evidence.table_mm, 2) + 0.0,
+        "table_deg": round(evidence.support.tilt_deg, 2) if evidence.support and evidence.table_mm is not None else None,
+        "tool_share": None if tool is None or tool.through is None else round(1 - tool.through, 3),
+        "faults": tuple(fault.value for fault in evidence.faults),
+    }
+
+
+def check_usable(cameras: list[CameraVerdict], where: Path) -> None:
+    """Refuse an episode whose cameras are all bad: what is made of it would be wrong.
+
+    Raises:
+        PlopError: Names what is wrong, the cause that most cameras share first.
+    """
+    if not cameras or any(each.verdict != "bad" for each in cameras):
+        return
+    kinds = Counter(each.faults[:1] for each in cameras)
+    cause, _ = max(kinds.items(), key=lambda item: (bool(item[0]), item[1]))
+    said: dict[str, list[str]] = {}
+    for each in sorted(cameras, key=lambda each: each.faults[:1] != cause):
+        said.setdefault(each.fix, []).append(each.camera)
+    raise PlopError("All its cameras are bad: nothing that is made of it would be right.", where=where,
+                    expected="one camera or more that can be used",
+                    found="; ".join(f"{', '.join(names)}: {fix}" for fix, names in said.items()),
+                    fix="Mend the first cause and ingest again, or --keep-bad to go on.")  # fmt: skip
 
 
 def tolerance_ms(offset: Offset, config: CalibrateConfig) -> float:

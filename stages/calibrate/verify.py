@@ -81,8 +81,8 @@ def depth_views(views: list[View], margin_m: float) -> list[DepthView]:
     return out
 
 
-def check_episode(recording: Recording, frames: list[int], margin_m: float,
-                  change: Change | None = None) -> dict[str, CameraCheck]:  # fmt: skip
+def check_episode(recording: Recording, frames: list[int], margin_m: float, change: Change | None = None,
+                  leave_out: frozenset[str] = frozenset()) -> dict[str, CameraCheck]:  # fmt: skip
     """Compare every pair of cameras on some frames: around the object, and on the object alone.
 
     A shift along the table does not show on the table, so the worse of the two counts.
@@ -92,6 +92,7 @@ def check_episode(recording: Recording, frames: list[int], margin_m: float,
         frames: Frames to look at.
         margin_m: How far around the object surfaces take part [m].
         change: Trial correction per camera.
+        leave_out: Cameras that are known to be wrong: nothing is compared with them.
 
     Returns:
         One check per camera.
@@ -100,7 +101,7 @@ def check_episode(recording: Recording, frames: list[int], margin_m: float,
     pixels = dict.fromkeys(names, 0)
     kinds: list[dict[str, dict[str, list[Disagreement]]]] = [{name: {} for name in names} for _ in range(2)]
     for frame in frames:
-        views = read_views(recording, frame, change)
+        views = [view for view in read_views(recording, frame, change) if view.camera.name not in leave_out]
         picks = depth_views(views, margin_m)
         objects = [replace(pick, region=view.object_mask) for pick, view in zip(picks, views, strict=True)]
         for pick in picks:
