@@ -20,7 +20,7 @@ from plop.gaussians.trajectory import Trajectory
 from plop.metrics.clouds import back_project_all
 from plop.metrics.frame import FrameOptions, Scores, score_frame
 from plop.metrics.lpips import Lpips, Unavailable
-from plop.recordings.busiest_camera import busiest_camera
+from plop.recordings.busiest_camera import busiest_camera, check_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
 from plop.render.comparison import Comparison
@@ -87,6 +87,7 @@ def score_episode(
         pool = stack.enter_context(ThreadPoolExecutor(config.threads or cpu_count()))
         material = stack.enter_context(MaterialPoints(recording.path, paths.rollout / "states.h5", use=config.truth))
         _check_match(views, recording)
+        check_camera(recording, config.picture_camera)
         frames, times = len(recording), recording.time_s
         for frame in _frames(recording, views, paths.init, config):
             with_emd = config.emd_every > 0 and (frame.index % config.emd_every == 0 or frame.index == frames - 1)
