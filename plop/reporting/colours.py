@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 PREDICTION, PERSISTENCE, RIGID, FLOOR = "#0072b2", "#999999", "#e69f00", "#000000"
-MODELS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-"""One for each model, in order."""
+MODELS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#661100")
+"""One for each model, in order; none is a baseline's."""
 PHASE_COLOURS = {"approach": "#f2f2f2", "contact": "#fde9c8", "cut": "#f6d2e6", "hold": "#d5ecf9", "retract": "#d8efe4"}
 ERROR_MAP = "viridis"
 """matplotlib's name of the colour map of errors; the pages draw the same."""

@@ -20,15 +20,11 @@ def verdict_section(facts: ReportFacts) -> str:
     quiet = " none" if kind in _QUIET or not facts.diagnoses else ""
     more = "".join(f"<p>{text(label)} was diagnosed, too (<b>{text(d['verdict']['kind'])}</b>): "
                    f"{_unbroken(headline(label, d))}</p>" for label, d in facts.diagnoses[1:])  # fmt: skip
-    figures = "".join(f"<div><b>{_whole(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
+    figures = "".join(f"<div><b>{_unbroken(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
     return (f'<section class="verdict{quiet}" id="verdict"><b class="kind">{text(kind)}</b>'
             f'<p class="says">{_unbroken(sentence)}</p>{_beaten(facts)}{more}'
             f'<div class="facts">{figures}</div><p class="soft">{text(_held_out(facts))} {_shares(facts)}</p>'
             "</section>")  # fmt: skip
-
-
-def _whole(value: str) -> str:
-    return text(value).replace(" ", "&nbsp;")
 
 
 def _unbroken(sentence: str) -> str:
