@@ -76,6 +76,8 @@ def solve(boards: Path | None, poses: Path | None, recording: Recording, config:
         matrix, distortion = _opencv_intrinsics(name, solved, recording)
         solved.handeye[name] = solve_camera(folder, board, matrix, distortion, config)
         solved.warnings += [f"camera {name}, hand-eye: {note}" for note in solved.handeye[name].notes]
+        if not solved.handeye[name].used and name not in recording.camera_names:  # no verdict will say it
+            solved.warnings.append(f"camera {name}: its hand-eye pose was not used: {solved.handeye[name].why_not}")
     return solved
 
 

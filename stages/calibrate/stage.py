@@ -131,6 +131,7 @@ def _solve(inputs: Inputs, recordings: RecordingSet, config: CalibrateConfig) ->
 def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateConfig, folder: Path) -> dict:
     source, first = recordings.path(name), folder / f"{name}.h5.first"
     plain = folder / f"{name}.h5.plain"
+    first.unlink(missing_ok=True)  # of a killed run
     try:
         with recordings.open(name) as recording:
             given = edits_for(recording, solved, config)
