@@ -120,7 +120,7 @@ def main(arguments: list[str] | None = None) -> int:
     except PlopError as error:
         if "--debug" in given:
             raise
-        console.error(error)
+        console.error(error.first_cause())
         return main([*given, "--trust-effects"]) if _trusts(error, given) else 1
     except KeyboardInterrupt:
         code = INTERRUPTED

@@ -23,9 +23,9 @@ TABLE_TOLERANCE_M = 0.02
 VIEWS_TOLERANCE_M = 0.02
 SHARED_LEAST = 0.15
 """Least share of a camera's points that lie on the largest flat surface another camera sees: cameras that watch one
-object see what it stands on. Planes that only cross share a strip as wide as the tolerance. On 120 made-up right pairs of
-cameras (tables of 0.7 to 6 m, a wall or none, depth noise up to 15 mm at 1 m) none is below 0.2, 3 are below 0.3; of 20
-cameras turned by 30 deg and moved by 100 mm 18 are below 0.15."""
+object see what it stands on; planes that only cross share a strip as wide as the tolerance. Of 120 made-up right pairs
+(tables of 0.7 to 6 m, a wall or none, depth noise up to 15 mm at 1 m) none is below 0.2 and 3 are below 0.3; of 20 with
+a camera turned by 30 deg and moved by 100 mm 18 are below 0.15."""
 CAMERAS_FIX = (
     "Check the cameras' extrinsics: camera -> robot base, metres, extrinsic xyz Euler angles in radians, "
     "camera axes right, down, forward."
