@@ -27,6 +27,8 @@ NEAR_M = 0.05
 WARP_SHARE = 0.004
 """Depth cameras bend a flat wall by this share of the distance, smoothly; no bend below it counts (stereo and time of
 flight: 0.2 to 0.5 % after factory calibration)."""
+FAR_OFF_DEG, FAR_OFF_M = 15.0, 0.06
+"""A table seen further off than this is no inaccurate pose: pictures or poses are of another kind."""
 PIECES = 6
 """The picture is cut into PIECES x PIECES, whose errors are taken as independent."""
 
@@ -77,6 +79,10 @@ class Support:
     """Whether the object touches it."""
     bend: Bend
 
+    def is_far(self, table_z_m: float) -> bool:
+        """Whether what the object rests on cannot be a table at this height, whatever is inaccurate."""
+        return self.rests and (abs(self.height_m - table_z_m) > FAR_OFF_M or self.tilt_deg > FAR_OFF_DEG)
+
 
 def find_support(view: View, *, as_distance: bool = False) -> Support | None:
     """Find the plane that most of the background around the object shows.
@@ -111,7 +117,7 @@ def find_support(view: View, *, as_distance: bool = False) -> Support | None:
     if everywhere.sum() < max(FEWEST_PX, 0.1 * keep.sum()):
         return None
     share = float(everywhere.sum() / max(keep.sum(), 1))
-    return _described(view.camera, rays, depth, view.object_mask, np.nonzero(everywhere), share)
+    return _described(view.camera, rays, depth, view.object_mask, everywhere, share)
 
 
 def turned(view: View, turns: int, mirrored: bool) -> View:
@@ -159,8 +165,9 @@ def _plane(rays: np.ndarray, depth: np.ndarray, length: np.ndarray) -> tuple[np.
 
 
 def _described(camera: Camera, rays: np.ndarray, depth: np.ndarray, thing: np.ndarray,
-               where: tuple[np.ndarray, np.ndarray], share: float) -> Support:  # fmt: skip
-    r, z = rays[where], depth[where]
+               on: np.ndarray, share: float) -> Support:  # fmt: skip
+    where = np.nonzero(on)
+    r, z = rays[on], depth[on]
     pieces = (where[0] * PIECES // depth.shape[0]) * PIECES + where[1] * PIECES // depth.shape[1]
     plane = _linear(r, z)
     residual = z - 1 / (r @ plane)

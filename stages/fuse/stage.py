@@ -17,6 +17,7 @@ from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.fuse.episode import EpisodeCloud, fuse_episode
+from stages.fuse.usable_views import bad_cameras
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
 def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path) -> dict:
     try:
         with recordings.open(name) as recording:
-            result: EpisodeCloud = fuse_episode(_usable(recording, config), config)
+            bad = bad_cameras(recordings.folder, name)
+            result: EpisodeCloud = fuse_episode(_usable(recording, config), config, bad)
     except PlopError as error:
         return {"skipped": error.render()}
     write_cloud(folder / f"{name}.ply", result.cloud)
@@ -122,7 +124,7 @@ def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
 
 STAGE = Stage(
     name="fuse",
-    version=2,
+    version=3,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
     inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},
