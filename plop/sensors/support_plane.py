@@ -112,7 +112,7 @@ def find_support(view: View, *, as_distance: bool = False) -> Support | None:
         return None
     plane, power = found
     with np.errstate(divide="ignore", invalid="ignore"):
-        on = length**power / (rays @ plane)
+        on = length ** float(power) / (rays @ plane)
         everywhere = keep & (np.abs(on - depth) < 2 * (GATE_M + GATE_SHARE * depth))
     if everywhere.sum() < max(FEWEST_PX, 0.1 * keep.sum()):
         return None
@@ -144,21 +144,21 @@ def _background(view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _plane(rays: np.ndarray, depth: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, int] | None:
-    """Find a plane that most pixels show (RANSAC): a with |ray|^power / depth = a . ray, and the power, 0 or 1."""
+    """Find a plane that most pixels show (RANSAC): a with |ray|^power / depth = a . ray, and the power: 0, 1, -1."""
     generator = np.random.default_rng(0)
     pick = generator.permutation(len(depth))[:800]
     r, gate = rays[pick], GATE_M + GATE_SHARE * depth[pick]
     best, most = None, 0.35 * len(pick)
-    for power in (0, 1):
-        y = length[pick] ** power / depth[pick]
+    for power in (0, 1, -1):
+        y = length[pick] ** float(power) / depth[pick]
         triples = generator.integers(0, len(pick), (150, 3))
         triples = triples[np.abs(np.linalg.det(r[triples])) > 1e-6]
         planes = np.linalg.solve(r[triples], y[triples][..., None])[..., 0]
         with np.errstate(divide="ignore"):
-            inside = np.abs(length[pick] ** power / (planes @ r.T) - depth[pick]) < gate
+            inside = np.abs(length[pick] ** float(power) / (planes @ r.T) - depth[pick]) < gate
         counts = inside.sum(1) if len(planes) else np.zeros(1)
         i = int(counts.argmax())
-        # distance must explain clearly more than depth, which it does where it is right
+        # a distance must explain clearly more than depth, which it does where it is right
         if counts[i] > (1.05 if best is not None else 1.0) * most:
             best, most = (np.linalg.lstsq(r[inside[i]], y[inside[i]], rcond=None)[0], power), counts[i]
     return best
