@@ -92,7 +92,8 @@ def edge_alignment(views: Sequence[View]) -> EdgeAlignment | None:
 
 def tolerance_px(width: int) -> float:
     """How far outlines of depth may lie from colour edges [px]: sensors fray them by 1 to 3 px, and pictures are shrunk
-    before they are stored."""
+    before they are stored.
+    """
     return 2.0 + 0.005 * width
 
 
@@ -178,8 +179,7 @@ class _Search:
         self.width = width
         # frames and both kinds of edges stand below each other, with room in which nothing is
         self.room = int(0.5 * width) + 2
-        pads = [cv2.copyMakeBorder(e, self.room, self.room, self.room, self.room, cv2.BORDER_CONSTANT, value=float("nan"))
-                for pair in edges for e in pair]  # fmt: skip
+        pads = [np.pad(each, self.room, constant_values=np.nan) for pair in edges for each in pair]
         self.high = pads[0].shape[0]
         self.image = np.concatenate(pads)
         self.down = (2 * frame + (steps[:, 2] < 0.5)) * self.high + self.room

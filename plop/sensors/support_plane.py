@@ -27,6 +27,8 @@ NEAR_M = 0.05
 WARP_SHARE = 0.004
 """Depth cameras bend a flat wall by this share of the distance, smoothly; no bend below it counts (stereo and time of
 flight: 0.2 to 0.5 % after factory calibration)."""
+FAR_OFF_DEG, FAR_OFF_M = 15.0, 0.06
+"""A table seen further off than this is no inaccurate pose: pictures or poses are of another kind."""
 PIECES = 6
 """The picture is cut into PIECES x PIECES, whose errors are taken as independent."""
 
@@ -77,6 +79,10 @@ class Support:
     """Whether the object touches it."""
     bend: Bend
 
+    def is_far(self, table_z_m: float) -> bool:
+        """Whether what the object rests on cannot be a table at this height, whatever is inaccurate."""
+        return self.rests and (abs(self.height_m - table_z_m) > FAR_OFF_M or self.tilt_deg > FAR_OFF_DEG)
+
 
 def find_support(view: View, *, as_distance: bool = False) -> Support | None:
     """Find the plane that most of the background around the object shows.
@@ -106,12 +112,12 @@ def find_support(view: View, *, as_distance: bool = False) -> Support | None:
         return None
     plane, power = found
     with np.errstate(divide="ignore", invalid="ignore"):
-        on = length**power / (rays @ plane)
+        on = length ** float(power) / (rays @ plane)
         everywhere = keep & (np.abs(on - depth) < 2 * (GATE_M + GATE_SHARE * depth))
     if everywhere.sum() < max(FEWEST_PX, 0.1 * keep.sum()):
         return None
     share = float(everywhere.sum() / max(keep.sum(), 1))
-    return _described(view.camera, rays, depth, view.object_mask, np.nonzero(everywhere), share)
+    return _described(view.camera, rays, depth, view.object_mask, everywhere, share)
 
 
 def turned(view: View, turns: int, mirrored: bool) -> View:
@@ -138,29 +144,30 @@ def _background(view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _plane(rays: np.ndarray, depth: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, int] | None:
-    """Find a plane that most pixels show (RANSAC): a with |ray|^power / depth = a . ray, and the power, 0 or 1."""
+    """Find a plane that most pixels show (RANSAC): a with |ray|^power / depth = a . ray, and the power: 0, 1, -1."""
     generator = np.random.default_rng(0)
     pick = generator.permutation(len(depth))[:800]
     r, gate = rays[pick], GATE_M + GATE_SHARE * depth[pick]
     best, most = None, 0.35 * len(pick)
-    for power in (0, 1):
-        y = length[pick] ** power / depth[pick]
+    for power in (0, 1, -1):
+        y = length[pick] ** float(power) / depth[pick]
         triples = generator.integers(0, len(pick), (150, 3))
         triples = triples[np.abs(np.linalg.det(r[triples])) > 1e-6]
         planes = np.linalg.solve(r[triples], y[triples][..., None])[..., 0]
         with np.errstate(divide="ignore"):
-            inside = np.abs(length[pick] ** power / (planes @ r.T) - depth[pick]) < gate
+            inside = np.abs(length[pick] ** float(power) / (planes @ r.T) - depth[pick]) < gate
         counts = inside.sum(1) if len(planes) else np.zeros(1)
         i = int(counts.argmax())
-        # distance must explain clearly more than depth, which it does where it is right
+        # a distance must explain clearly more than depth, which it does where it is right
         if counts[i] > (1.05 if best is not None else 1.0) * most:
             best, most = (np.linalg.lstsq(r[inside[i]], y[inside[i]], rcond=None)[0], power), counts[i]
     return best
 
 
 def _described(camera: Camera, rays: np.ndarray, depth: np.ndarray, thing: np.ndarray,
-               where: tuple[np.ndarray, np.ndarray], share: float) -> Support:  # fmt: skip
-    r, z = rays[where], depth[where]
+               on: np.ndarray, share: float) -> Support:  # fmt: skip
+    where = np.nonzero(on)
+    r, z = rays[on], depth[on]
     pieces = (where[0] * PIECES // depth.shape[0]) * PIECES + where[1] * PIECES // depth.shape[1]
     plane = _linear(r, z)
     residual = z - 1 / (r @ plane)

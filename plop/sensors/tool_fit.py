@@ -138,7 +138,6 @@ class ToolLook:
         clear = fit.through is not None and fit.through < FITS and fit.measured_px > 1.5 * here.measured_px
         return axes if clear else None
 
-
     def better_place(self, frames: Sequence[tuple[Sequence[View], Sequence[np.ndarray]]]) -> np.ndarray | None:
         """Search how far the mesh must be moved in its frame [m] to be where depth shows something, shape [3].
 
@@ -172,7 +171,8 @@ class Axes:
 def all_axes() -> Iterator[Axes]:
     """Give the 47 other axes, single turns first, mirrored ones last; each named by turns about fixed axes."""
     known = [np.eye(3)]
-    single = [(f"turned by {angle:+d} deg about {axis}", _turn(axis, angle)) for axis in "xyz" for angle in (90, -90, 180)]
+    single = [(f"turned by {angle:+d} deg about {axis}", _turn(axis, angle))
+              for axis in "xyz" for angle in (90, -90, 180)]  # fmt: skip
     double = [(f"{a}, then by {b.split('by ')[1]}", n @ m) for a, m in single for b, n in single]
     for name, matrix in single + double:
         if not any(np.array_equal(matrix, other) for other in known):
@@ -181,7 +181,8 @@ def all_axes() -> Iterator[Axes]:
     flip = np.diag([-1.0, 1.0, 1.0])
     for base in known:
         matrix = base @ flip
-        axis = next(("xyz"[i] for i in range(3) if np.array_equal(matrix, np.diag(np.where(np.arange(3) == i, -1.0, 1)))), "")
+        flips = zip("xyz", np.eye(3), strict=True)
+        axis = "".join(letter for letter, row in flips if np.array_equal(matrix, np.diag(1 - 2 * row)))
         yield Axes(f"mirrored along {axis}" if axis else "mirrored along x and turned", matrix)
 
 

@@ -15,15 +15,13 @@ import numpy as np
 
 from plop.recordings.recording import Recording, View
 from plop.sensors.depth_edges import EdgeAlignment, edge_alignment, tolerance_px
-from plop.sensors.support_plane import Support, find_support, turned
+from plop.sensors.support_plane import FAR_OFF_DEG, FAR_OFF_M, Support, find_support, turned
 from plop.sensors.tool_fit import THROUGH, ToolFit, ToolLook
 from stages.calibrate.verify import Change, read_views
 
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
 
-FAR_OFF_DEG, FAR_OFF_M = 15.0, 0.06
-"""A table seen further off than this is no inaccurate pose: other readings of the pictures are tried."""
 SAME_M = 0.004
 """Heights of the table that differ by less are the same [m]."""
 BELOW_SHARE = 10.0
@@ -65,8 +63,8 @@ class CameraEvidence:
         """What is odd without being a fault."""
         if self.faults or self.tool is None or self.tool.through is None or self.tool.through <= THROUGH:
             return ""
-        return (f"depth looks through {100 * self.tool.through:.0f} % of the drawn tool: a blade that depth does not see "
-                "(glossy, transparent), or a wrong mesh, mount or clock")  # fmt: skip
+        return (f"depth looks through {100 * self.tool.through:.0f} % of the drawn tool: a blade that depth does not "
+                "see (glossy, transparent), or a wrong mesh, mount or clock")  # fmt: skip
 
     @property
     def broken(self) -> bool:
@@ -91,7 +89,7 @@ def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig,
         poses: Poses of the tool at all frames where they are not the recorded ones, shape [T, 4, 4].
     """
     shots = [read_views(recording, frame, change) for frame in frames]
-    tool_poses = (recording.world_from_tool if poses is None else poses)[list(frames)]
+    tool_poses = list((recording.world_from_tool if poses is None else poses)[list(frames)])
     look = ToolLook(recording.tool_mesh, recording.table_z_m)
     table = recording.table_z_m
     found = {}
@@ -103,7 +101,7 @@ def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig,
     return {name: _with_tool(each, said) for name, each in found.items()}
 
 
-def _one_camera(views: list[View], tool_poses: np.ndarray, look: ToolLook, table: float | None,
+def _one_camera(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook, table: float | None,
                 config: CalibrateConfig) -> CameraEvidence:  # fmt: skip
     supports = [each for each in (find_support(view) for view in views[:1]) if each is not None]
     support = supports[0] if supports else None
@@ -132,8 +130,8 @@ def _one_camera(views: list[View], tool_poses: np.ndarray, look: ToolLook, table
         else:
             faults.setdefault(Fault.TABLE, _table_off(table_mm, support))
     elif support is None and table is not None and (deep := _below_table_mm(views[0], table)) > config.max_table_mm:
-        faults[Fault.TABLE] = (f"part of the object lies {deep:.0f} mm below table_z: its depth, its pose or table_z is "
-                               "wrong")  # fmt: skip
+        faults[Fault.TABLE] = (f"part of the object lies {deep:.0f} mm below table_z: its depth, its pose or table_z "
+                               "is wrong")  # fmt: skip
     if tool.through is not None and tool.through < THROUGH / 2:
         agreed.append("tool")
     return CameraEvidence(edges, support, tool, table_mm, faults, tuple(agreed))
@@ -144,17 +142,18 @@ def _is_table(support: Support, table_mm: float) -> bool:
     return support.rests or (abs(table_mm) < 1e3 * FAR_OFF_M and support.tilt_deg < FAR_OFF_DEG)
 
 
-def _turned(views: list[View], tool_poses: np.ndarray, look: ToolLook, support: Support, table_mm: float | None,
-            tool: ToolFit, config: CalibrateConfig) -> str:  # fmt: skip
+def _turned(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook, support: Support,
+            table_mm: float | None, tool: ToolFit, config: CalibrateConfig) -> str:  # fmt: skip
     """Say which turn of the pictures puts table and tool where they should be, "" when they are or none does."""
-    off = table_mm is not None and support.rests and (
-        abs(table_mm) > 1e3 * FAR_OFF_M or support.tilt_deg > FAR_OFF_DEG)  # fmt: skip
+    off = table_mm is not None and support.is_far(support.height_m - table_mm / 1e3)
     gone = tool.through is not None and tool.through > THROUGH
     if not off and not gone:
         return ""
-    square = views[0].camera.width == views[0].camera.height
+    ways = [(2, False), (0, True), (2, True)]
+    if views[0].camera.width == views[0].camera.height:
+        ways += [(1, False), (3, False), (1, True), (3, True)]
     fits = []
-    for turns, mirrored in ((2, False), (0, True), (2, True), *(((1, False), (3, False), (1, True), (3, True)) * square)):
+    for turns, mirrored in ways:
         trial = [turned(view, turns, mirrored) for view in views]
         plane = find_support(trial[0])
         if plane is None or (table_mm is not None and (
@@ -207,13 +206,13 @@ def _curved(support: Support) -> str:
 
 
 def _unaligned(edges: EdgeAlignment) -> str:
-    return (f"depth is not aligned to the colour picture: it is shifted by ({-edges.dx_px:.1f}, {-edges.dy_px:.1f}) px, "
+    return (f"depth is not aligned to the colour picture: shifted by ({-edges.dx_px:.1f}, {-edges.dy_px:.1f}) px, "
             f"zoom {1 / edges.zoom:.2f}; align depth to colour before ingest (its own lens has other intrinsics)")
 
 
 def _table_off(table_mm: float, support: Support) -> str:
-    return (f"it sees the table {table_mm:+.1f} mm from table_z, tilted by {support.tilt_deg:.1f} deg: its depth scale, "
-            "its pose or table_z is wrong")  # fmt: skip
+    return (f"it sees the table {table_mm:+.1f} mm from table_z, tilted by {support.tilt_deg:.1f} deg: its depth "
+            "(scale, or not aligned to colour), its pose or table_z is wrong")  # fmt: skip
 
 
 def _below_table_mm(view: View, table: float) -> float:
@@ -236,7 +235,7 @@ def _with_shared_table(found: dict[str, CameraEvidence]) -> dict[str, CameraEvid
     return {name: replace(each, faults={Fault.TABLE: said}) if each in off else each for name, each in found.items()}
 
 
-def _tool_fault(shots: list[list[View]], tool_poses: np.ndarray, look: ToolLook,
+def _tool_fault(shots: list[list[View]], tool_poses: Sequence[np.ndarray], look: ToolLook,
                 found: Mapping[str, CameraEvidence]) -> str:  # fmt: skip
     """Say how the tool's mesh would fit what was measured, "" where it does or nothing is clearly better.
 
@@ -244,7 +243,7 @@ def _tool_fault(shots: list[list[View]], tool_poses: np.ndarray, look: ToolLook,
     """
     order = list(found)
     names = [name for name in order if not found[name].faults and found[name].tool is not None]
-    frame = int(np.argmax(tool_poses[:, 2, 3]))
+    frame = int(np.argmax([pose[2, 3] for pose in tool_poses]))
     best = sorted(names, key=lambda name: -(found[name].tool or ToolFit(0, 0)).judged_px)[:3]
     seen = [([shots[frame][order.index(name)]], [tool_poses[frame]]) for name in best]
     axes = look.better_axes(seen)
@@ -258,8 +257,8 @@ def _tool_fault(shots: list[list[View]], tool_poses: np.ndarray, look: ToolLook,
     if shift is None:
         return ""
     x, y, z = 1e3 * shift
-    return (f"the tool is not where its pose says: moved by ({x:+.0f}, {y:+.0f}, {z:+.0f}) mm in its frame it fits what "
-            "the cameras measured; correct flange_from_tool or the mesh")  # fmt: skip
+    return (f"the tool is not where its pose says: moved by ({x:+.0f}, {y:+.0f}, {z:+.0f}) mm in its frame it fits "
+            "what the cameras measured; correct flange_from_tool or the mesh")  # fmt: skip
 
 
 def _with_tool(evidence: CameraEvidence, said: str) -> CameraEvidence:

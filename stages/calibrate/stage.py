@@ -36,8 +36,8 @@ class CalibrateConfig:
     max_disagreement_mm: float = 2.0
     """Depth disagreement with the other cameras that is still good [mm]."""
     max_table_mm: float = 8.0
-    """How far from table_z a camera may see the table under the object [mm]: a real table is tilted by up to 1 deg, some
-    mm over a workspace, and table_z is measured by hand."""
+    """How far from table_z a camera may see the table under the object [mm]: a real table is tilted by up to 1 deg,
+    some mm over a workspace, and table_z is measured by hand."""
     max_table_deg: float = 2.5
     """How much tilted a camera may see the table [deg]: 1 deg of table and 1 deg of pose, and what noise adds."""
     max_reprojection_px: float = 0.5

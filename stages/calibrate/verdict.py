@@ -109,12 +109,12 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
 
 
 def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
-    edges, tool = evidence.edges, evidence.tool
+    edges, tool, support = evidence.edges, evidence.tool, evidence.support
     return {
         "checks": "+".join(evidence.agreed),
         "edges_px": round(edges.off_px, 2) if edges is not None and edges.tells else None,
         "table_mm": None if evidence.table_mm is None else round(evidence.table_mm, 2) + 0.0,
-        "table_deg": round(evidence.support.tilt_deg, 2) if evidence.support and evidence.table_mm is not None else None,
+        "table_deg": round(support.tilt_deg, 2) if support and evidence.table_mm is not None else None,
         "tool_share": None if tool is None or tool.through is None else round(1 - tool.through, 3),
         "faults": tuple(fault.value for fault in evidence.faults),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from plop.geometry.pointcloud import (
 from plop.geometry.registration import Registration, register
 from plop.geometry.tsdf import DepthFrame, fuse_tsdf
 from plop.recordings.recording import MaskLabel, Recording, View
+from stages.fuse.usable_views import check_table
 
 if TYPE_CHECKING:
     from stages.fuse.stage import FuseConfig
@@ -54,22 +56,27 @@ class EpisodeCloud:
     facts: CloudFacts
 
 
-def fuse_episode(recording: Recording, config: FuseConfig) -> EpisodeCloud:
+def fuse_episode(recording: Recording, config: FuseConfig, bad: Mapping[str, str] | None = None) -> EpisodeCloud:
     """Fuse one episode.
 
     Args:
         recording: Open recording.
         config: Settings of the stage.
+        bad: Cameras that calibrate calls bad, with the fix; they are left out while another sees the object.
 
     Returns:
         Object cloud in the world frame, metres.
 
     Raises:
-        PlopError: Nothing of an object is seen, or units are wrong; it holds the warnings that were gathered before.
+        PlopError: Nothing of an object is seen, units are wrong, or the table is not where it is said to be; it holds
+            the warnings that were gathered before.
     """
     scan = config.source == "scan" or (config.source == "auto" and bool(recording.scan_names))
     views, warnings = _views(recording, config, scan)
     with remembering(warnings):
+        if not scan:
+            views = _without_bad(views, bad or {}, warnings)
+            check_table(recording, views)
         return _fused(recording, config, scan, views, warnings)
 
 
@@ -122,6 +129,15 @@ def _views(recording: Recording, config: FuseConfig, scan: bool) -> tuple[list[V
             blind.append(f"{name}[{index}]")
         views.append(view)
     return views, [f"no depth is measured in {', '.join(blind)}"] if blind else []
+
+
+def _without_bad(views: list[View], bad: Mapping[str, str], warnings: list[str]) -> list[View]:
+    good = [view for view in views if view.camera.name not in bad]
+    if not any(view.object_mask.any() for view in good) or len(good) == len(views):
+        return views
+    warnings += [f"camera {view.camera.name} is left out, calibrate calls it bad: {bad[view.camera.name]}"
+                 for view in views if view.camera.name in bad]  # fmt: skip
+    return good
 
 
 def _undecided(view: View) -> np.ndarray:

@@ -18,6 +18,7 @@ from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.fuse.episode import EpisodeCloud, fuse_episode
+from stages.fuse.usable_views import bad_cameras
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
 def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path, known: list[str]) -> dict:
     try:
         with remembering(known), recordings.open(name) as recording:
-            result: EpisodeCloud = fuse_episode(_usable(recording, config), config)
+            bad = bad_cameras(recordings.folder, name)
+            result: EpisodeCloud = fuse_episode(_usable(recording, config), config, bad)
     except PlopError as error:
         reason = error.first_cause()
         return {"skipped": reason.one_line(), "fix": reason.fix}
