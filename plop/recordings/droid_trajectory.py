@@ -107,7 +107,7 @@ class _Reader:
         stale = sorted(set(self._names(poses)) - set(own))
         if stale:
             self.warnings.append(f"{self.path}:/{poses}: {', '.join(stale)} belong to none of camera_type "
-                                 f"({', '.join(types)}), so to another rig; ignored")  # fmt: skip
+                                 f"({', '.join(types)}), so another rig's; ignored")  # fmt: skip
         stored = {eye: self._rows(f"{poses}/{key}", 6) for key, eye in own.items()}
         offsets = {eye: _first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
         bad_clocks = dict[str, PlopError]()
