@@ -107,7 +107,7 @@ class _Reader:
         stale = sorted(set(self._names(poses)) - set(own))
         if stale:
             self.warnings.append(f"{self.path}:/{poses}: {', '.join(stale)} belong to none of camera_type "
-                                 f"({', '.join(types)}), so to another rig; ignored")  # fmt: skip
+                                 f"({', '.join(types)}), so another rig's; ignored")  # fmt: skip
         stored = {eye: self._rows(f"{poses}/{key}", 6) for key, eye in own.items()}
         offsets = {eye: _first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
         bad_clocks = dict[str, PlopError]()
@@ -151,17 +151,17 @@ class _Reader:
             raise PlopError("A key of the trajectory has another shape.", where=f"{self.path}:/{key}",
                             expected=f"{shape}", found=f"{node.shape}", fix="Leave the episode out.")  # fmt: skip
         values = np.asarray(node[: self.rows], dtype=np.float64)
-        out[self._covered(key, len(values), say=True)] = values
+        out[self._covered(key, len(values))] = values
         return out
 
-    def _covered(self, key: str, count: int, *, say: bool) -> slice:
+    def _covered(self, key: str, count: int) -> slice:
         """Tell which of the T rows a key of `count` rows covers."""
         missing = self.rows - count
         if self.truncated:
-            if missing and say:
+            if missing:
                 self.warnings.append(f"{self.path}:/{key}: the last {missing} of {self.rows} rows are missing")
             return slice(0, count)
-        if missing and say:
+        if missing:
             self.warnings.append(f"{self.path}:/{key}: {count} rows instead of {self.rows}; "
                                  f"read as rows {missing}..{self.rows - 1} (absent in the early steps)")  # fmt: skip
         return slice(missing, self.rows)
@@ -174,7 +174,7 @@ class _Reader:
         values = node[: self.rows]
         if values.ndim == 1 and values.dtype.kind in "iuf":
             padded = np.full(self.rows, -1, values.dtype if values.dtype.kind != "u" else np.int64)
-            padded[self._covered(key, len(values), say=True)] = values
+            padded[self._covered(key, len(values))] = values
             values = padded
         clock = read_clock(values, documented=TimeUnit.MILLISECONDS, where=f"{self.path}:/{key}")
         if clock is not None:
