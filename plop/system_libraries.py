@@ -32,4 +32,4 @@ def missing_packages() -> "list[str]":
 
 def install_command(packages: "list[str]") -> str:
     """Give the one command that installs packages on Debian and Ubuntu."""
-    return "apt-get install -y --no-install-recommends {}".format(" ".join(packages))
+    return "apt-get install -y {}".format(" ".join(packages))

@@ -46,7 +46,7 @@ def install(packages, prefix):
     apt = prefix + ["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]
     # a source that cannot be reached fails the update but not what the others hold
     subprocess.call(apt + ["update", "-qq"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    words = apt + libraries.install_command(packages).split()[1:] + ["-qq"]
+    words = apt + libraries.install_command(packages).split()[1:] + ["-qq", "--no-install-recommends"]
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     said = done.stdout.decode(errors="replace").strip().splitlines()
     return (said[-1] if said else "exit code {}".format(done.returncode)) if done.returncode else ""

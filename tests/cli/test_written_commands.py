@@ -29,6 +29,7 @@ def options() -> dict[str, dict[str, bool]]:
         own.command()(stage_function(ref, ref.load()))
         found[ref.command] = _of(typer.main.get_command(own))
     root: Any = typer.main.get_command(app)
+    found[""] = _of(root)
     return found | {name: _of(command) for name, command in root.commands.items() if name not in found}
 
 

@@ -97,7 +97,7 @@ def test_every_fitted_and_chosen_number_has_its_unit(facts):
         assert {name: p["unit"] for name, p in row["parameters"].items()} == units
 
 
-def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path, monkeypatch):
+def test_what_was_added_is_not_expected_of_the_reference(inputs, facts, out, tmp_path, monkeypatch):
     """The reference has not the effect: the base predicts it, or the added effect would look missing there."""
 
     def noted(measured, *rest, reference, **more):
@@ -112,7 +112,8 @@ def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path, monke
     given = {**inputs, **plain, "reference": plain["reference_recordings"]}
     found = {}
     for name, model in {"base": inputs["model"], "base+tilt": Input(tmp_path / "base+tilt")}.items():
-        (tmp_path / name / "out").mkdir(parents=True)
+        (tmp_path / name).mkdir(exist_ok=True)
+        again(out, tmp_path / name / "out")
         run({**given, "model": model}, CONFIG, Output(tmp_path / name / "out"))
         found[name] = json.loads((tmp_path / name / "out" / "diagnosis.json").read_text())
     assert found["base"]["verdict"]["named"] == ["tilt"] and found["base+tilt"]["verdict"]["named"] == []
@@ -123,7 +124,9 @@ def test_what_was_added_is_not_expected_of_the_reference(inputs, tmp_path, monke
 
 
 @pytest.mark.parametrize(("trained", "used", "warned"), [(1, 3, False), (2, 4, True), (0, 4, False)])
-def test_a_reference_that_the_model_was_trained_on_is_left_out(inputs, tmp_path, monkeypatch, trained, used, warned):
+def test_a_reference_that_the_model_was_trained_on_is_left_out(
+    inputs, facts, out, tmp_path, monkeypatch, trained, used, warned
+):
     def noted(measured, *rest, reference, **more):
         counts.append(len(reference.episodes))
         return diagnose(measured, *rest, reference=reference, **more)
@@ -139,7 +142,7 @@ def test_a_reference_that_the_model_was_trained_on_is_left_out(inputs, tmp_path,
     given = {
         f"reference{part}": inputs[key] for part, key in (("", "recordings"), ("_init", "init"), ("_tracks", "tracks"))
     }
-    (tmp_path / "out").mkdir()
+    again(out, tmp_path / "out")
     summary = run({**inputs, **given, "model": Input(model)}, CONFIG, Output(tmp_path / "out"))
     dropped = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["dropped"]
     assert counts == [used]
