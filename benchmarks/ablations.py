@@ -32,11 +32,11 @@ from plop.gaussians.state import Gaussians
 from plop.metrics.frame import FrameOptions, score_frame
 from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
 from plop.metrics.table import replace_between_markers
+from plop.pipeline.stage import Input, Output
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
 from plop.render.scene import render_scene, tool_above_table
-from stages.contract import Input, Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import STAGE as TRAIN
 

@@ -70,7 +70,7 @@ def loss_ms() -> float:
 
 def main() -> int:
     """Fit the first episode of each recording set."""
-    from stages.contract import Input, Output
+    from plop.pipeline.stage import Input, Output
     from stages.fit_init.stage import STAGE
 
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_fit_init", description=__doc__)

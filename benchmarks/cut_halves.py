@@ -22,7 +22,7 @@ from plop.artifacts.store import Store
 from plop.dynamics.model import PlopConfig
 from plop.dynamics.model_io import load_model
 from plop.metrics.table import replace_between_markers
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 
 def variants(config: PlopConfig) -> Iterator[tuple[str, PlopConfig]]:

@@ -21,7 +21,7 @@ from benchmarks.physics_cameras import FINER, Loop
 from plop.artifacts.store import Artifact
 from plop.metrics.table import replace_between_markers
 from plop.physics.effects.library import library
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 EPISODES = ("--episodes", "8")
 SEED, REFERENCE_SEED, SNR = 4000, 100, 4

@@ -28,7 +28,7 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
 from plop.physics.filled import EngineBase
 from plop.physics.scene import Scene, simulate_episode
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 KINDS = ("push", "hold", "cut-push", "cycles")
 SEED, RESPONSE_SEED, RESPONSE_EPISODES = 9000, 9001, 4

@@ -25,9 +25,9 @@ from plop.physics.config import EngineConfig
 from plop.physics.fill import surface_parts
 from plop.physics.material import Material
 from plop.physics.tool_motion import ToolKind, ToolShape
+from plop.pipeline.execute import versions
 from plop.recordings.disect import read_disect
 from plop.recordings.mesh_sequence import MeshSequence
-from plop_cli.execute import versions
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "engine_disect.json"
 NAMES = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s"]

@@ -17,7 +17,7 @@ from benchmarks.workspace import Typed
 from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers
 from plop.physics.sealed import open_answer
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 _DOCS = Path(__file__).resolve().parent.parent / "docs"
 RESULT, PAGE = _DOCS / "results" / "fresh_recordings.json", _DOCS / "results-physics.md"

@@ -33,8 +33,8 @@ from plop.physics.base_io import base_from_dict, base_to_dict
 from plop.physics.effects.library import library
 from plop.physics.filled import EngineBase
 from plop.physics.material import Material
+from plop.pipeline.execute import versions
 from plop.recordings.disect import list_disect, read_disect
-from plop_cli.execute import versions
 from stages.diagnose.stage import STAGE
 
 NOISE_M = 3e-4

@@ -20,8 +20,8 @@ from benchmarks.workspace import Typed
 from plop.artifacts.store import Store
 from plop.law_values import parameter_text
 from plop.metrics.table import replace_between_markers
-from plop_cli.chain import read_profile
-from plop_cli.execute import versions
+from plop.pipeline.chain import read_profile
+from plop.pipeline.execute import versions
 
 SETS = (1, 2, 3, 4)
 RANKED = 4

@@ -27,7 +27,7 @@ from plop.dynamics.model import PlopModel
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.physics.filled import EngineBase
 from plop.physics.tool_motion import ToolMotion
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 from stages.train.settings import TrainConfig
 
 MADE_UP, SEED = 24, 7

@@ -29,7 +29,7 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 SPACING_M = 0.00545
 """Of the engine's particles: about 1,300, as many as `identify` takes."""

@@ -31,8 +31,8 @@ from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers
 from plop.physics.effects.library import library
 from plop.physics.sealed import open_answer
+from plop.pipeline.execute import versions
 from plop_cli.demo_physics import PROFILE
-from plop_cli.execute import versions
 from stages.diagnose.stage import STAGE
 
 SNRS = (4.0, 2.0)
@@ -102,7 +102,7 @@ class Loop(Typed):
 
     def __init__(self, workspace: Path, recorded: tuple[str, ...] = ()) -> None:
         """Choose the workspace, and how recordings are made besides what a run says, as typed after `simulate`."""
-        super().__init__(workspace, (importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text())
+        super().__init__(workspace, (importlib.resources.files("plop.pipeline") / "profiles" / PROFILE).read_text())
         self.recorded = recorded
 
     def base(self) -> None:

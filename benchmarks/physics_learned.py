@@ -34,8 +34,8 @@ from plop.dynamics.rollout import predict
 from plop.dynamics.sides import advance_sides
 from plop.gaussians.state import Gaussians
 from plop.geometry.tool import ToolGeometry
-from plop_cli.execute import versions
-from stages.contract import Output
+from plop.pipeline.execute import versions
+from plop.pipeline.stage import Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import train_on
 from stages.train.tracks import Track

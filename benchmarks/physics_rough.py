@@ -16,7 +16,7 @@ from benchmarks.newest import newest_rows, written_rows
 from benchmarks.physics_cameras import Loop, Run, go_on, planned
 from benchmarks.physics_tables import runs_table
 from plop.metrics.table import replace_between_markers
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 RECORDED = ("--depth-noise-m", "0.002", "--arm-m", "0.02")
 SNR = 1.0

@@ -14,7 +14,7 @@ from benchmarks.goals import ShareGoal
 from benchmarks.physics_plan import DEVELOPED
 from benchmarks.physics_rows import amplitude_of, closed_by_wrong_law, gap_closed
 from plop.metrics.table import replace_between_markers
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 RESULT = "physics_points"
 """Name of the file of the benchmark's own result."""

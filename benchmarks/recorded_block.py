@@ -31,7 +31,7 @@ def recorded_block() -> Iterator[Path]:
 
 def record(raw: Path, out: Path) -> Path:
     """Ingest the raw block into a folder; give the recording's path."""
-    from stages.contract import Input, Output
+    from plop.pipeline.stage import Input, Output
     from stages.ingest.settings import MeshConfig
     from stages.ingest.stage import INGEST_MESH
 

@@ -26,7 +26,7 @@ from plop.diagnosis.conclusion import Diagnosis, conclusion
 from plop.diagnosis.contrast import P_LARGEST, contrast_of
 from plop.diagnosis.regression import Grams
 from plop.metrics.table import replace_between_markers
-from plop_cli.execute import versions
+from plop.pipeline.execute import versions
 
 KINDS = {"one kind": (["a"] * 8, ["a"] * 12), "four kinds": (list("abcd") * 2, list("abcd") * 3)}
 """Kind of motion of every episode, and of every one of the reference."""

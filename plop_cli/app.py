@@ -12,11 +12,11 @@ import typer
 
 from plop.errors import PlopError
 from plop.freed_memory import keep_freed_memory
+from plop.pipeline.registry import StageRef, pipeline
 from plop_cli.commands import add_commands
 from plop_cli.completion import completed_by
 from plop_cli.console import Console
 from plop_cli.help_option import HELP
-from stages import PIPELINE, StageRef
 
 app = typer.Typer(
     name="plop",
@@ -97,7 +97,7 @@ def _names_a_path(word: str) -> bool:
         get_close_matches(word, [name or "" for name in known]))  # fmt: skip
 
 
-for _ref in PIPELINE:
+for _ref in pipeline():
     if _ref.name == "ingest":
         if not ingest.registered_commands:  # the first of them says where the group stands in the list
             app.command("ingest", cls=completed_by(lambda: ingest, group=True), context_settings=PASS_ON,

@@ -44,7 +44,7 @@ def demo_physics(workspace: Workspace = Path("demo-physics"), seed: Seed = "0", 
 
 
 def _seed(text: str) -> int:
-    from plop_cli.settings import checked
+    from plop.pipeline.settings import checked
 
     return int(checked(text, int, key="seed", where="command line"))
 

@@ -7,9 +7,11 @@ import shutil
 from pathlib import Path
 
 from plop.artifacts.store import Store
-from plop_cli.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step, show_times
+from plop.pipeline.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step
+from plop.pipeline.execute import Outcome
 from plop_cli.console import Console
-from plop_cli.execute import Outcome
+from plop_cli.listener import Chained
+from plop_cli.outcome import show_times
 from plop_cli.pictures import say_videos, shown
 
 
@@ -22,7 +24,7 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
     made: dict[str, Outcome] = {}
     done: dict[str, Outcome] = {}
     for command in commands:
-        outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=raw)
+        outcome = run_step(command, store=store, listener=Chained(console), layers=layers, made=made, raw=raw)
         made[outcome.artifact.manifest.stage] = outcome
         done[command] = outcome
     scores = made["eval"].artifact

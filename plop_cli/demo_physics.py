@@ -36,7 +36,8 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     workspace.mkdir(parents=True, exist_ok=True)
     settings = workspace / "plop.toml"
     if not settings.is_file():
-        settings.write_text((importlib.resources.files("plop_cli") / "profiles" / PROFILE).read_text(encoding="utf-8"))
+        shipped = importlib.resources.files("plop.pipeline") / "profiles" / PROFILE
+        settings.write_text(shipped.read_text(encoding="utf-8"))
     steps = Steps(workspace, console, run)
     steps("simulate", "block.toml", "--seed", str(100 + seed), "--name", "plain")
     steps("identify", "--recordings", "plain", "--split", "all", "--name", "base")

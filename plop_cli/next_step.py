@@ -10,8 +10,7 @@ from pathlib import Path
 
 from plop.artifacts.lineage import Key
 from plop.artifacts.store import Artifact
-from plop_cli.inputs import ORDER
-from stages import PIPELINE
+from plop.pipeline.registry import commands, places
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def next_step(
         return NextStep(f"plop ingest FOLDER{place}", "begins with your recordings, and guesses their format; "
                         "`plop demo` shows a whole run on simulated ones")  # fmt: skip
     several = len({artifact.manifest.environment for artifact in artifacts}) > 1
-    by_stage = sorted(artifacts, key=lambda artifact: ORDER.get(artifact.key[0], len(ORDER)))
+    by_stage = sorted(artifacts, key=lambda artifact: places().get(artifact.key[0], len(places())))
     for artifact in by_stage:
         if artifact.key in damaged:
             return NextStep(_again(artifact, several) + " --force" + place, f"{artifact.address} is damaged")
@@ -80,7 +79,7 @@ def _onward(artifacts: Sequence[Artifact], several: bool, place: str) -> NextSte
     line = [artifact for artifact in artifacts if artifact.manifest.environment == environment]
     stages = {artifact.key[0]: artifact for artifact in line}
     chosen = _environment(line[-1], several)
-    last = max(stages, key=lambda name: ORDER.get(name, -1))
+    last = max(stages, key=lambda name: places().get(name, -1))
     if last == "filter" and "train" in stages:
         last = "train"
     if last == "calibrate" and _only_bad(stages[last]):
@@ -113,7 +112,7 @@ def _again(artifact: Artifact, several: bool) -> str:
     told = artifact.manifest.provenance
     command = str(told.get("command", artifact.key[0]))
     raw = [str(path) for path in dict(told.get("raw_paths", {})).values()]
-    known = {ref.command for ref in PIPELINE}
+    known = commands()
     words = command.split() if command in known else [artifact.key[0]]
     takes_path = words[0] in ("ingest", "simulate")
     typed = shlex.join(["plop", *words, *(raw[:1] if takes_path else [])])

@@ -9,9 +9,9 @@ from typing import Any
 from plop.artifacts.fingerprint import plain
 from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.store import Store
+from plop.pipeline.execute import Outcome, Plan
+from plop.pipeline.stage import Stage
 from plop_cli.console import Console, format_seconds
-from plop_cli.execute import Outcome, Plan
-from stages.contract import Stage
 
 
 def report(console: Console, store: Store, outcome: Outcome, name: str | None = None) -> None:
@@ -104,3 +104,16 @@ def report_unplanned(
 
 def _last(seconds: float | None) -> str:
     return "it has not run here yet" if seconds is None else f"its last run took {format_seconds(seconds)}"
+
+
+def show_times(console: Console, outcomes: Mapping[str, Outcome]) -> None:
+    """Print how long each stage took, and of those that were there already how long they took when they were made."""
+    rows = [{"stage": stage, "time": _time(outcome)} for stage, outcome in outcomes.items()]
+    whole = sum(outcome.seconds for outcome in outcomes.values())
+    console.table([*rows, {"stage": "all", "time": format_seconds(whole)}], title="time")
+
+
+def _time(outcome: Outcome) -> str:
+    if not outcome.skipped:
+        return format_seconds(outcome.seconds)
+    return f"kept (took {format_seconds(float(outcome.artifact.manifest.provenance.get('seconds', 0.0)))})"

@@ -9,10 +9,12 @@ from typing import Any
 
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop_cli.chain import AFTER_INGEST, Layers, Profile, check_layers, layers_of, read_profile, run_step, show_times
+from plop.pipeline.chain import AFTER_INGEST, Layers, Profile, check_layers, layers_of, read_profile, run_step
+from plop.pipeline.execute import Outcome, versions
+from plop.pipeline.settings_file import SETTINGS_FILE
 from plop_cli.console import Console
-from plop_cli.execute import Outcome, versions
-from plop_cli.settings_file import SETTINGS_FILE
+from plop_cli.listener import Chained
+from plop_cli.outcome import show_times
 
 PROFILES = ("cpu", "cpu-recordings", "paper")
 """Which of the shipped profiles are for this; the others are of the demos."""
@@ -146,8 +148,8 @@ def _one_environment(
     named: dict[str, Outcome] = {}
 
     def step(command: str, label: str, **extra: object) -> Outcome:
-        outcome = run_step(command, store=store, console=console, layers=layers, made=made, raw=data,
-                           named=named if command == "train" else {}, extra=extra, title=name)  # fmt: skip
+        outcome = run_step(command, store=store, listener=Chained(console, name), layers=layers, made=made,
+                           raw=data, named=named if command == "train" else {}, extra=extra)  # fmt: skip
         made[outcome.artifact.manifest.stage] = outcome
         done[label] = outcome
         return outcome

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,20 +14,19 @@ from rich.markup import escape
 from plop.artifacts.fingerprint import plain
 from plop.artifacts.store import Store
 from plop.physics.effects.trust import trusting
+from plop.pipeline.augment_inputs import FIT
+from plop.pipeline.execute import execute, is_first_process, plan
+from plop.pipeline.preparation import MODELS, RECORDINGS, Preparation, takes_model_instead
+from plop.pipeline.registry import StageRef, commands
+from plop.pipeline.run import check_workspace, completed
+from plop.pipeline.setting_values import describe
+from plop.pipeline.settings import Setting, resolve, settings_of
+from plop.pipeline.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
+from plop.pipeline.stage import InputSpec, Stage
 from plop_cli.console import Console
-from plop_cli.convert import describe
-from plop_cli.execute import execute, is_first_process, plan
 from plop_cli.help_option import HELP
+from plop_cli.listener import OnTheWay
 from plop_cli.outcome import begins, report, report_plan, report_unplanned
-from plop_cli.prepare import MODELS, RECORDINGS, Preparation, takes_model_instead, wants_preparation
-from plop_cli.prepare_augment import FIT, augment_inputs
-from plop_cli.prepare_report import labels_of_models, report_inputs
-from plop_cli.settings import Setting, resolve, settings_of
-from plop_cli.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
-from stages import PIPELINE, StageRef
-from stages.contract import InputSpec, Stage
-
-COMMANDS = [ref.command for ref in PIPELINE]
 
 
 def _common(kind: Any, *names: str, help: str, **more: Any) -> Any:
@@ -109,21 +107,13 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     first = is_first_process()
     console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
     store = Store(values["workspace"], warn=console.warn if first else None)
-    if any(spec.stages and not spec.optional for spec in stage.inputs.values()) and not store.workspace.exists():
-        store.check_begun()  # such a stage goes on with what is there: a misspelt folder must not become a workspace
+    check_workspace(store, stage)
     config = _config(ref, stage, settings, values, store)
     names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
-    if stage.check is not None:
-        stage.check(config, inputs)
-    preparation = Preparation(store, console, tuple(getattr(config, "exclude", ())), may_run=not values["dry_run"])
-    if wants_preparation(stage, inputs):
-        if stage.name == "report" and "models" in inputs and not config.labels:
-            config = replace(config, labels=labels_of_models(str(inputs["models"])))
-        inputs = (report_inputs(preparation, stage, inputs, config) if stage.name == "report"
-                  else preparation.inputs(stage, inputs, values["env"], config))  # fmt: skip
-    if stage.name == "augment":
-        inputs = augment_inputs(preparation, inputs, config, values["env"])
+    preparation = Preparation(store, OnTheWay(console), tuple(getattr(config, "exclude", ())),
+                              may_run=not values["dry_run"])  # fmt: skip
+    config, inputs = completed(stage, config, inputs, preparation, values["env"])
     if values["dry_run"]:
         if preparation.would_run:
             report_unplanned(console, store, ref.command, stage, inputs, preparation.would_run, config)
@@ -156,8 +146,8 @@ def _config(ref: StageRef, stage: Stage, settings: list[Setting], values: dict[s
     return resolve(
         stage.config,
         ref.command,
-        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS).get(ref.command, {})),
-        ("--set", own_assignments(values["set_"] or [], ref.command, COMMANDS)),
+        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, commands()).get(ref.command, {})),
+        ("--set", own_assignments(values["set_"] or [], ref.command, commands())),
         ("command line", given),
     )
 

@@ -11,13 +11,13 @@ from plop.artifacts.store import Artifact, Store
 from plop.artifacts.suggestions import workspaces_near
 from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError
+from plop.pipeline.execute import raw_content
+from plop.pipeline.registry import places, stage_ref
+from plop.pipeline.settings import resolve
+from plop.pipeline.settings_file import flat_values
+from plop.pipeline.stage import Stage
 from plop_cli.console import Console, format_seconds
-from plop_cli.execute import raw_content
-from plop_cli.inputs import ORDER
 from plop_cli.next_step import next_step
-from plop_cli.settings import resolve
-from stages import stage_ref
-from stages.contract import Stage
 
 
 def show_status(store: Store, console: Console, *, everything: bool) -> None:
@@ -76,7 +76,7 @@ def _stale(store: Store, artifacts: list[Artifact]) -> dict[Key, str]:
         stage = stages.get(command)
         if stage is None:
             return None
-        config = resolve(stage.config, command, ("manifest", _flat(artifact.manifest.config)))
+        config = resolve(stage.config, command, ("manifest", dict(flat_values(artifact.manifest.config))))
         return raw_content(store, stage, path, config)
 
     reasons = stale_reasons(store, artifacts, versions, raw_digest)
@@ -107,7 +107,7 @@ def _latest_lines(artifacts: list[Artifact]) -> list[Artifact]:
 
 
 def _place(artifact: Artifact) -> tuple[str, int]:
-    return artifact.manifest.environment, ORDER.get(artifact.manifest.stage, len(ORDER))
+    return artifact.manifest.environment, places().get(artifact.manifest.stage, len(places()))
 
 
 def _row(store: Store, artifact: Artifact, reasons: dict[Key, str], damage: dict[Key, PlopError]) -> dict[str, Any]:
@@ -146,16 +146,6 @@ def _imported_stages(artifacts: list[Artifact]) -> dict[str, Stage]:
                 continue
             found.setdefault(artifact.manifest.stage, found[command])
     return found
-
-
-def _flat(config: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    rows: dict[str, Any] = {}
-    for key, value in config.items():
-        if isinstance(value, dict):
-            rows |= _flat(value, f"{prefix}{key}.")
-        else:
-            rows[prefix + key] = value
-    return rows
 
 
 def show_difference(store: Store, console: Console, one: str, two: str) -> None:

@@ -1,42 +1,12 @@
 """The pipeline, in order: what a newcomer reads first.
 
 Each line is a command, where its stage lives, and what it does. A stage is imported when
-it is run, so that `plop --help` answers at once.
+it is run, so that `plop --help` answers at once. `plop.pipeline` runs what is listed here.
 """
 
 from __future__ import annotations
 
-import importlib
-import sys
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from stages.contract import Stage
-
-
-@dataclass(frozen=True)
-class StageRef:
-    """One stage, not yet imported."""
-
-    command: str
-    """What the user types after `plop`, e.g. "ingest disect"."""
-    target: str
-    """`module:name` of the Stage."""
-    help: str
-    """One line for `plop --help`."""
-
-    @property
-    def name(self) -> str:
-        """Name of the stage and of its folder of artifacts."""
-        return self.command.split()[0]
-
-    def load(self) -> Stage:
-        """Import the stage."""
-        module, _, name = self.target.partition(":")
-        stage: Stage = getattr(importlib.import_module(module), name)
-        return stage
-
+from plop.pipeline.registry import StageRef
 
 PIPELINE = (
     StageRef("simulate", "stages.simulate.stage:STAGE", "Simulate a soft object and a tool into recordings."),
@@ -56,24 +26,3 @@ PIPELINE = (
     StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
     StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with everything that was found."),
 )
-
-
-def stage_ref(command: str) -> StageRef:
-    """Give a stage by its command, e.g. "fit-init" or "ingest disect".
-
-    Raises:
-        KeyError: There is none.
-    """
-    for ref in PIPELINE:
-        if ref.command == command:
-            return ref
-    raise KeyError(command)
-
-
-def command_of(stage: Stage) -> str:
-    """Give the command of an imported stage; the stage's name when it is not part of the pipeline."""
-    for ref in PIPELINE:
-        module, _, name = ref.target.partition(":")
-        if getattr(sys.modules.get(module), name, None) is stage:
-            return ref.command
-    return stage.name

@@ -14,12 +14,12 @@ from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import look_at
+from plop.pipeline.stage import Input
 from plop.recordings.recording import Camera, Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
 from plop.render.scene import render_scene
 from plop.render.sh import C0
-from stages.contract import Input
 
 STEP_M = 0.004
 """Each half moves this far a frame."""

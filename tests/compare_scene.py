@@ -15,11 +15,11 @@ from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import TrajectoryWriter
+from plop.pipeline.stage import Input
 from plop.recordings.mesh_sequence import MeshSequence
 from plop.recordings.set import RecordingSet
 from plop.render.recorder import record
 from plop.render.settings import CameraSettings
-from stages.contract import Input
 from tests.render.box_sequence import BLADE, BLADE_FACES, box_sequence
 
 FRAMES = 9

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from plop.errors import PlopError
+from plop.pipeline.stage import Input, Output
 from stages import PIPELINE
-from stages.contract import Input, Output
 
 STAGES = {ref.name: ref for ref in PIPELINE}
 PROCESSES = ["compare", "diagnose", "eval", "filter", "fit-init", "identify", "simulate", "train"]

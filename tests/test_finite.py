@@ -10,8 +10,8 @@ import pytest
 
 from plop.finite import json_ready, readable
 from plop.law_values import parameter_text, short_number
+from plop.pipeline.stage import Summary
 from plop_cli.console import format_figure
-from stages.contract import Summary
 
 
 @pytest.mark.parametrize("value", [nan, inf, -inf, np.float32(nan), np.float64(-inf)])

@@ -16,12 +16,12 @@ from plop.physics.base_io import base_to_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.scene import simulate_episode
 from plop.physics.sealed import seal_answer
+from plop.pipeline.stage import Input
 from plop.recordings.mesh_sequence import MeshSequence
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.recorder import record
 from plop.render.settings import CameraSettings
-from stages.contract import Input
 from tests.coarse_episodes import BASE, SCENE, gaussians
 
 POINTS = 500

@@ -19,7 +19,7 @@ from plop.physics.base_io import base_to_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import remember
-from stages.contract import Input, Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.stage import Input, Inputs, InputSpec, Output, Stage, Summary
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from plop.artifacts.whole_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.handeye import HAND_EYE_METHODS
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.calibrate.episode import calibrate_episode
@@ -20,7 +21,6 @@ from stages.calibrate.handeye_solve import NO_COLUMNS
 from stages.calibrate.pass_on import Edits, pass_on
 from stages.calibrate.solved import Solved, board_of, edits_for, solve
 from stages.calibrate.verdict import ORDER, check_usable
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 
 @dataclass(frozen=True)

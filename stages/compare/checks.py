@@ -6,8 +6,8 @@ import h5py
 
 from plop.artifacts.lineage import made_from
 from plop.errors import PlopError
+from plop.pipeline.stage import Inputs
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs
 
 CONVENTIONS = {"units": "m, s", "world_frame": "right-handed, z up"}
 """What every recording must say of itself."""

@@ -23,10 +23,10 @@ from plop.diagnosis.phases import PHASES
 from plop.diagnosis.same_object import check_same_object, size_m
 from plop.diagnosis.sets import tracked_episodes
 from plop.errors import PlopError
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
 from stages.compare.checks import CONVENTIONS, check_conventions
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 COMPARE_SCHEMA = 1
 

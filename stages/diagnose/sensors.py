@@ -7,11 +7,11 @@ from typing import Any
 from joblib import Parallel, delayed
 
 from plop.law_values import parameter_text
+from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from plop.sensors.estimate import estimate_sensors, pool
 from plop.sensors.faults import FAULTS
 from plop.sensors.finding import FaultEstimate, SensorFinding
-from stages.contract import Output
 
 
 def sensor_findings(

@@ -26,9 +26,9 @@ from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
 from plop.physics.effects.library import effect_type, library
 from plop.physics.filled import EngineBase
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.diagnose.outcome import facts_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 

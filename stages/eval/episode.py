@@ -20,6 +20,7 @@ from plop.gaussians.trajectory import Trajectory
 from plop.metrics.clouds import back_project_all
 from plop.metrics.frame import FrameOptions, Scores, score_frame
 from plop.metrics.lpips import Lpips, Unavailable
+from plop.pipeline.stage import Progress
 from plop.recordings.busiest_camera import busiest_camera, check_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
@@ -27,7 +28,6 @@ from plop.render.comparison import Comparison
 from plop.render.panels import sheet, write_png
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile
-from stages.contract import Progress
 from stages.eval.baselines import RigidFit
 from stages.eval.material import MaterialPoints
 

@@ -27,11 +27,11 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 
 @dataclass(frozen=True)

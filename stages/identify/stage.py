@@ -23,8 +23,8 @@ from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, is_determi
 from plop.physics.filled import EngineBase
 from plop.physics.material import ElasticLaw, Material
 from plop.physics.names import one_of
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 
 STARTS = ("auto", "settled", "unloaded")
 CONES = ("round", "pyramid")

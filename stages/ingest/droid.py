@@ -17,6 +17,7 @@ import numpy as np
 from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.droid_camera import DroidCameraSettings, DroidOptions
 from plop.recordings.droid_episode import RowChoice, open_episode
 from plop.recordings.droid_intrinsics import load_side_file
@@ -24,7 +25,6 @@ from plop.recordings.droid_layout import DroidFolder, find_episodes
 from plop.recordings.droid_notes import WORKSPACE_M
 from plop.recordings.raw_folder import check_raw_folder
 from plop.recordings.set import RecordingSet, check_patterns
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
 from stages.ingest.masks import MaskRules

@@ -10,9 +10,9 @@ from typing import Any
 from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.manifest import Manifest, read_manifest
 from plop.errors import PlopError
+from plop.pipeline.registry import stage_ref
+from plop.pipeline.stage import Inputs
 from plop.reporting.compared import Made
-from stages import stage_ref
-from stages.contract import Inputs
 
 ON_THE_WAY = "made on the way"
 """What an artifact is that no input of the report is, but that one was made from."""

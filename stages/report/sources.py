@@ -12,10 +12,10 @@ from plop.artifacts.lineage import made_from
 from plop.diagnosis.field_file import StoredField, read_field
 from plop.errors import PlopError
 from plop.models import trained_on
+from plop.pipeline.stage import Input, Inputs
 from plop.recordings.set import RecordingSet
 from plop.reporting.colours import MODELS
 from plop.reporting.compared import Compared
-from stages.contract import Input, Inputs
 
 
 def several(inputs: Inputs, name: str) -> list[Input]:

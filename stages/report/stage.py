@@ -11,6 +11,7 @@ import numpy as np
 from plop.artifacts.whole_file import write_text
 from plop.checked_settings import check_ranges
 from plop.errors import PlopError
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.baselines import BASELINES, beaten
@@ -20,7 +21,6 @@ from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.report.made import provenance, this_report
 from stages.report.sources import (
     check_models,

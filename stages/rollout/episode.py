@@ -20,6 +20,7 @@ from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
 from plop.models import device_of
+from plop.pipeline.stage import Output
 from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
@@ -28,7 +29,6 @@ from plop.render.panels import write_png
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.video import VideoWriter
 from plop.render.view_file import ViewFile, ViewWriter
-from stages.contract import Output
 
 if TYPE_CHECKING:
     from stages.rollout.stage import RolloutConfig

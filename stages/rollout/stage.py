@@ -13,9 +13,9 @@ from plop.device import chosen_device
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterize import BACKENDS
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.rollout.episode import roll_out
 
 SPLITS = ("test", "train", "all")

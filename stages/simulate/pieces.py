@@ -12,8 +12,8 @@ from plop.physics.effects.library import EffectType
 from plop.physics.response import Response
 from plop.physics.scene import Scene
 from plop.physics.sealed import open_answer, seal_answer
+from plop.pipeline.stage import Output
 from plop.recordings.mesh_sequence import MeshSequence
-from stages.contract import Output
 
 
 class Pieces:

@@ -30,9 +30,9 @@ from plop.models import load_model
 from plop.physics.filled_model import FilledEngineModel
 from plop.physics.tool_motion import ToolMotion
 from plop.physics.varied_motion import VariationRanges, another_motion
+from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import every_piece
-from stages.contract import Output
 from stages.train.tracks import append_state
 
 FOLDER = "made-up"

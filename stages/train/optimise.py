@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.model_io import save_model
-from stages.contract import Output
+from plop.pipeline.stage import Output
 from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
 from stages.train.journal import Journal
 from stages.train.objective import LossWeights, TrainingStep

@@ -32,9 +32,9 @@ from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
 from plop.models import FOLDS, seen_by
 from plop.physics.varied_motion import VariationRanges
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.side_by_side import every_piece
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.train.form import loss_weights, model_config, render_weights
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up

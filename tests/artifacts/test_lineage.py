@@ -9,8 +9,8 @@ import pytest
 
 from plop.artifacts.lineage import first_difference, stale_reasons
 from plop.artifacts.store import Artifact, Store
-from plop_cli.execute import execute, raw_content
-from stages.contract import Stage
+from plop.pipeline.execute import execute, raw_content
+from plop.pipeline.stage import Stage
 from tests.pipeline import fake_stages as fake
 
 

@@ -15,8 +15,8 @@ from plop.errors import PlopError
 from plop.models import effects_of, load_model
 from plop.physics.augmented import AugmentedModel
 from plop.physics.filled_model import FilledEngineModel
+from plop.pipeline.stage import Input, Output
 from stages.augment.stage import STAGE, AugmentConfig, run
-from stages.contract import Input, Output
 from tests.tracked_set import write_engine
 
 

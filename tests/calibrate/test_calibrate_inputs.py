@@ -13,6 +13,7 @@ from plop.errors import PlopError
 from plop.geometry.handeye import difference
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
+from plop.pipeline.stage import Input, Output
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
@@ -21,7 +22,6 @@ from stages.calibrate import tool_timing
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import STAGE, CalibrateConfig
 from stages.calibrate.tool_timing import episode_offsets
-from stages.contract import Input, Output
 from tests.geometry.scene import ring, write_set
 from tests.geometry.test_boards import CHARUCO, MATRIX, photograph, poses
 from tests.geometry.test_handeye import robot_poses

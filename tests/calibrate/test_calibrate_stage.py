@@ -12,9 +12,9 @@ import pytest
 
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
+from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.calibrate.stage import STAGE, CalibrateConfig
-from stages.contract import Input, Output
 from tests.geometry.scene import ring, write_set
 
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from plop.pipeline.registry import StageRef
 from plop_cli.app import main
-from stages import PIPELINE, StageRef
+from stages import PIPELINE
 from tests.pipeline import fake_stages as fake
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from plop.pipeline.registry import StageRef
 from plop_cli.app import main
-from stages import PIPELINE, StageRef
+from stages import PIPELINE
 
 INGEST = "tests.pipeline.fake_stages:INGEST"
 

@@ -21,7 +21,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def test_a_stage_says_what_it_does_before_anything_heavy_is_imported(tmp_path):
-    code = ("import sys; from stages import StageRef\n"
+    code = ("import sys; from plop.pipeline.registry import StageRef\n"
             "StageRef.load = lambda ref: sys.exit('HEAVY %s' % (sys.modules.keys() & {'torch', 'numpy', 'open3d'}))\n"
             "import plop_cli.app as app, time; app.main(['train'])")  # fmt: skip
     for extra in ("", "--quiet", "--json"):
@@ -32,7 +32,7 @@ def test_a_stage_says_what_it_does_before_anything_heavy_is_imported(tmp_path):
 
 
 def test_what_is_said_at_once_comes_before_seconds_of_imports(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("stages.StageRef.load", lambda ref: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("plop.pipeline.registry.StageRef.load", lambda ref: (_ for _ in ()).throw(KeyboardInterrupt))
     begin = time.process_time()
     assert main(["fuse", "-w", str(tmp_path)]) == 130
     assert time.process_time() - begin < 0.3

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from plop.errors import PlopError
+from plop.pipeline.registry import StageRef, stage_ref
+from plop.pipeline.settings import resolve, settings_of
 from plop_cli.app import main
-from plop_cli.settings import resolve, settings_of
-from stages import PIPELINE, StageRef, stage_ref
+from stages import PIPELINE
 
 ANY_NUMBER = {"seed", "jobs"}
 """A seed is checked where settings are read; jobs below 0 count from the number of cores."""

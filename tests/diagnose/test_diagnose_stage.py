@@ -18,11 +18,11 @@ from plop.diagnosis.discretisations import discretised
 from plop.diagnosis.sets import check_touch, tracked_episodes
 from plop.errors import PlopError
 from plop.physics.effects.library import effect_type, library
+from plop.pipeline.stage import Input, Inputs, Output
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import write_without_truth
 from stages.augment.stage import AugmentConfig
 from stages.augment.stage import run as augment
-from stages.contract import Input, Inputs, Output
 from stages.diagnose import stage
 from stages.diagnose.stage import DiagnoseConfig, run
 from tests.coarse_episodes import BASE, coarse_episode
@@ -214,7 +214,7 @@ opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 import json
 from pathlib import Path
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.diagnose.stage import DiagnoseConfig, run
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])
 inputs = {{name: Input(folder / name) for name in ("recordings", "init", "tracks", "model")}}

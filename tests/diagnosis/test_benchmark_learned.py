@@ -9,7 +9,7 @@ from benchmarks.physics_learned import facts_of, gaussians_of, predicted, rms_m,
 from plop.diagnosis.table import Measured
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig, PlopModel
-from stages.contract import Output
+from plop.pipeline.stage import Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import train_on
 from tests.coarse_episodes import coarse_episode, wrapped

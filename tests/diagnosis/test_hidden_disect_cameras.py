@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.hidden_disect_cameras import RANKED, SETTINGS, Sets, collected, verdicts_table
-from plop_cli.chain import read_profile
+from plop.pipeline.chain import read_profile
 from stages.filter.stage import FilterConfig
 from stages.identify.stage import IdentifyConfig
 

@@ -10,7 +10,7 @@ import pytest
 import stages.rollout.stage as rollout
 from plop.dynamics.trivial import Persistence
 from plop.errors import PlopError
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.eval.stage import STAGE, EvalConfig
 from tests.block_scene import STEP_M, Parting, make_inputs
 

@@ -9,7 +9,7 @@ import torch
 
 from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.filter.stage import FilterConfig, run
 from tests.small_episode import FRAMES, write_set
 

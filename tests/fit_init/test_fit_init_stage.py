@@ -13,7 +13,7 @@ import torch
 
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.fit_init.stage import STAGE, FitInitConfig
 from stages.fit_init.tool_splats import drawn_in
 from tests.geometry.scene import CENTER, RADII, TOOL, ellipsoid_distance, ring, write_set

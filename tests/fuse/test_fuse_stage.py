@@ -13,7 +13,7 @@ import pytest
 from plop.errors import PlopError
 from plop.geometry.cloud_ply import read_cloud
 from plop.geometry.rigid import pose_from_euler_xyz
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.fuse.stage import STAGE, FuseConfig
 from tests.geometry.scene import CENTER, ellipsoid_distance, ring, write_set
 

@@ -16,8 +16,8 @@ from plop.physics.calibrate import Calibration, Estimate, is_determined
 from plop.physics.fill import fill_surface
 from plop.physics.filled import EngineBase
 from plop.physics.filled_model import FilledEngineModel
+from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
-from stages.contract import Input, Output
 from stages.identify.stage import STAGE, IdentifyConfig, _summary, run
 from tests.coarse_episodes import BASE, MATERIAL, coarse_episode
 from tests.tracked_set import write_recordings

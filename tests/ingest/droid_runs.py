@@ -6,8 +6,8 @@ from pathlib import Path
 
 import h5py
 
+from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.set import RecordingSet
-from stages.contract import Input, Output, Summary
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
+from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
-from stages.contract import Input, Output
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 from stages.ingest.droid_checks import check_views
 from stages.ingest.masks import Picture

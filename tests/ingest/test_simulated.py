@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
+from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
 from plop.recordings.recording import MaskLabel, Recording
 from plop.recordings.set import RecordingSet, split_names
 from plop.recordings.truth import Truth, write_without_truth
-from stages.contract import Input, Output, Summary
 from stages.ingest.settings import DisectConfig, MeshConfig
 from stages.ingest.stage import INGEST_DISECT, INGEST_MESH
 from tests.render.box_sequence import box_sequence
@@ -31,7 +31,7 @@ SMALL = MeshConfig(size=24, cameras=2, supersample=1)
 KILLED_RUN = """
 import sys
 from pathlib import Path
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.ingest.settings import MeshConfig
 from stages.ingest.stage import INGEST_MESH
 raw, out = map(Path, sys.argv[1:])

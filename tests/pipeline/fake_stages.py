@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from plop.artifacts.store import Store
-from plop_cli.execute import execute
+from plop.pipeline.execute import execute
 from tests.pipeline import fake_stages as fake
 
 if __name__ == "__main__":

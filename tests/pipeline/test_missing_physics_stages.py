@@ -12,9 +12,9 @@ import pytest
 from plop.artifacts.store import Store
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
+from plop.pipeline.execute import execute
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop_cli.app import main
-from plop_cli.execute import execute
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
 from tests.coarse_episodes import SCENE
 from tests.pipeline.fake_stages import PiecesConfig
 from tests.tracked_set import write_recordings, write_tool_splats

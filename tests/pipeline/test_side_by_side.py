@@ -17,9 +17,9 @@ import pytest
 from plop.artifacts.manifest import content_files
 from plop.artifacts.store import Store
 from plop.errors import PlopError
+from plop.pipeline.stage import Output
 from plop.side_by_side import each_piece, every_piece  # noqa: F401 - named in a program
 from plop_cli.app import main
-from stages.contract import Output
 
 NAMES = ["a", "b", "c", "d"]
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from plop.artifacts.store import Store
+from plop.pipeline.chain import read_profile
+from plop.pipeline.registry import stage_ref
+from plop.pipeline.settings import resolve
 from plop.recordings.mesh_sequence import write_mesh_sequence
 from plop_cli.app import main
-from plop_cli.chain import read_profile
-from plop_cli.settings import resolve
-from stages import stage_ref
 from tests.pipeline.small_set import SMALL
 from tests.render.box_sequence import box_sequence
 

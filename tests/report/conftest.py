@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stages.contract import Input
+from plop.pipeline.stage import Input
 from tests.report.report_inputs import report_inputs
 
 

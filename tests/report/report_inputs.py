@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from plop.artifacts.manifest import Manifest
+from plop.pipeline.stage import Input, Output
 from stages.compare import stage as compare_stage
 from stages.compare.stage import CompareConfig
-from stages.contract import Input, Output
 from tests.compare_scene import make_inputs
 
 NASTY = "<script>alert(1)</script>"

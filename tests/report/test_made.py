@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from plop.artifacts.manifest import Manifest, write_manifest
+from plop.pipeline.stage import Input
 from plop.reporting.compared import ReportFacts
 from plop.reporting.provenance_section import provenance_section
-from stages.contract import Input
 from stages.report.made import ON_THE_WAY, provenance
 
 

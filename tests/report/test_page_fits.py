@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from plop.determined import NOT_DETERMINED
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.report.stage import ReportConfig, run
 from tests.report.report_inputs import DIAGNOSIS, parameter, ranked, visible, with_manifest
 

@@ -14,7 +14,7 @@ import pytest
 
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.report.stage import ReportConfig, check_inputs, run
 from tests.report.report_inputs import DIAGNOSIS, NASTY, ranked, visible, with_manifest
 

@@ -13,9 +13,9 @@ from plop.dynamics.trivial import Persistence
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.trajectory import Trajectory
+from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from plop.render.view_file import ViewFile
-from stages.contract import Output
 from tests.block_scene import STEP_M, Parting, make_inputs, parted
 
 

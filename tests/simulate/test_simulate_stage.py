@@ -12,11 +12,11 @@ import pytest
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.physics.sealed import ANSWER, open_answer
+from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
 from plop_cli.app import main
-from stages.contract import Input, Output, Summary
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 from stages.simulate import stage
 from stages.simulate.stage import STAGE, SimulateConfig

@@ -16,8 +16,8 @@ from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
 from plop.models import trained_on
 from plop.physics.filled_model import FilledEngineModel
+from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
-from stages.contract import Input, Output
 from stages.train import made_up, stage
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp

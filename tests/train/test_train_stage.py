@@ -17,8 +17,8 @@ from safetensors.torch import load_file
 from plop.dynamics.model import PlopModel
 from plop.errors import PlopError
 from plop.models import judges_of, load_model, trained_on
+from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
-from stages.contract import Input, Output
 from stages.train import stage
 from stages.train.form import stray_m
 from stages.train.optimise import Schedule
@@ -179,7 +179,7 @@ def test_no_training_episode_is_an_error(inputs, tmp_path):
 PROGRAM = """
 import sys
 from pathlib import Path
-from stages.contract import Input, Output
+from plop.pipeline.stage import Input, Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import run
 recordings, init, out = map(Path, sys.argv[1:])

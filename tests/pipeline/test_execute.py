@@ -11,9 +11,9 @@ import pytest
 
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
-from plop_cli.execute import Outcome, execute, plan
+from plop.pipeline.execute import Outcome, execute, plan
+from plop.pipeline.stage import Stage, Summary
 from plop_cli.status import unfinished
-from stages.contract import Stage, Summary
 from tests.pipeline import fake_stages as fake
 
 

@@ -10,10 +10,10 @@ import pytest
 
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
-from plop_cli.prepare import Preparation
-from plop_cli.prepare_augment import augment_inputs
+from plop.pipeline.augment_inputs import augment_inputs
+from plop.pipeline.preparation import Preparation
 from stages.augment.stage import AugmentConfig
-from tests.cli.test_prepare import made, preparation, recordings
+from tests.pipeline.test_prepare import made, preparation, recordings
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
-from plop_cli.execute import execute
-from stages.contract import Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.execute import execute
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from tests.pipeline import fake_stages as fake
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from plop.errors import PlopError
-from plop_cli.settings import SETTINGS_FILE as SETTINGS_FILE
-from plop_cli.settings import unknown_key
+from plop.pipeline.settings import SETTINGS_FILE as SETTINGS_FILE
+from plop.pipeline.settings import unknown_key
 
 
 def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, Any]]:
@@ -42,7 +42,7 @@ def settings_by_command(tables: Mapping[str, Any], commands: list[str], *, where
     for command, value in _flatten(tables, commands):
         if command not in commands or not isinstance(value, Mapping):
             raise unknown_key(command, commands, where=where, owner=SETTINGS_FILE, lister="--help")
-        found[command] = dict(_flat_values(value))
+        found[command] = dict(flat_values(value))
     return found
 
 
@@ -57,11 +57,12 @@ def _flatten(tables: Mapping[str, Any], commands: list[str]) -> list[tuple[str, 
     return rows
 
 
-def _flat_values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+def flat_values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """List the settings of a command with those of nested tables as `outer.inner`."""
     rows: list[tuple[str, Any]] = []
     for key, value in table.items():
         if isinstance(value, Mapping):
-            rows += _flat_values(value, f"{prefix}{key}.")
+            rows += flat_values(value, f"{prefix}{key}.")
         else:
             rows.append((prefix + key, value))
     return rows

@@ -9,8 +9,8 @@ from typing import Any
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.errors import PlopError
-from plop_cli.prepare import Preparation
-from stages.contract import Stage
+from plop.pipeline.preparation import Preparation
+from plop.pipeline.stage import Stage
 
 
 def report_inputs(

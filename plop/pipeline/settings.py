@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from plop.errors import PlopError
-from plop_cli.convert import convert
+from plop.pipeline.setting_values import convert
 
 SETTINGS_FILE = "plop.toml"
 """In the workspace."""

@@ -20,9 +20,9 @@ from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store, check_name
 from plop.artifacts.verify import verify
 from plop.errors import PlopError
-from plop_cli.inputs import Resolved, resolve_inputs
-from stages import command_of
-from stages.contract import Input, Output, Progress, Stage, Summary, silent
+from plop.pipeline.inputs import Resolved, resolve_inputs
+from plop.pipeline.registry import command_of
+from plop.pipeline.stage import Input, Output, Progress, Stage, Summary, silent
 
 
 @dataclass(frozen=True)

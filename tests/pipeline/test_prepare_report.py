@@ -8,7 +8,7 @@ import pytest
 
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact
-from plop_cli.prepare_report import diagnoses_of, labels_of_models
+from plop.pipeline.report_inputs import diagnoses_of, labels_of_models
 
 
 @pytest.mark.parametrize(("typed", "labels"), [

@@ -15,19 +15,17 @@ from typing import Any
 from plop.artifacts.lineage import LEFT_OUT, closure, parents
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
-from plop_cli.console import Console
-from plop_cli.execute import execute, plan
-from plop_cli.inputs import fitting
-from plop_cli.outcome import begins
-from plop_cli.settings import resolve
-from plop_cli.settings_file import SETTINGS_FILE, read_settings_file
-from stages import PIPELINE, stage_ref
-from stages.contract import Input, Stage
+from plop.pipeline.execute import execute, plan
+from plop.pipeline.inputs import fitting
+from plop.pipeline.listener import Listener, Silent
+from plop.pipeline.registry import commands, stage_ref
+from plop.pipeline.settings import resolve
+from plop.pipeline.settings_file import SETTINGS_FILE, read_settings_file
+from plop.pipeline.stage import Input, Stage
 
 RECORDINGS = ("calibrate", "ingest", "simulate")
 """Stages whose artifacts are recordings, the most advanced first."""
 MODELS = ("augment", "identify", "train")
-_COMMANDS = [ref.command for ref in PIPELINE]
 
 
 class WouldRun(Exception):
@@ -39,7 +37,7 @@ class Preparation:
     """Makes what is missing, with the settings of the workspace."""
 
     store: Store
-    console: Console
+    listener: Listener = field(default_factory=Silent)
     exclude: tuple[str, ...] = ()
     """Cameras that tracks leave out."""
     may_run: bool = True
@@ -192,11 +190,11 @@ class Preparation:
 
         if RecordingSet.load(recordings.path).test or "split" in self._settings("rollout"):
             return {}
-        self.console.warn(f"{recordings.address} has no test episode: all its episodes are rolled out and scored")
+        self.listener.warn(f"{recordings.address} has no test episode: all its episodes are rolled out and scored")
         return {"split": "all"}
 
     def _settings(self, command: str) -> Mapping[str, Any]:
-        return read_settings_file(self.store.workspace / SETTINGS_FILE, _COMMANDS).get(command, {})
+        return read_settings_file(self.store.workspace / SETTINGS_FILE, commands()).get(command, {})
 
     def _made(self, command: str, inputs: Mapping[str, str | Path], extra: Mapping[str, Any]) -> Artifact:
         stage = stage_ref(command).load()
@@ -206,13 +204,10 @@ class Preparation:
             if there is None:
                 raise WouldRun(command)
             return there
-        with self.console.progress(command) as progress:
+        with self.listener.progress(command) as progress:
             outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress,
-                              on_start=lambda planned: self.console.note(begins(planned)))  # fmt: skip
-        if not outcome.skipped:
-            self.console.say(f"made {outcome.artifact.address} on the way")
-        for text in [] if outcome.skipped else outcome.warnings:
-            self.console.warn(f"{command}: {text}")
+                              on_wait=lambda pid: self.listener.waits(command, pid), on_start=self.listener.starts)
+        self.listener.finished(command, outcome)
         return outcome.artifact
 
     def only(self, stages: tuple[str, ...], environment: str | None, what: str) -> Artifact:

@@ -12,16 +12,13 @@ from typing import Any
 from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop_cli.console import Console, format_seconds
-from plop_cli.execute import Outcome, execute
-from plop_cli.inputs import ORDER
-from plop_cli.outcome import begins
-from plop_cli.settings import resolve
-from plop_cli.settings_file import SETTINGS_FILE, parse_assignments, read_settings_file, settings_by_command
-from stages import PIPELINE, stage_ref
-from stages.contract import Stage
+from plop.pipeline.execute import Outcome, execute
+from plop.pipeline.listener import Listener
+from plop.pipeline.registry import commands, places, stage_ref
+from plop.pipeline.settings import resolve
+from plop.pipeline.settings_file import SETTINGS_FILE, parse_assignments, read_settings_file, settings_by_command
+from plop.pipeline.stage import Stage
 
-COMMANDS = [ref.command for ref in PIPELINE]
 AFTER_INGEST = ("calibrate", "fuse", "fit-init", "train", "rollout", "eval")
 
 Layers = list[tuple[str, Mapping[str, Mapping[str, Any]]]]
@@ -51,7 +48,7 @@ def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
     Raises:
         PlopError: There is no such profile.
     """
-    folder = importlib.resources.files("plop_cli") / "profiles"
+    folder = importlib.resources.files(__package__) / "profiles"
     names = sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
     names = [known for known in names if not among or known in among]
     if name not in names:
@@ -60,7 +57,7 @@ def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
     base = read_profile(tables.pop("based_on")) if "based_on" in tables else Profile(name, [0], {})
     seeds = [int(seed) for seed in tables.pop("seeds", base.seeds)]
     engine = bool(tables.pop("engine", base.engine))
-    own = settings_by_command(tables, COMMANDS, where=f"profile {name}")
+    own = settings_by_command(tables, commands(), where=f"profile {name}")
     settings = {command: base.settings.get(command, {}) | own.get(command, {}) for command in {**base.settings, **own}}
     return Profile(name, seeds, settings, engine)
 
@@ -69,27 +66,27 @@ def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
     """Stack the sources of settings: profile, plop.toml of the workspace, --set."""
     return [
         (f"profile {profile.name}", profile.settings),
-        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, COMMANDS)),
-        ("--set", parse_assignments(assignments, COMMANDS)),
+        (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, commands())),
+        ("--set", parse_assignments(assignments, commands())),
     ]
 
 
-def check_layers(layers: Layers, commands: Sequence[str]) -> None:
+def check_layers(layers: Layers, chain: Sequence[str]) -> None:
     """Refuse settings that no stage of a chain takes, before any of them runs.
 
     Args:
         layers: From `layers_of`.
-        commands: The commands of the chain.
+        chain: Its commands.
 
     Raises:
         PlopError: `--set` names a stage that is not among them, or a setting is unknown or out of range.
     """
     given = layers[-1][1]
-    for command in given.keys() - set(commands):
+    for command in given.keys() - set(chain):
         raise PlopError("--set names a stage that does not run here.", where=f"--set {command.replace(' ', '.')}...",
-                        expected=", ".join(name.replace(" ", ".") for name in commands),
+                        expected=", ".join(name.replace(" ", ".") for name in chain),
                         found=", ".join(given[command]), fix="Correct the stage, or leave it out.")  # fmt: skip
-    for command in commands:
+    for command in chain:
         stage = stage_ref(command).load()
         config = _resolved(stage, command, layers)
         if stage.check is not None:
@@ -105,57 +102,39 @@ def run_step(
     command: str,
     *,
     store: Store,
-    console: Console,
+    listener: Listener,
     layers: Layers,
     made: Mapping[str, Outcome],
     raw: Path | None = None,
     named: Mapping[str, Outcome] | None = None,
     extra: Mapping[str, Any] | None = None,
-    title: str = "",
 ) -> Outcome:
     """Run one stage of a chain.
 
     Args:
         command: The stage's command.
         store: The workspace.
-        console: Where progress and one line of result go.
+        listener: Is told what happens.
         layers: Settings.
         made: Outcomes of the stages before, by stage name.
         raw: The raw folder, for an ingest.
         named: Outcomes that are taken for an input of that name whatever `made` holds.
         extra: Settings that win over the layers.
-        title: What to write before the command, e.g. the environment.
     """
     stage = stage_ref(command).load()
     config = _resolved(stage, command, layers, extra)
-    with console.progress(f"{title} {command}".strip()) as progress:
+    with listener.progress(command) as progress:
         outcome = execute(
             stage,
             store=store,
             config=config,
             inputs=_inputs(stage, made, raw) | {name: _address(one) for name, one in (named or {}).items()},
             progress=progress,
-            on_wait=lambda pid: console.warn(f"another run (process {pid}) is making {command}; waiting for it"),
-            on_start=lambda planned: console.note(f"{title} {begins(planned)}".strip()),
+            on_wait=lambda pid: listener.waits(command, pid),
+            on_start=listener.starts,
         )
-    for text in [] if outcome.skipped else outcome.warnings:
-        console.warn(f"{command}: {text}")
-    state = "already there" if outcome.skipped else format_seconds(outcome.seconds)
-    console.say(f"{title} {outcome.artifact.address}  {state}".strip())
+    listener.finished(command, outcome)
     return outcome
-
-
-def show_times(console: Console, outcomes: Mapping[str, Outcome]) -> None:
-    """Print how long each stage took, and of those that were there already how long they took when they were made."""
-    rows = [{"stage": stage, "time": _time(outcome)} for stage, outcome in outcomes.items()]
-    whole = sum(outcome.seconds for outcome in outcomes.values())
-    console.table([*rows, {"stage": "all", "time": format_seconds(whole)}], title="time")
-
-
-def _time(outcome: Outcome) -> str:
-    if not outcome.skipped:
-        return format_seconds(outcome.seconds)
-    return f"kept (took {format_seconds(float(outcome.artifact.manifest.provenance.get('seconds', 0.0)))})"
 
 
 def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict[str, str | Path]:
@@ -165,7 +144,7 @@ def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict
         if not spec.stages and raw is not None and not spec.optional:
             found[name] = raw
         elif fitting and not spec.only_named:
-            latest = max(fitting, key=lambda outcome: ORDER[outcome.artifact.manifest.stage])
+            latest = max(fitting, key=lambda outcome: places()[outcome.artifact.manifest.stage])
             found[name] = _address(latest)
         elif spec.stages and spec.optional:
             found[name] = LEFT_OUT

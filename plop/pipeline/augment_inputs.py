@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.errors import PlopError
-from plop_cli.prepare import MODELS, Preparation
+from plop.pipeline.preparation import MODELS, Preparation
 
 if TYPE_CHECKING:
     from stages.augment.stage import AugmentConfig

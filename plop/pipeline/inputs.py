@@ -16,11 +16,8 @@ from plop.artifacts.lineage import LEFT_OUT, Key, closure
 from plop.artifacts.store import Artifact, Store
 from plop.artifacts.suggestions import told
 from plop.errors import PlopError
-from stages import PIPELINE
-from stages.contract import InputSpec, Stage
-
-ORDER = {name: place for place, name in enumerate(dict.fromkeys(ref.name for ref in PIPELINE))}
-"""Position of each stage in the pipeline."""
+from plop.pipeline.registry import places
+from plop.pipeline.stage import InputSpec, Stage
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
             open_specs[name] = spec
         elif not spec.optional:
             raise PlopError(f"`{stage.name}` needs the input {name!r}.", expected=spec.help)
-    advanced_first = sorted(open_specs, key=lambda name: -max(ORDER.get(s, 0) for s in open_specs[name].stages))
+    advanced_first = sorted(open_specs, key=lambda name: -max(places().get(s, 0) for s in open_specs[name].stages))
     for name in sorted(advanced_first, key=lambda name: open_specs[name].optional):
         try:
             key = f"{name}.0" if open_specs[name].many else name
@@ -116,10 +113,10 @@ def _default(
         raise _ambiguous(stage, name, fitting)
     known = {a.key: a for a in store.artifacts()}
     closures = {a.key: closure(known, a) for a in [*fitting, *chosen.values()]}
-    for other in sorted(chosen.values(), key=lambda a: -ORDER.get(a.manifest.stage, 0)):
+    for other in sorted(chosen.values(), key=lambda a: -places().get(a.manifest.stage, 0)):
         inside = [a for a in fitting if a.key in closures[other.key]]
         if inside:
-            return max(inside, key=lambda a: ORDER.get(a.manifest.stage, 0))
+            return max(inside, key=lambda a: places().get(a.manifest.stage, 0))
     same_line = [a for a in fitting if all(_one_line(closures[a.key], closures[b.key]) for b in chosen.values())]
     if not same_line:
         others = ", ".join(b.address for b in chosen.values())
@@ -131,7 +128,7 @@ def _default(
                             f"or choose with --{name} ADDRESS.")  # fmt: skip
     latest = same_line[-1]
     derived = [a for a in same_line if latest.key in closures[a.key]]
-    return max(derived, key=lambda a: ORDER.get(a.manifest.stage, 0))
+    return max(derived, key=lambda a: places().get(a.manifest.stage, 0))
 
 
 def _one_line(one: set[Key], two: set[Key]) -> bool:

@@ -12,15 +12,13 @@ from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
+from plop.pipeline.execute import execute
+from plop.pipeline.preparation import Preparation, takes_model_instead, wants_preparation
+from plop.pipeline.registry import stage_ref
+from plop.pipeline.report_inputs import report_inputs
+from plop.pipeline.stage import Inputs, InputSpec, Stage
 from plop.recordings.set import RecordingSet
-from plop_cli import stage_command
 from plop_cli.app import main
-from plop_cli.console import Console
-from plop_cli.execute import execute
-from plop_cli.prepare import Preparation, takes_model_instead, wants_preparation
-from plop_cli.prepare_report import report_inputs
-from stages import stage_ref
-from stages.contract import Inputs, InputSpec, Stage
 from tests.pipeline import fake_stages as fake
 
 REPORT = stage_ref("report").load()
@@ -50,7 +48,7 @@ def recordings(store: Store, name: str, **settings: int) -> Artifact:
 
 
 def preparation(store: Store) -> Preparation:
-    return Preparation(store, Console(quiet=True, as_json=False))
+    return Preparation(store)
 
 
 def test_an_empty_workspace_says_what_is_missing(store):
@@ -182,8 +180,8 @@ def test_wrong_settings_are_told_before_anything_is_made_on_the_way(store, monke
         raise AssertionError("inputs were made for settings that cannot be used")
 
     monkeypatch.setattr(Preparation, "inputs", made_too_soon)
-    monkeypatch.setattr(stage_command, "report_inputs", made_too_soon)
-    monkeypatch.setattr(stage_command, "augment_inputs", made_too_soon)
+    monkeypatch.setattr("plop.pipeline.run.report_inputs", made_too_soon)
+    monkeypatch.setattr("plop.pipeline.run.augment_inputs", made_too_soon)
     named = {"diagnose": ["--model", "m", "--recordings", "r"], "compare": ["--model", "m", "--recordings", "r"],
              "identify": ["--recordings", "r"], "report": ["--models", "m", "--recordings", "r"],
              "augment": ["--model", "m", "--fit", "r"]}  # fmt: skip

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import pytest
 
 from plop.errors import PlopError
-from plop_cli.convert import convert, describe
-from plop_cli.settings import resolve, settings_of
-from plop_cli.settings_file import own_assignments, parse_assignments, read_settings_file
+from plop.pipeline.setting_values import convert, describe
+from plop.pipeline.settings import resolve, settings_of
+from plop.pipeline.settings_file import own_assignments, parse_assignments, read_settings_file
 
 COMMANDS = ["ingest disect", "ingest mesh", "fit-init", "train"]
 
