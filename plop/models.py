@@ -10,6 +10,7 @@ model.json says the kind:
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,16 +34,17 @@ FOLDS = "folds"
 """Folder of the models that learned without some of the episodes."""
 
 
-def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsModel:
+def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu") -> DynamicsModel:
     """Read a model of any kind.
 
     Args:
-        folder: Payload of `train`, `identify` or `augment`.
+        folder: Artifact of `train`, `identify` or `augment`, or its folder.
         device: Where a learned model runs; the engine runs on the CPU.
 
     Raises:
         PlopError: A file is missing, damaged or of an unknown kind, or a program of a stranger's.
     """
+    folder = Path(folder)
     facts = read_facts(folder)
     kind = facts.get("kind")
     if kind == "plop":
@@ -56,6 +58,30 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> DynamicsMode
         return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference
     raise PlopError("The model is of an unknown kind.", where=folder / "model.json", expected=", ".join(KINDS),
                     found=str(kind), fix="Update plop.")  # fmt: skip
+
+
+def augment(
+    model: DynamicsModel, *effects: Effect, engine: FilledEngineModel | EngineBase | None = None
+) -> DynamicsModel:
+    """Add effects to a model; the model itself stays as it is.
+
+    Args:
+        model: The base: learned, an engine, or either with effects already.
+        effects: The laws to add.
+        engine: What computes how far the effects move a learned model: an engine fitted to the same object.
+
+    Raises:
+        PlopError: A learned model without an engine.
+    """
+    if isinstance(model, FilledEngineModel):
+        return FilledEngineModel(model.base, (*model.effects, *effects), cut_faces=model.cut_faces)
+    if isinstance(model, AugmentedModel):
+        return AugmentedModel(model.base, model.engine, (*model.effects, *effects))
+    if engine is None:
+        raise PlopError("A learned model needs the engine beside it.", where="augment", found="none",
+                        expected="engine=, a model of `plop identify`",
+                        fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
+    return AugmentedModel(model, engine.base if isinstance(engine, FilledEngineModel) else engine, effects)
 
 
 def device_of(model: DynamicsModel) -> torch.device:

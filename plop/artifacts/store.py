@@ -38,6 +38,10 @@ class Artifact:
     """Its folder: the payload with manifest.json in it."""
     manifest: Manifest
 
+    def __fspath__(self) -> str:
+        """Stand for the folder wherever a path is taken."""
+        return str(self.path)
+
     @property
     def key(self) -> tuple[str, str]:
         """Stage and fingerprint."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +16,7 @@ from plop.geometry.tool import ToolGeometry
 
 @dataclass(frozen=True)
 class ParticleState:
-    """What a dynamics model carries from frame to frame."""
+    """What a dynamics model carries from frame to frame: everything, so that a step depends on nothing else."""
 
     gaussians: Gaussians
     last_translation: Tensor
@@ -32,17 +32,20 @@ class ParticleState:
     for models that fill it themselves (`plop.dynamics.first_surface`)."""
     rest: RestPlaces | None = None
     """Where the Gaussians lay at the first frame, if anything needs to know it (`plop.dynamics.cohesion`)."""
+    inner: object | None = None
+    """What the model that made this state knows besides the Gaussians (the engine's particles, say); never changed in
+    place. Others hand it on untouched, also where they move or choose Gaussians."""
 
     def select(self, index: Tensor) -> ParticleState:
         """Take a subset of the Gaussians with everything that belongs to them."""
-        return ParticleState(self.gaussians.select(index), self.last_translation[index], self.last_rotation[index],
-                             self.side[index], self.has_history, self.surface,
-                             None if self.rest is None else self.rest.select(index))  # fmt: skip
+        return replace(self, gaussians=self.gaussians.select(index), last_translation=self.last_translation[index],
+                       last_rotation=self.last_rotation[index], side=self.side[index],
+                       rest=None if self.rest is None else self.rest.select(index))  # fmt: skip
 
     def detach(self) -> ParticleState:
         """Copy without gradient history."""
-        return ParticleState(self.gaussians.detach(), self.last_translation.detach(), self.last_rotation.detach(),
-                             self.side, self.has_history, self.surface, self.rest)  # fmt: skip
+        return replace(self, gaussians=self.gaussians.detach(), last_translation=self.last_translation.detach(),
+                       last_rotation=self.last_rotation.detach())  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,32 @@ class ToolStep:
     """Height of the table [m], None when there is none."""
 
 
+class Start(Protocol):
+    """Where a prediction starts; see `plop.dynamics.initial_scene`."""
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The object, world frame."""
+
+    @property
+    def surface(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Its closed surface where it was measured: vertices [V, 3] [m] and triangles [F, 3]."""
+
+
 class DynamicsModel(Protocol):
     """Predict the next state: prediction, opacity update, merging and splitting (PLOP, Eq. 13)."""
+
+    def init(self, scene: Start) -> ParticleState:
+        """Give the state at the first frame, at rest."""
+        return at_rest(scene.gaussians, scene.surface)
 
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
         """Advance one frame; the number of Gaussians may change.
 
-        `generator` draws whatever is random (the displacement of a split).
+        The result depends on the arguments alone and the state is not changed: a model may follow several episodes in
+        turn, and step one state by several actions. `generator` draws whatever is random (the displacement of a split).
         """
         ...
 

@@ -12,7 +12,7 @@ from plop.dynamics.cut_faces import narrowed_at_cut
 from plop.dynamics.features import mirrored_in_table, object_features, rigid_displacement, tool_features
 from plop.dynamics.frames import StepFrame, tool_frame, world_frame
 from plop.dynamics.i2n import I2N, I2NConfig, ParticleBatch
-from plop.dynamics.interface import ParticleState, ToolStep
+from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
 from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.dynamics.sides import advance_sides
 from plop.geometry.rigid import quat_from_rotation_vector, quat_multiply
@@ -45,8 +45,8 @@ class PlopConfig:
     """A Gaussian that a blade passes becomes so narrow that it does not reach across the cut; off in the paper."""
 
 
-class PlopModel(nn.Module):
-    """Dynamics D_theta and resampling R_psi; implements `plop.dynamics.interface.DynamicsModel`."""
+class PlopModel(nn.Module, DynamicsModel):
+    """Dynamics D_theta and resampling R_psi."""
 
     def __init__(self, config: PlopConfig) -> None:
         super().__init__()

@@ -3,13 +3,39 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import torch
 
+from plop.dynamics.episodes import Actions
+from plop.dynamics.initial_scene import InitialScene
 from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
+from plop.recordings.recording import Recording
+
+
+def rollout(
+    model: DynamicsModel, scene: InitialScene, actions: Recording | Sequence[ToolStep], *, seed: int = 0
+) -> list[ParticleState]:
+    """Predict an episode from its first frame and its actions.
+
+    Args:
+        model: Predicts.
+        scene: The first frame.
+        actions: The steps of the tool, or a recording whose tool is followed; none of its images is read.
+        seed: Seed of whatever the model draws.
+
+    Returns:
+        The state of every frame, the first one included: one more than there are steps.
+
+    Raises:
+        PlopError: A state is empty or not finite; names the frame.
+    """
+    device = scene.gaussians.means.device
+    steps = Actions.of(actions, device).steps() if isinstance(actions, Recording) else list(actions)
+    name = actions.name if isinstance(actions, Recording) else "rollout"
+    return [state for state, _ in predict(model, model.init(scene), steps, name, seed)]
 
 
 def predict(

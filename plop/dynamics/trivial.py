@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from plop.dynamics.interface import ParticleState, ToolStep
+from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
 from plop.dynamics.sides import advance_sides
 
 
 @dataclass(frozen=True)
-class Persistence:
+class Persistence(DynamicsModel):
     """Nothing moves."""
 
     def step(
@@ -24,7 +24,7 @@ class Persistence:
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity(DynamicsModel):
     """Everything goes on as in the last step, more slowly."""
 
     keep: float = 0.8

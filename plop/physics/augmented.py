@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,7 +17,23 @@ from plop.physics.filled_model import FilledEngineModel
 _NEIGHBOURS = 4
 
 
-class AugmentedModel:
+@dataclass(frozen=True)
+class Twins:
+    """The two engine runs beside the base, and what the base itself knows: `ParticleState.inner` after a step."""
+
+    acted: ParticleState
+    """With the effects."""
+    plain: ParticleState
+    """Without."""
+    of_base: object | None
+
+    @property
+    def difference(self) -> Tensor:
+        """What the effects have moved since the start, shape [N, 3] [m]."""
+        return self.acted.gaussians.means - self.plain.gaussians.means
+
+
+class AugmentedModel(DynamicsModel):
     """A `DynamicsModel` around another one; taking the base out again gives the base back unchanged."""
 
     def __init__(self, base: DynamicsModel, engine: EngineBase, effects: tuple[Effect, ...]) -> None:
@@ -31,32 +47,25 @@ class AugmentedModel:
         self.base, self.engine, self.effects = base, engine, effects
         self._with = FilledEngineModel(engine, effects)
         self._without = FilledEngineModel(engine)
-        self._twins: tuple[ParticleState, ParticleState] | None = None
 
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
         """Advance one frame: the base's step, and the step that the effects make in the engine.
 
-        The two engine runs start at a state without history and go on by themselves.
+        The two engine runs start at a state without history, or of another model, and go on by themselves.
         """
-        if self._twins is None or not state.has_history:
-            fresh = replace(state, has_history=False)
-            self._with, self._without = FilledEngineModel(self.engine, self.effects), FilledEngineModel(self.engine)
-            self._twins = fresh, fresh
-        before = self._difference()
-        acted, plain = self._twins
-        self._twins = self._with.step(acted, action), self._without.step(plain, action)
-        added = self._difference() - before
-        stepped = self.base.step(state, action, generator=generator)
+        twins = state.inner
+        if not isinstance(twins, Twins) or not state.has_history:
+            fresh = replace(state, has_history=False, inner=None)
+            twins = Twins(fresh, fresh, twins.of_base if isinstance(twins, Twins) else state.inner)
+        acted, plain = self._with.step(twins.acted, action), self._without.step(twins.plain, action)
+        stepped = self.base.step(replace(state, inner=twins.of_base), action, generator=generator)
+        after = Twins(acted, plain, stepped.inner)
         means = stepped.gaussians.means
-        moved = _at_descendants(acted, added, stepped).to(means)
+        moved = _at_descendants(twins.acted, after.difference - twins.difference, stepped).to(means)
         return replace(stepped, gaussians=stepped.gaussians.with_(means=means + moved),
-                       last_translation=stepped.last_translation + moved)  # fmt: skip
-
-    def _difference(self) -> Tensor:
-        assert self._twins is not None
-        return self._twins[0].gaussians.means - self._twins[1].gaussians.means
+                       last_translation=stepped.last_translation + moved, inner=after)  # fmt: skip
 
 
 def _at_descendants(acted: ParticleState, added: Tensor, stepped: ParticleState) -> Tensor:

@@ -68,34 +68,6 @@ def _tensor(points: np.ndarray) -> o3d.core.Tensor:
     return o3d.core.Tensor.from_numpy(points.astype(np.float32))
 
 
-def particle_volumes(positions: np.ndarray, *, samples: int = 2, reach: float = 0.8) -> tuple[np.ndarray, float]:
-    """Share the space that a cloud of particles fills among them.
-
-    Sample points that lie within `reach` spacings of a particle belong to the nearest one.
-
-    Args:
-        positions: Shape [N, 3], N >= 2, metres.
-        samples: Sample points per spacing and axis.
-        reach: How far the material of a particle reaches [spacings].
-
-    Returns:
-        Volumes [N] [m^3] and the spacing: the cube root of the median volume [m].
-    """
-    tree = cKDTree(positions)
-    nearest = tree.query(positions, k=2)[0][:, 1]
-    spacing = float(np.cbrt(np.median(np.maximum(nearest, 1e-6) ** 3)))
-    # random points have a nearest neighbour at 0.55, points of a lattice at 1 cube root of the volume of each
-    box = np.ptp(positions, axis=0) + spacing
-    spacing = float(np.clip(spacing, np.cbrt(box.prod() / len(positions)) / 3, np.cbrt(box.prod() / len(positions))))
-    axes = [np.arange(low - spacing, high + spacing, spacing / samples)
-            for low, high in zip(positions.min(0), positions.max(0), strict=True)]  # fmt: skip
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    owner = tree.query(points, distance_upper_bound=reach * spacing)[1]
-    counts = np.bincount(owner[owner < len(positions)], minlength=len(positions))
-    volumes = np.maximum(counts, 0.25) * (spacing / samples) ** 3
-    return volumes, float(np.cbrt(np.median(volumes)))
-
-
 def surface_parts(faces: np.ndarray, count: int) -> np.ndarray:
     """Number the connected parts of a surface.
 

@@ -12,30 +12,32 @@ import torch
 from torch import Tensor
 
 from plop.dynamics.cut_faces import narrowed_at_cut
-from plop.dynamics.interface import ParticleState, ToolStep
+from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
 from plop.gaussians.carried import carried
 from plop.geometry.convex import convex_surface
 from plop.physics.effects.effect import Effect
 from plop.physics.filled import EngineBase, filled_particles
-from plop.physics.model import same_normal, tool_motion
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
+from plop.physics.tool_motion import ToolKind, ToolMotion, ToolShape
 
-_MOVED_M = 1e-6
 _OPAQUE = 0.3
 """Only Gaussians of this opacity and more show where the object is."""
 
 
-@dataclass
-class _Memory:
-    """State of the engine after the last step, and the Gaussians as they were handed out."""
+@dataclass(frozen=True)
+class EngineState:
+    """What the engine knows besides the Gaussians: `ParticleState.inner` after a step."""
 
     particles: Particles
+    """The material, and behind it one tracer for each Gaussian."""
     means: Tensor
+    """Where the Gaussians were handed out, shape [N, 3] [m]; who has moved them since takes the material along."""
     ids: Tensor
+    """Their ids, shape [N]."""
 
 
-class FilledEngineModel:
+class FilledEngineModel(DynamicsModel):
     """A `DynamicsModel`: the engine with its own particles; neither merges nor splits Gaussians."""
 
     def __init__(self, base: EngineBase, effects: tuple[Effect, ...] = (), *, cut_faces: bool = False) -> None:
@@ -48,15 +50,14 @@ class FilledEngineModel:
                 goes does not depend on it.
         """
         self.base, self.effects, self.cut_faces = base, effects, cut_faces
-        self._memory: _Memory | None = None
 
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
         """Advance one frame; nothing is random, `generator` is not used.
 
-        A state without history starts a new episode. Gaussians that a filter has moved, or that are others than
-        in the last step, take the material around them along.
+        A state without history, or of another model, starts anew. Gaussians that a filter has moved since the last
+        step, or that are others, take the material around them along.
         """
         gaussians = state.gaussians
         particles = self._particles(state, action)
@@ -70,32 +71,32 @@ class FilledEngineModel:
         after, rotation = carried(gaussians, places, run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
         normal = same_normal(motion, action)
         side = torch.from_numpy(normal * run.sides[-1][own].astype(np.float32)).to(state.side)
-        self._memory = _Memory(run.final, after.means.detach().clone(), after.ids.clone())
-        moved = ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True)
+        inner = EngineState(run.final, after.means.detach(), after.ids)
+        moved = ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True, inner=inner)
         return narrowed_at_cut(state.side, moved, action) if self.cut_faces else moved
 
     def _particles(self, state: ParticleState, action: ToolStep) -> Particles:
         means = state.gaussians.means.detach().cpu().double().numpy()
-        memory = self._memory
-        if memory is None or not state.has_history:
+        known = state.inner
+        if not isinstance(known, EngineState) or not state.has_history:
             return self._first(state, means, action.table_z_m)
-        same = torch.equal(memory.ids, state.gaussians.ids)
-        if same and float((memory.means - state.gaussians.means).abs().max()) < _MOVED_M:
-            return memory.particles
-        return self._moved(memory, means if same else None, state)
+        same = torch.equal(known.ids, state.gaussians.ids)
+        if same and torch.equal(known.means, state.gaussians.means):
+            return known.particles
+        return self._moved(known, means if same else None, state)
 
     def _first(self, state: ParticleState, means: np.ndarray, table_z_m: float | None) -> Particles:
         solid = means[state.gaussians.opacities.detach().cpu().numpy() >= _OPAQUE]
         surface = state.surface or convex_surface(solid if len(solid) >= 4 else means, table_z_m)
         return filled_particles(self.base, surface, means, table_z_m, self.effects)
 
-    def _moved(self, memory: _Memory, means: np.ndarray | None, state: ParticleState) -> Particles:
+    def _moved(self, last: EngineState, means: np.ndarray | None, state: ParticleState) -> Particles:
         """Shift the material as the Gaussians around it were shifted by a filter's update."""
         from scipy.spatial import cKDTree
 
-        known = memory.particles
-        filling = len(known) - len(memory.means)
-        before = memory.means.cpu().double().numpy()
+        known = last.particles
+        filling = len(known) - len(last.means)
+        before = last.means.cpu().double().numpy()
         now = state.gaussians.means.detach().cpu().double().numpy()
         if means is None:  # split or merged: compare places with the nearest former Gaussian
             _, nearest = cKDTree(before).query(now)
@@ -106,3 +107,16 @@ class FilledEngineModel:
         weight = 1 / (distance + 1e-4)
         inner = (weight[..., None] * shift[nearest]).sum(1) / weight.sum(1)[:, None]
         return replace(known, positions=known.positions + np.concatenate([inner, shift]))
+
+
+def tool_motion(action: ToolStep) -> ToolMotion:
+    """Give one step's action as the engine's tool motion, starting at time 0."""
+    poses = torch.stack([action.world_from_tool, action.next_world_from_tool]).detach().cpu().double().numpy()
+    return ToolMotion(action.tool.vertices.cpu().double().numpy(), action.tool.faces.cpu().numpy(),
+                      np.array([0.0, action.dt_s]), poses)  # fmt: skip
+
+
+def same_normal(motion: ToolMotion, action: ToolStep) -> int:
+    """+1 where the engine and the state's sides call the same direction the blade's normal, else -1."""
+    normal = ToolShape.from_mesh(motion.vertices, motion.faces, ToolKind.BLADE).axes[:, 0]
+    return 1 if normal @ action.tool.axes[:, 0].cpu().double().numpy() > 0 else -1

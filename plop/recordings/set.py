@@ -7,6 +7,7 @@ episodes.json          {"environment", "train": [names], "test": [names], "skipp
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from difflib import get_close_matches
@@ -47,8 +48,9 @@ class RecordingSet:
         (self.folder / "episodes.json").write_text(json.dumps(facts, indent=1, sort_keys=True))
 
     @classmethod
-    def load(cls, folder: Path) -> RecordingSet:
-        """Read episodes.json from an artifact's folder."""
+    def load(cls, folder: str | os.PathLike[str]) -> RecordingSet:
+        """Read episodes.json of an artifact, or of its folder."""
+        folder = Path(folder)
         path = folder / "episodes.json"
         try:
             return cls(folder=folder, **json.loads(path.read_text()))

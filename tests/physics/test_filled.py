@@ -10,7 +10,7 @@ import torch
 
 from plop.diagnosis.engine_run import predict_points, start_particles
 from plop.diagnosis.episode import episode_from_sequence
-from plop.dynamics.interface import at_rest
+from plop.dynamics.interface import ToolStep, at_rest
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.physics.base_io import base_from_dict, base_to_dict
@@ -117,7 +117,7 @@ def test_what_a_filter_moves_takes_the_material_along():
     episode = wrapped(coarse_episode(0))
     model = FilledEngineModel(BASE)
     state = rollout(model, episode, 3)[-1]
-    filled = model._memory.particles.positions.mean(0)
+    filled = state.inner.particles.positions.mean(0)
     shift = torch.tensor([0.002, 0.0, 0.0])
     moved = replace(state, gaussians=state.gaussians.with_(means=state.gaussians.means + shift))
     particles = model._particles(moved, None)
@@ -131,11 +131,15 @@ def test_split_and_merged_gaussians_keep_the_material():
     rows = torch.tensor([0, 0, 1, 5, 9])
     fewer = state.select(rows)
     particles = model._particles(fewer, None)
-    filling = len(model._memory.particles) - len(state.gaussians)
+    filling = len(state.inner.particles) - len(state.gaussians)
     assert len(particles) == filling + len(rows)
-    known = model._memory.particles.positions[filling:]
+    known = state.inner.particles.positions[filling:]
     np.testing.assert_allclose(particles.positions[filling:], known[rows.numpy()], atol=1e-6)
     assert particles.F is not None and len(particles.F) == len(particles)
+
+
+def blade_normal(action: ToolStep) -> np.ndarray:
+    return action.world_from_tool[:3, :3].double().numpy() @ action.tool.axes[:, 0].double().numpy()
 
 
 def test_a_cut_narrows_gaussians_and_moves_none_elsewhere():
@@ -150,6 +154,8 @@ def test_a_cut_narrows_gaussians_and_moves_none_elsewhere():
         ends.append(state)
     plain, faced = ends
     assert (plain.side != 0).sum() > 100
+    ahead = np.sign((episode.points[0] - steps.step(0).world_from_tool[:3, 3].numpy()) @ blade_normal(steps.step(0)))
+    assert (plain.side.numpy() == ahead)[plain.side.numpy() != 0].mean() > 0.97
     assert torch.equal(faced.gaussians.means, plain.gaussians.means)
     narrowed = faced.gaussians.scales.prod(-1) < 0.95 * plain.gaussians.scales.prod(-1)
     assert 5 < narrowed.sum() < 200 and (plain.side[narrowed] != 0).all()

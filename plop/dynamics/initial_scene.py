@@ -1,0 +1,69 @@
+"""Where a prediction starts: the object and the tool of an episode's first frame."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from plop.dynamics.first_surface import first_surface
+from plop.dynamics.interface import ToolStep
+from plop.gaussians.splat_ply import read_splat
+from plop.gaussians.state import Gaussians
+from plop.geometry.tool import ToolGeometry
+from plop.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class InitialScene:
+    """Object, tool and table at the first frame; a planner's start, and the frame of its actions."""
+
+    gaussians: Gaussians
+    """The object, world frame."""
+    tool: ToolGeometry
+    """The tool's form, in its own frame."""
+    table_z_m: float | None = None
+    """Height of the table [m]; None when there is none."""
+    surface: tuple[np.ndarray, np.ndarray] | None = None
+    """The object's closed surface where it was measured, vertices [V, 3] [m] and triangles [F, 3]; without it the
+    convex hull of the Gaussians stands in."""
+    tool_gaussians: Gaussians | None = None
+    """How the tool looks, in its own frame; None where nothing is rendered."""
+
+    @classmethod
+    def of(
+        cls, recording: Recording, fitted: str | os.PathLike[str], device: torch.device | str = "cpu"
+    ) -> InitialScene:
+        """Read the first frame of a recording and the Gaussians that were fitted to it.
+
+        Args:
+            recording: The episode.
+            fitted: Artifact of `fit-init`, or its folder.
+            device: Where the Gaussians live; a learned model expects them where it is itself.
+
+        Raises:
+            PlopError: The episode was not fitted, or a file is damaged.
+        """
+        folder = Path(fitted) / recording.name
+        gaussians, tool = (read_splat(folder / part).to(device) for part in ("object.ply", "tool.ply"))
+        mesh = recording.tool_mesh
+        return cls(gaussians, ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device), recording.table_z_m,
+                   first_surface(recording, gaussians), tool)  # fmt: skip
+
+    def action(
+        self, world_from_tool: np.ndarray | Tensor, next_world_from_tool: np.ndarray | Tensor, dt_s: float
+    ) -> ToolStep:
+        """Give the action that moves the tool from one pose to another.
+
+        Args:
+            world_from_tool: Pose at the start of the step, shape [4, 4].
+            next_world_from_tool: Pose at its end, shape [4, 4].
+            dt_s: Duration [s].
+        """
+        poses = [torch.as_tensor(pose, dtype=torch.float32, device=self.gaussians.means.device)
+                 for pose in (world_from_tool, next_world_from_tool)]  # fmt: skip
+        return ToolStep(self.tool, *poses, dt_s, self.table_z_m)
