@@ -116,7 +116,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     console = Console(as_json="--json" in given)
     try:
-        code = app(given, prog_name="plop", standalone_mode=False)
+        code = app(given, prog_name="plop", standalone_mode=False, obj=main)
     except PlopError as error:
         if "--debug" in given:
             raise

@@ -34,13 +34,14 @@ def demo(workspace: Workspace = Path("demo"), seed: Seed = "0", set_: Assignment
     run_demo(Store(workspace), Console(quiet=quiet, as_json=as_json), seed=_seed(seed), assignments=set_ or [])
 
 
-def demo_physics(workspace: Workspace = Path("demo-physics"), seed: Seed = "0", quiet: Quiet = False,
-                 as_json: AsJson = False, debug: Debug = False) -> None:  # fmt: skip
+def demo_physics(
+    context: typer.Context, workspace: Workspace = Path("demo-physics"), seed: Seed = "0", quiet: Quiet = False,
+    as_json: AsJson = False, debug: Debug = False,
+) -> None:  # fmt: skip
     """Hide an effect, seal the answer, find it, add it, watch the error fall; ends with a report."""
-    from plop_cli.app import main
     from plop_cli.demo_physics import run_demo_physics
 
-    run_demo_physics(workspace, Console(quiet=quiet, as_json=as_json), main, seed=_seed(seed))
+    run_demo_physics(workspace, Console(quiet=quiet, as_json=as_json), context.obj, seed=_seed(seed))
 
 
 def _seed(text: str) -> int:

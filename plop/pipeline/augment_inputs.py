@@ -5,29 +5,26 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.errors import PlopError
 from plop.pipeline.preparation import MODELS, Preparation
 
-if TYPE_CHECKING:
-    from stages.augment.stage import AugmentConfig
-
 FIT = "fit"
 """Not an input of the stage: recordings whose diagnosis by the model is one."""
 
 
 def augment_inputs(
-    preparation: Preparation, given: Mapping[str, str | Path], config: AugmentConfig, environment: str | None
+    preparation: Preparation, given: Mapping[str, str | Path], config: Any, environment: str | None
 ) -> dict[str, str | Path]:
     """Find the diagnosis of the model, of the recordings named with `--fit` where there are such, or make it.
 
     Args:
         preparation: Makes what is missing.
         given: What the user named: inputs of the stage, and "fit".
-        config: Which effect is wanted, and whether its values are given.
+        config: Settings of `augment`: which effect is wanted, and whether its values are given.
         environment: Take a model of this environment where none is named.
 
     Raises:

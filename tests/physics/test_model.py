@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from plop.physics.model import EngineModel
 
 from plop.dynamics.interface import ParticleState, ToolStep, at_rest
 from plop.gaussians.state import Gaussians
@@ -13,7 +14,6 @@ from plop.geometry.tool import ToolGeometry
 from plop.physics.config import EngineConfig
 from plop.physics.fill import particle_volumes
 from plop.physics.material import Material
-from plop.physics.model import EngineModel
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
 from plop.physics.tool_motion import ToolMotion
