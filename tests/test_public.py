@@ -25,7 +25,8 @@ PAGE = ROOT / "docs" / "python.md"
 NAMES = [
     "Artifact", "Camera", "DynamicsModel", "Effect", "FrameErrors", "Gaussians", "InitialScene", "Material",
     "Parameter", "ParticleState", "PlopError", "Recording", "RecordingSet", "Scene", "Store", "ToolStep", "Verdict",
-    "augment", "compare", "diagnose", "effect_type", "load_model", "read_splat", "render_scene", "rollout", "run", "simulate",
+    "augment", "compare", "diagnose", "effect_type", "load_model", "read_splat", "render_scene", "rollout", "run",
+    "simulate",
 ]  # fmt: skip
 """Taking one away breaks the programs of users; a new one is a promise."""
 
@@ -49,8 +50,8 @@ cameras = 3
 supersample = 1
 jobs = 1
 [fit-init]
-count = 120
-steps = 40
+count = 100
+steps = 20
 tool_count = 40
 virtual_views = 0
 [filter]
