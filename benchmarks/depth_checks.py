@@ -82,10 +82,10 @@ def draw_cell(seed: int) -> Cell:
         matrix = np.array([[focal, 0, width / 2 + rng.normal()], [0, focal, height / 2 + rng.normal()], [0, 0, 1]])
         pose = look_at(eye, rng.normal(scale=0.03, size=3) + [0, 0, 0.03], np.array([0, 0, 1.0]))
         cameras.append(Camera(f"cam{number}", width, height, matrix, pose))
-    poses = np.tile(np.eye(4), (8, 1, 1))
+    poses = np.tile(np.eye(4), (3, 1, 1))
     turn = rng.uniform(0, 6.3)
     poses[:, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    poses[:, 2, 3] = np.linspace(0.17, body.bounds[1, 2] + 0.01, 8)
+    poses[:, 2, 3] = np.linspace(0.17, body.bounds[1, 2] + 0.01, 3)
     return Cell(parts, cameras, poses, float(rng.choice([0, 0.001, 0.002])), int(rng.integers(0, 3)),
                 float(rng.uniform(0, 25)))  # fmt: skip
 
