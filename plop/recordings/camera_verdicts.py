@@ -11,6 +11,17 @@ VERDICTS = "calibration.json"
 BAD = "bad"
 
 
+def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
+    """Give the cameras of an episode that are not fit for use, each with what to do.
+
+    Args:
+        folder: Payload of a set of recordings; one that calibrate did not write holds no verdicts.
+        episode: Its name.
+    """
+    return {str(row.get("camera")): str(row.get("fix", "")) for row in _verdicts(folder).get(episode, ())
+            if row.get("verdict") == BAD}  # fmt: skip
+
+
 def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
     """Find the episodes none of whose cameras is fit for use; what is made of them is no better.
 
@@ -20,13 +31,16 @@ def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
     Returns:
         Per such episode what to say, with the advice for its first camera; nothing where there are no verdicts.
     """
+    return {name: _said(rows) for name, rows in _verdicts(folder).items()
+            if rows and all(row.get("verdict") == BAD for row in rows)}  # fmt: skip
+
+
+def _verdicts(folder: Path) -> dict[str, list[dict[str, str]]]:
     try:
         episodes = json.loads((folder / VERDICTS).read_text(encoding="utf-8"))["episodes"]
-        cameras = {name: list(row["cameras"]) for name, row in episodes.items()}
+        return {name: list(row["cameras"]) for name, row in episodes.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
-    return {name: _said(verdicts) for name, verdicts in cameras.items()
-            if verdicts and all(verdict.get("verdict") == BAD for verdict in verdicts)}  # fmt: skip
 
 
 def _said(verdicts: list[dict[str, str]]) -> Noticed:

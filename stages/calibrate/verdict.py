@@ -121,12 +121,14 @@ def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
 
 
 def check_usable(cameras: list[CameraVerdict], where: Path) -> None:
-    """Refuse an episode whose cameras are all bad: what is made of it would be wrong.
+    """Refuse an episode whose cameras all have a fault of their own: what is made of it would be wrong.
+
+    Cameras that only disagree with each other pass: noise does that, too, and `fuse` is told.
 
     Raises:
         PlopError: Names what is wrong, the cause that most cameras share first.
     """
-    if not cameras or any(each.verdict != "bad" for each in cameras):
+    if not cameras or not all(each.verdict == "bad" and each.faults for each in cameras):
         return
     kinds = Counter(each.faults[:1] for each in cameras)
     cause, _ = max(kinds.items(), key=lambda item: (bool(item[0]), item[1]))

@@ -13,12 +13,11 @@ from plop.artifacts.whole_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.cloud_ply import write_cloud
-from plop.recordings.camera_verdicts import only_bad_cameras
+from plop.recordings.camera_verdicts import bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.contract import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from stages.fuse.episode import EpisodeCloud, fuse_episode
-from stages.fuse.usable_views import bad_cameras
 
 
 @dataclass(frozen=True)
