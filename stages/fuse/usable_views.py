@@ -11,7 +11,7 @@ from plop.sensors.support_plane import find_support
 
 
 def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
-    """Read what calibrate said of the cameras of an episode: the bad ones, with the fix.
+    """Read what calibrate said of the cameras of an episode: the unusable ones, with the fix.
 
     Args:
         folder: Of a set of recordings; one that calibrate did not write holds no verdicts.
@@ -21,7 +21,7 @@ def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
     if not path.is_file():
         return {}
     cameras = json.loads(path.read_text())["episodes"].get(episode, {}).get("cameras", [])
-    return {each["camera"]: each["fix"] for each in cameras if each["verdict"] == "bad"}
+    return {each["camera"]: each["fix"] for each in cameras if not each.get("usable", True)}
 
 
 def check_table(recording: Recording, views: list[View]) -> None:
