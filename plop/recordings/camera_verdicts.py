@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from plop.causes import Cause, Noticed
 
@@ -12,14 +13,14 @@ BAD = "bad"
 
 
 def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
-    """Give the cameras of an episode that are not fit for use, each with what to do.
+    """Give the cameras of an episode that are not usable, each with what to do.
 
     Args:
         folder: Payload of a set of recordings; one that calibrate did not write holds no verdicts.
         episode: Its name.
     """
     return {str(row.get("camera")): str(row.get("fix", "")) for row in _verdicts(folder).get(episode, ())
-            if row.get("verdict") == BAD}  # fmt: skip
+            if not row.get("usable", True)}  # fmt: skip
 
 
 def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
@@ -35,7 +36,7 @@ def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
             if rows and all(row.get("verdict") == BAD for row in rows)}  # fmt: skip
 
 
-def _verdicts(folder: Path) -> dict[str, list[dict[str, str]]]:
+def _verdicts(folder: Path) -> dict[str, list[dict[str, Any]]]:
     try:
         episodes = json.loads((folder / VERDICTS).read_text(encoding="utf-8"))["episodes"]
         return {name: list(row["cameras"]) for name, row in episodes.items()}
@@ -43,7 +44,7 @@ def _verdicts(folder: Path) -> dict[str, list[dict[str, str]]]:
         return {}
 
 
-def _said(verdicts: list[dict[str, str]]) -> Noticed:
+def _said(verdicts: list[dict[str, Any]]) -> Noticed:
     fix = str(verdicts[0].get("fix", ""))
     count = "its only camera" if len(verdicts) == 1 else f"all {len(verdicts)} cameras of it"
     return Noticed(f"`plop calibrate` calls {count} bad ({verdicts[0].get('camera')}: {fix})", Cause.EXTRINSICS,
