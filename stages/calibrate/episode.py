@@ -84,7 +84,7 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
                       reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
                       offset_corrected=shift is not None, evidence=evidence[name], config=config)
                 for name in names]  # fmt: skip
-    if not corrected and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
+    if not corrected and not faulty and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
         verdicts = [replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each
                     for each in verdicts]  # fmt: skip
     scans = []
