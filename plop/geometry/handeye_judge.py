@@ -40,6 +40,8 @@ class HandEyeRule:
     max_uncertainty_mm: float = 15.0
     """Largest standard error of where the camera puts things: twice it is the 30 mm within which `calibrate` can still
     register cameras to each other [mm]."""
+    max_uncertainty_of_distance: float = 0.02
+    """It may be as large relative to the board's mean distance: what large rigs see is farther, and coarser."""
     doubtful_uncertainty_mm: float = 5.0
     """A larger one is told [mm]."""
     longest_on_gripper_m: float = 0.3
@@ -76,6 +78,8 @@ class Judgement:
     """Largest wandering of the board that passes [mm]."""
     limit_deg: float
     """The same of its orientation [deg]."""
+    limit_uncertainty_mm: float
+    """Largest standard error that passes [mm]."""
     on_gripper_m: float
     """Distance from the gripper of what sits on it: the camera, or the board of a fixed camera [m]."""
     at_base_m: float
@@ -104,7 +108,7 @@ class Judgement:
         if self.fault is HandEyeFault.UNDETERMINED:
             return (f"the motion is too small, or too much about one axis, for its noise ({_mm(self.fit.spread_mm)}, "
                     f"{self.fit.spread_deg:.1f} deg): it leaves the camera's place open by "
-                    f"{_mm(self.fit.uncertainty_mm)} (limit {RULE.max_uncertainty_mm:.0f}). Record "
+                    f"{_mm(self.fit.uncertainty_mm)} (limit {self.limit_uncertainty_mm:.0f}). Record "
                     "more poses that turn by 20 degrees and more about two axes")  # fmt: skip
         if self.fault is HandEyeFault.NONE:
             return ""
@@ -168,16 +172,16 @@ def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mo
     limits = _limits(moving, board)
     fit, scaled = fit_hand_eye(moving, board), fit_hand_eye(moving, board, free_scale=True)
     places = _places(fit, mount)
-    fault = _fault(fit, scaled, limits, places)
+    fault = _fault(fit, scaled, (*limits, _open_limit(board)), places)
     if fault not in (HandEyeFault.INCONSISTENT, HandEyeFault.ROLES):
-        return Judgement(fault, fit, scaled, *limits, *places)
+        return Judgement(fault, fit, scaled, *limits, _open_limit(board), *places)
     given = None if fault is HandEyeFault.ROLES else fit
     likely, unlikely = consistent_readings(robot, board, mount, given)
     if given is None:  # the given one is consistent, too: only what puts things into likely places says more
         unlikely = ()
     elif not likely + unlikely and _consistent(fit, _noise_limits(board)):
         fault = HandEyeFault.UNDETERMINED  # no more than noise, but a third of what the robot moved
-    return Judgement(fault, fit, scaled, *limits, *places, likely, unlikely,
+    return Judgement(fault, fit, scaled, *limits, _open_limit(board), *places, likely, unlikely,
                      _different_turns(robot, board, limits[1]))  # fmt: skip
 
 
@@ -206,7 +210,7 @@ def consistent_readings(robot: np.ndarray, board: np.ndarray, mount: str, given:
         if not _consistent(fit_hand_eye(moving, reading.board, steps=1), tuple(5 * each for each in limits)):
             continue  # the closed form of a right reading is near already
         fit = fit_hand_eye(moving, reading.board)
-        if _consistent(fit, limits) and fit.uncertainty_mm <= RULE.max_uncertainty_mm:
+        if _consistent(fit, limits) and fit.uncertainty_mm <= _open_limit(reading.board):
             value = _value(fit, reading.board)
             if value < values.get(reading.name, np.inf):
                 values[reading.name] = value
@@ -225,7 +229,7 @@ def _places(fit: HandEyeFit, mount: str) -> tuple[float, float]:
     return (ends[0], ends[1]) if mount == "wrist" else (ends[1], ends[0])
 
 
-def _fault(fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float],
+def _fault(fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float, float],
            places: tuple[float, float]) -> HandEyeFault:  # fmt: skip
     low, high = scaled.scale_interval
     off = low > 1 + RULE.scale_tolerance or high < 1 - RULE.scale_tolerance
@@ -233,7 +237,7 @@ def _fault(fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float],
         return HandEyeFault.SCALE
     if not _consistent(fit, limits):
         return HandEyeFault.INCONSISTENT
-    if fit.uncertainty_mm > RULE.max_uncertainty_mm:
+    if fit.uncertainty_mm > limits[2]:
         return HandEyeFault.UNDETERMINED
     on_gripper, at_base = places
     return HandEyeFault.ROLES if on_gripper > max(RULE.longest_on_gripper_m, 2 * at_base) else HandEyeFault.NONE
@@ -247,6 +251,11 @@ def _noise_limits(board: np.ndarray) -> tuple[float, float]:
     """Give what cameras and robots may add, whatever the motion [mm, deg]."""
     distance = float(np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
     return max(RULE.max_spread_of_distance * distance, RULE.least_limit_mm), RULE.max_spread_deg
+
+
+def _open_limit(board: np.ndarray) -> float:
+    distance = float(np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
+    return max(RULE.max_uncertainty_mm, RULE.max_uncertainty_of_distance * distance)
 
 
 def _limits(moving: np.ndarray, board: np.ndarray) -> tuple[float, float]:

@@ -35,25 +35,34 @@ def check_pose_pairs(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) 
                             found=f"a translation of {np.abs(poses[:, :3, 3]).max():.0f}",
                             fix="Divide the translations by 1000 (centimetres: by 100).")  # fmt: skip
         check_rigid(poses, "hand-eye poses", what=what)
-    for what, poses in (("robot", robot), ("board", board)):
-        _check_turning(what, poses[:, :3, :3])
+    turns = {what: _turns(poses[:, :3, :3]) for what, poses in (("robot", robot), ("board", board))}
+    for what, other in (("robot", "board"), ("board", "robot")):
+        _check_turning(what, turns[what], other, turns[other])
     return robot, board
 
 
-def _check_turning(what: str, rotations: np.ndarray) -> None:
+def _turns(rotations: np.ndarray) -> np.ndarray:
+    """Give the turns between all pairs of poses as rotation vectors, shape [P, 3] [rad]."""
     turns = Rotation.from_matrix(rotations)
     first, second = np.triu_indices(len(turns), 1)
-    vectors = (turns[first].inv() * turns[second]).as_rotvec()
+    return (turns[first].inv() * turns[second]).as_rotvec()
+
+
+def _check_turning(what: str, vectors: np.ndarray, other: str, others: np.ndarray) -> None:
     angles = np.rad2deg(np.linalg.norm(vectors, axis=1))
+    most = np.rad2deg(np.linalg.norm(others, axis=1)).max()
+    # the same motion turns both sides alike
+    unlike = (f", while the {other} turns by up to {most:.0f} deg: were radians read as degrees?"
+              if most > 3 * angles.max() else "")  # fmt: skip
     strong = vectors[angles > MIN_TURN_DEG]
     fix = "Record poses that turn at least 20 degrees about at least two different axes."
     if len(strong) == 0:
         raise PlopError(f"The {what} hardly turns: hand-eye calibration is impossible.",
                         expected=f"rotations above {MIN_TURN_DEG:.0f} deg between poses",
-                        found=f"at most {angles.max():.2f} deg (a pure translation)", fix=fix)  # fmt: skip
+                        found=f"at most {angles.max():.2f} deg (a pure translation){unlike}", fix=fix)  # fmt: skip
     axes = strong / np.linalg.norm(strong, axis=1, keepdims=True)
     apart = np.rad2deg(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axes[0]), axis=1), 0, 1))).max()
     if apart < MIN_TURN_DEG:
         raise PlopError(f"The {what} turns about one axis only: hand-eye calibration is not determined.",
-                        expected=f"axes at least {MIN_TURN_DEG:.0f} deg apart", found=f"{apart:.2f} deg",
+                        expected=f"axes at least {MIN_TURN_DEG:.0f} deg apart", found=f"{apart:.2f} deg{unlike}",
                         fix=fix)  # fmt: skip

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from plop.causes import Cause, Noticed
 
 VERDICTS = "calibration.json"
 BAD = "bad"
+
+
+def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
+    """Give the cameras of an episode that are not usable, each with what to do.
+
+    Args:
+        folder: Payload of a set of recordings; one that calibrate did not write holds no verdicts.
+        episode: Its name.
+    """
+    return {str(row.get("camera")): str(row.get("fix", "")) for row in _verdicts(folder).get(episode, ())
+            if not row.get("usable", True)}  # fmt: skip
 
 
 def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
@@ -20,16 +32,19 @@ def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
     Returns:
         Per such episode what to say, with the advice for its first camera; nothing where there are no verdicts.
     """
+    return {name: _said(rows) for name, rows in _verdicts(folder).items()
+            if rows and all(row.get("verdict") == BAD for row in rows)}  # fmt: skip
+
+
+def _verdicts(folder: Path) -> dict[str, list[dict[str, Any]]]:
     try:
         episodes = json.loads((folder / VERDICTS).read_text(encoding="utf-8"))["episodes"]
-        cameras = {name: list(row["cameras"]) for name, row in episodes.items()}
+        return {name: list(row["cameras"]) for name, row in episodes.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
-    return {name: _said(verdicts) for name, verdicts in cameras.items()
-            if verdicts and all(verdict.get("verdict") == BAD for verdict in verdicts)}  # fmt: skip
 
 
-def _said(verdicts: list[dict[str, str]]) -> Noticed:
+def _said(verdicts: list[dict[str, Any]]) -> Noticed:
     fix = str(verdicts[0].get("fix", ""))
     count = "its only camera" if len(verdicts) == 1 else f"all {len(verdicts)} cameras of it"
     return Noticed(f"`plop calibrate` calls {count} bad ({verdicts[0].get('camera')}: {fix})", Cause.EXTRINSICS,

@@ -140,6 +140,8 @@ def _times(
             return times, notes, in_side.seconds is not None or usd.codes_per_second not in (None, 1.0)
     whole = bool((usd.codes == np.round(usd.codes)).all())
     same = bool(np.abs(usd.codes - npz_times).max() <= _SAME_TIME_S)
+    if same and in_side.seconds is not None and usd.codes_per_second is None:
+        return stored, notes, True
     if same and whole and in_side.seconds is None and usd.codes_per_second is not None:
         return (usd.codes - (usd.start_code or 0.0)) / rate, [
             f"the npz holds time codes, not seconds: they are divided by timeCodesPerSecond = {rate:g} of the layer"

@@ -23,9 +23,9 @@ STEP_NOISE = 8.0
 """... and larger than so many standard deviations of the depth's noise."""
 BRIDGE_PX = 3
 """Holes in depth along an outline, as stereo cameras leave them, are bridged up to this width [px]."""
-MOST_POINTS, FEWEST_POINTS = 900, 40
+MOST_POINTS, FEWEST_POINTS = 600, 40
 """Points of outlines used in all, and fewer tell nothing: a dozen pixels on each side of a thing."""
-FEW_POINTS = 250
+FEW_POINTS = 200
 """Points with which a wide search begins."""
 PIECES = 16
 """Outlines are cut into so many pieces by place, which are taken to err independently."""
@@ -188,22 +188,26 @@ class _Search:
 
     def scores(self, moves: np.ndarray, every: int = 1) -> np.ndarray:
         """Score of every n-th point under every move (dx, dy, zoom), [M, 3] -> [M, N]; NaN beyond the picture."""
-        at = moves[:, None, 2:] * self.points[::every] + moves[:, None, :2] + self.middle
-        limit = self.room - 1.0
-        inside = (at > -limit).all(-1) & (at < 2 * self.middle + limit).all(-1)
-        x = np.where(inside, at[..., 0] + self.room - 0.5, 0).astype(np.float32)
-        y = np.where(inside, at[..., 1] + self.down[::every] - 0.5, 0).astype(np.float32)
+        dx, dy, zoom = moves.T.astype(np.float32)[..., None]
+        points = self.points[::every].astype(np.float32)
+        x, y = zoom * points[:, 0] + dx, zoom * points[:, 1] + dy
+        limit = (self.middle + self.room - 1).astype(np.float32)
+        inside = (np.abs(x) < limit[0]) & (np.abs(y) < limit[1])
+        x = np.where(inside, x + np.float32(self.middle[0] + self.room - 0.5), np.float32(0))
+        y = np.where(inside, y + (self.middle[1] + self.down[::every] - 0.5).astype(np.float32), np.float32(0))
         return np.concatenate([_sample(self.image, x[i : i + 4000], y[i : i + 4000]) for i in range(0, len(x), 4000)])
 
     def run(self) -> EdgeAlignment | None:
         """Search near no shift first, and everywhere when nothing near stands out."""
         reach, wide = max(4, round(0.03 * self.width)), max(8, round(0.1 * self.width))
         none = np.array([0.0, 0.0, 1.0])
-        wrong = _grid(wide, max(1.0, wide / 8), np.array([1.0]))
+        wrong = _grid(wide, max(1.0, wide / 6), np.array([1.0]))
         wrong = wrong[np.abs(wrong[:, :2]).max(1) > reach]
         if np.isfinite(_means(self.scores(wrong))).sum() < 10:
             return None
-        best = self._best(_grid(reach, 1.0, ZOOMS_NEAR))
+        near = _grid(reach, 1.0, ZOOMS_NEAR)
+        few = self._values(near, max(1, len(self.points) // FEW_POINTS))
+        best = self._best(near[np.argsort(-few)[: len(near) // 8]], [0.0, 0.0, 1.0])
         at_border = np.abs(best[:2]).max() >= reach or best[2] in (ZOOMS_NEAR[0], ZOOMS_NEAR[-1])
         if at_border or self._stands_out(best, wrong) < (LOOKS_RIGHT if self._off(best) < tolerance_px(self.width)
                                                          else STANDS_OUT):  # fmt: skip
@@ -244,10 +248,15 @@ class _Search:
         spread = max(1.4826 * float(np.median(np.abs(values - level))), 0.005)
         return float((_means(self.scores(move[None]))[0] - level) / spread)
 
-    def _best(self, moves: np.ndarray) -> np.ndarray:
-        values = np.concatenate([_means(self.scores(moves[i : i + 500])) for i in range(0, len(moves), 500)])
+    def _best(self, moves: np.ndarray, *more: list[float]) -> np.ndarray:
+        moves = np.concatenate([moves, np.array(more).reshape(-1, 3)])
+        return moves[int(np.argmax(self._values(moves)))]
+
+    def _values(self, moves: np.ndarray, every: int = 1) -> np.ndarray:
+        """Mean scores of moves; of equals, the smallest move is the best."""
+        values = np.concatenate([_means(self.scores(moves[i : i + 500], every)) for i in range(0, len(moves), 500)])
         small = 1e-3 * np.abs(moves[:, :2]).sum(1) / self.width + 1e-3 * np.abs(moves[:, 2] - 1)
-        return moves[int(np.argmax(np.where(np.isfinite(values), values, -1) - small))]
+        return np.where(np.isfinite(values), values, -1) - small
 
     def _surer(self, none: np.ndarray, other: np.ndarray) -> float:
         """Mean gain of a move over another, in standard errors over the pieces."""

@@ -170,6 +170,11 @@ def _described(camera: Camera, rays: np.ndarray, depth: np.ndarray, thing: np.nd
     r, z = rays[on], depth[on]
     pieces = (where[0] * PIECES // depth.shape[0]) * PIECES + where[1] * PIECES // depth.shape[1]
     plane = _linear(r, z)
+    for _ in range(3):
+        # the foot of what stands on it, and smeared outlines, are within the gate, too
+        residual = z - 1 / (r @ plane)
+        usual = max(3.7 * float(np.median(np.abs(residual - np.median(residual)))), 1e-3)
+        plane = _linear(r[np.abs(residual) < usual], z[np.abs(residual) < usual]) if usual < 0.1 else plane
     residual = z - 1 / (r @ plane)
     own = rays[thing & (depth > 0)] * depth[thing & (depth > 0)][:, None]
     # a . X = 1 on the plane, below 1 on the camera's side of it

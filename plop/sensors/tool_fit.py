@@ -26,7 +26,7 @@ THROUGH = 0.6
 """More than this share looked through: the tool is elsewhere. A blade 50 mm high that is 10 mm off shows 0.2."""
 FITS = 0.25
 """Less than this share looked through: the tool is there."""
-MOST_PX, FEW_PX = 6000, 1500
+MOST_PX, FEW_PX = 4000, 800
 """Rays cast at most in a view, and in each view of a search for other axes."""
 SHIFT_M = 0.06
 """A mount is searched so far from where it is said to be, in each direction [m]."""

@@ -56,7 +56,7 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
         return None
     good = [i for i in known if values[i] <= limit_mm]  # type: ignore[operator]
     fixed = good or [i for i in known if names[i] in trusted]
-    if not fixed:
+    if not fixed or len(fixed) == len(known):
         return None
     views = read_views(recording, frames[0])
     picks = depth_views([view for view in views if view.camera.name in names], margin_m)

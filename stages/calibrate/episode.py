@@ -60,9 +60,10 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
            and c.disagreement_mm > config.max_disagreement_mm]  # fmt: skip
     lost = [n for n, c in before.items() if c.disagreement_mm is None and c.pixels]
     if config.correct and (off or (lost and len(names) - len(broken) > 1)):
+        # a sharp hand-eye answer fixes the whole pose, a table only its height and tilt
         right = frozenset(name for name, each in evidence.items() if each.table_right)
         found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
-                                config.gate_m, trusted=trusted | right, leave_out=broken)  # fmt: skip
+                                config.gate_m, trusted=trusted or right, leave_out=broken)  # fmt: skip
         moved = evidence if found is None else gather(recording, frames, config, change=found.change)
         if found is not None and not any(each.faults and not evidence[name].faults for name, each in moved.items()):
             after, evidence = found.checks, moved
@@ -83,7 +84,7 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
                       reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
                       offset_corrected=shift is not None, evidence=evidence[name], config=config)
                 for name in names]  # fmt: skip
-    if not corrected and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
+    if not corrected and not faulty and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
         verdicts = [replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each
                     for each in verdicts]  # fmt: skip
     scans = []

@@ -79,7 +79,7 @@ class CalibrateConfig:
     scan_scale: str = "poses"
     """Where a refined scan takes its scale from: "poses" (robot, or a board before) or "depth"."""
     keep_bad: bool = False
-    """Whether episodes whose cameras are all bad pass on, too."""
+    """Whether episodes none of whose cameras is usable pass on, too."""
     max_scan_views: int = 40
     """At most this many views of a scan are refined, evenly spread; the others follow the nearest."""
 

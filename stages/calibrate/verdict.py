@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
     from stages.calibrate.tool_timing import Offset
 
+UNUSABLE = 5.0
+"""Disagreement in units of the limit (2 mm) that no noise of depth explains: its median is 2 mm where noise is 2 mm, up
+to three times that in pictures of 64 px."""
 ORDER = ("good", "corrected", "agreed", "unchecked", "bad")
 """Verdicts from best to worst."""
 
@@ -56,6 +59,9 @@ class CameraVerdict:
     """Share of the drawn tool that depth shows, of what is not hidden, 0 to 1."""
     faults: tuple[str, ...] = ()
     """Kinds of faults that these checks found, see `evidence.Fault`."""
+    usable: bool = True
+    """False where what is made of its pictures would be wrong: a fault is named, it sees nothing, or it disagrees by
+    more than noise ever makes. A camera may be "bad" by a little and usable."""
 
 
 def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str | None, depth_scale: float,
@@ -101,11 +107,13 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
             verdict = "bad"
             fixes.append(f"{lag}: shift this camera's timestamps at ingest")
     fixes += filter(None, [evidence.remark])
+    far = after.disagreement_mm is None or after.disagreement_mm > UNUSABLE * config.max_disagreement_mm
+    usable = verdict != "bad" or not (evidence.faults or far)
     return CameraVerdict(name, verdict, "; ".join(fixes), _rounded(after.disagreement_mm),
                          _rounded(before.disagreement_mm), round(depth_scale, 6), _rounded(reprojection_px),
                          _rounded(offset.offset_ms if offset else None),
                          _rounded(offset.resolution_ms if offset else None),
-                         after.partners, **_looked_at(evidence))  # fmt: skip
+                         after.partners, **_looked_at(evidence), usable=usable)  # fmt: skip
 
 
 def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
@@ -121,12 +129,14 @@ def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
 
 
 def check_usable(cameras: list[CameraVerdict], where: Path) -> None:
-    """Refuse an episode whose cameras are all bad: what is made of it would be wrong.
+    """Refuse an episode none of whose cameras is usable: what is made of it would be wrong.
+
+    Cameras that only disagree with each other pass: noise does that, too, and `fuse` is told.
 
     Raises:
         PlopError: Names what is wrong, the cause that most cameras share first.
     """
-    if not cameras or any(each.verdict != "bad" for each in cameras):
+    if not cameras or any(each.usable for each in cameras):
         return
     kinds = Counter(each.faults[:1] for each in cameras)
     cause, _ = max(kinds.items(), key=lambda item: (bool(item[0]), item[1]))

@@ -14,11 +14,10 @@ from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.cloud_ply import write_cloud
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
-from plop.recordings.camera_verdicts import only_bad_cameras
+from plop.recordings.camera_verdicts import bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.fuse.episode import EpisodeCloud, fuse_episode
-from stages.fuse.usable_views import bad_cameras
 
 
 @dataclass(frozen=True)

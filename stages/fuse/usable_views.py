@@ -1,27 +1,10 @@
-"""Which views may be fused: not those of cameras that calibrate calls bad, nor those that see the table elsewhere."""
+"""Which views may be fused: not those that see the table elsewhere than it is."""
 
 from __future__ import annotations
-
-import json
-from pathlib import Path
 
 from plop.errors import PlopError
 from plop.recordings.recording import Recording, View
 from plop.sensors.support_plane import find_support
-
-
-def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
-    """Read what calibrate said of the cameras of an episode: the bad ones, with the fix.
-
-    Args:
-        folder: Of a set of recordings; one that calibrate did not write holds no verdicts.
-        episode: Its name.
-    """
-    path = folder / "calibration.json"
-    if not path.is_file():
-        return {}
-    cameras = json.loads(path.read_text())["episodes"].get(episode, {}).get("cameras", [])
-    return {each["camera"]: each["fix"] for each in cameras if each["verdict"] == "bad"}
 
 
 def check_table(recording: Recording, views: list[View]) -> None:

@@ -72,7 +72,8 @@ def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smalles
         if size > largest_m or size < smallest_m / _FLATTEST or larger < smallest_m:
             fits = {name: key for name, (key, scale) in _UNITS.items()
                     if smallest_m <= larger * scale <= largest_m}  # fmt: skip
-            small = next((factor for factor in (10, 100, 1000) if factor * larger > _USUAL_M), None)
+            judged = size if larger >= smallest_m else larger  # one of both alone, or the whole scene
+            small = next((factor for factor in (10, 100, 1000) if factor * judged > _USUAL_M), None)
             guess = f": {' or '.join(fits)}?" if size > largest_m and fits else \
                 f": {small} times too small?" if size <= largest_m and small else ""
             unit = f'"{next(iter(fits.values()))}"' if size > largest_m and len(fits) == 1 else "..."

@@ -14,9 +14,10 @@ from plop.geometry.tool_damage import check_tool_mesh
 from plop.recordings.mesh_sequence import MeshSequence
 
 _LEAPS, _ONTO, _BENT = 0.5, 0.2, 0.3
-"""A vertex changes its number where it leaps by half an edge or more, lands five times nearer to where another one was,
-and one of its edges changes by 30 %. Bodies that move or turn as a whole keep their edges; in 114 recordings of two
-simulators an edge changes by 23 % in one frame at most."""
+"""A vertex changes its number where it leaps by half an edge or more against its neighbours, lands five times nearer to
+where another one was (or as near as the others have moved), leaves its place to another, and has an edge that changes
+by 30 %. Bodies that move or turn as a whole keep their edges; in 114 recordings of two simulators an edge changes by
+23 % in one frame at most."""
 _MISPLACED_SHARE = 0.5
 """Of the vertices that leap, at least so many do so: chance places one in ten so near."""
 _STRETCH, _FAR = 3.0, 0.25
@@ -68,8 +69,12 @@ def check_order(sequence: MeshSequence, path: Path) -> list[str]:
         _check_lost(sequence, edges, now, longest, frame, path)
         if frame:
             torn = (now - before > _FAR * size) & (now > _STRETCH * np.maximum(before, np.median(before)))
-            if torn.mean() > _TORN_SHARE or _swapped(sequence, frame, edges, before, now):
-                raise _reordered(path, frame, f"{int(torn.sum())} of {len(edges)} edges are torn")
+            if _swapped(sequence, frame, edges, before, now):
+                raise _reordered(path, frame, "The order of the vertices changes over time.",
+                                 "vertices leap onto other ones' places")  # fmt: skip
+            if torn.mean() > _TORN_SHARE:
+                raise _reordered(path, frame, "The surface is torn between two frames.",
+                                 f"{int(torn.sum())} of {len(edges)} edges become over {_STRETCH:g} times as long")
             if torn.any() and not notes:
                 notes.append(f"{int(torn.sum())} of {len(edges)} edges of the surface become over {_STRETCH:g} times "
                              f"as long from frame {frame - 1} to {frame}: did the simulation blow up?")  # fmt: skip
@@ -86,9 +91,10 @@ def _swapped(
 ) -> bool:
     """Tell whether vertices take each other's places in this frame: the set barely moves, its members leap."""
     old, new = sequence.vertices[frame - 1], sequence.vertices[frame]
-    leap = np.linalg.norm(new - old, axis=1)
+    move = new - old
+    leap = np.linalg.norm(move, axis=1)
     typical = float(np.median(before))
-    leaps = leap > _LEAPS * typical
+    leaps = _against_neighbours(move, edges) > _LEAPS * typical
     if leaps.sum() < 2:
         return False
     bent = np.abs(now - before) > _BENT * np.maximum(before, typical)
@@ -97,8 +103,20 @@ def _swapped(
     suspects = np.flatnonzero(leaps & touched)
     if len(suspects) < max(2, _MISPLACED_SHARE * leaps.sum()):
         return False
-    nearest = cKDTree(old).query(new[suspects])[0]
-    return bool((nearest < _ONTO * leap[suspects]).sum() >= max(2, _MISPLACED_SHARE * leaps.sum()))
+    nearest = np.maximum(cKDTree(old).query(new[suspects])[0], cKDTree(new).query(old[suspects])[0])
+    drift = float(np.median(leap[~leaps])) if (~leaps).any() else 0.0
+    onto = np.maximum(_ONTO * leap[suspects], np.minimum(2 * drift, leap[suspects] / 2))
+    return bool((nearest < onto).sum() >= max(2, _MISPLACED_SHARE * leaps.sum()))
+
+
+def _against_neighbours(move: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """How far each vertex moves against its neighbours, the upper median of them, [V]; 0 where there are none."""
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    apart = np.linalg.norm(move[ends[:, 0]] - move[ends[:, 1]], axis=1)
+    order = np.lexsort((apart, ends[:, 0]))
+    count = np.bincount(ends[:, 0], minlength=len(move))
+    middle = np.minimum(np.cumsum(count) - count + count // 2, len(ends) - 1)
+    return np.where(count > 0, apart[order][middle], 0)
 
 
 def _check_rest(sequence: MeshSequence, edges: np.ndarray, rest: np.ndarray, path: Path) -> None:
@@ -135,10 +153,10 @@ def _lost(path: Path, found: str, frame: int) -> PlopError:
                      fix="Part of the data was lost or set to zero: export the episode again.")  # fmt: skip
 
 
-def _reordered(path: Path, frame: int, torn: str) -> PlopError:
-    return PlopError("The order of the vertices changes over time.", where=f"{path}: vertices, frame {frame}",
+def _reordered(path: Path, frame: int, problem: str, found: str) -> PlopError:
+    return PlopError(problem, where=f"{path}: vertices, frame {frame}",
                      expected="vertex i is the same point of the material in all frames",
-                     found=f"from frame {frame - 1} to {frame} vertices leap onto other ones' places; {torn}",
+                     found=f"from frame {frame - 1} to {frame} {found}",
                      fix="Export without merging or sorting vertices (trimesh: process=False; Blender: keep vertex "
                          "order), one numbering for all frames.")  # fmt: skip
 

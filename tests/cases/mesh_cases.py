@@ -215,6 +215,9 @@ _OF_USD = [
          warned=("time codes, not seconds",), right=_is_the_pyramid),
     Case("usd rate undeclared", "OpenUSD#3513", _usd(codes=np.arange(1.0, 4)), (_DISECT,),
          refused=("do not have the same times", "timeCodesPerSecond", "30 a second")),
+    Case("usd frame numbers everywhere, stated", "OpenUSD#3513",
+         _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4), units={"frames_per_second": 30}), (_DISECT,),
+         right=_is_the_pyramid),
     Case("usd frame numbers everywhere", "OpenUSD#3513", _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4)),
          (_DISECT,), refused=("frame numbers", "frames_per_second")),
 ]  # fmt: skip

@@ -98,6 +98,18 @@ def test_motion_about_one_axis_leaves_the_answer_open():
     assert judged.fault is HandEyeFault.UNDETERMINED and "about two axes" in judged.why()
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_radians_that_were_read_as_degrees_are_named(seed):
+    """The turns are tiny: too small to be judged, or small about one axis for the flip at half a turn."""
+    rig = draw_rig(seed, pairs=14, turn_deg=25)
+    small = turned(rig.robot, lambda turns: Rotation.from_euler("xyz", turns.as_euler("xyz") * np.pi / 180))
+    try:
+        said = judge_hand_eye(small, rig.board, rig.mount).why()
+    except PlopError as error:
+        said = error.render()
+    assert "radians" in said and "read as degrees" in said
+
+
 def test_an_uncertain_scale_is_not_called_wrong():
     rig = draw_rig(3, mount="fixed", pairs=6, noise_mm=3, noise_deg=0.3, turn_deg=12)
     judged = judge_hand_eye(rig.robot, stretched(rig.board, 1.02), "fixed")
