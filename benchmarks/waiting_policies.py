@@ -16,8 +16,8 @@ from statistics import median
 from benchmarks.bench_dynamics import i2n_step
 from benchmarks.bench_waiting import busy_core
 from benchmarks.measure import median_ms
-from plop.artifacts.whole_file import write_json
-from plop.waiting import POLICY, SPIN
+from plop.artifacts.atomic_file import write_json
+from plop.compute.waiting import POLICY, SPIN
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "waiting.json"
 WAYS: dict[str, dict[str, str]] = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from plop.waiting import wait_briefly
+from plop.compute.waiting import wait_briefly
 
 wait_briefly()
 

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
+from plop.compute.freed_memory import keep_freed_memory
 from plop.errors import PlopError
-from plop.freed_memory import keep_freed_memory
 from plop.pipeline.registry import StageRef, pipeline
 from plop_cli.commands import add_commands
 from plop_cli.completion import completed_by

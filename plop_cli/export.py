@@ -7,10 +7,10 @@ import shutil
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from plop.artifacts.atomic_file import in_the_way
 from plop.artifacts.manifest import MANIFEST_NAME
 from plop.artifacts.store import Artifact, Store
 from plop.artifacts.verify import verify
-from plop.artifacts.whole_file import in_the_way
 from plop.errors import PlopError
 from plop_cli.console import Console
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.whole_file import write_text
+from plop.artifacts.atomic_file import write_text
 from plop.metrics.table import Scores, collect, gains_to_markdown, has_place, replace_between_markers, to_markdown
 
 MAIN = "cpu"

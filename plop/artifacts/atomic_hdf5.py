@@ -15,7 +15,7 @@ from typing import Self
 
 import h5py
 
-from plop.artifacts.whole_file import scratch_of
+from plop.artifacts.atomic_file import scratch_of
 from plop.errors import PlopError
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from plop.artifacts.whole_file import write_text
+from plop.artifacts.atomic_file import write_text
 from plop.errors import PlopError
 
 SETTLED_AFTER_S = 2.0

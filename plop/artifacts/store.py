@@ -17,12 +17,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from plop.artifacts.atomic_file import in_the_way, write_json
 from plop.artifacts.digest import DigestCache, content_digest, file_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
 from plop.artifacts.suggestions import nearest, workspaces_near
-from plop.artifacts.whole_file import in_the_way, write_json
 from plop.errors import PlopError
 
 BEGIN = "`plop ingest FOLDER` or `plop simulate SCENE` begins one from data, `plop demo` one to look at"

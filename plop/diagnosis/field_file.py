@@ -16,7 +16,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 from plop.diagnosis.carrier import fine_surface
 from plop.diagnosis.error_fields import ErrorField
 from plop.errors import PlopError

@@ -14,11 +14,11 @@ from zipfile import BadZipFile
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
+from plop.compute.kernel_cache import sources_digest
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.errors import PlopError
 from plop.installed import install_extra
-from plop.kernel_cache import sources_digest
 from plop.physics.effects.library import library
 
 KEPT_BYTES = 2_000_000_000

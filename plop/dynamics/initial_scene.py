@@ -64,6 +64,6 @@ class InitialScene:
             next_world_from_tool: Pose at its end, shape [4, 4].
             dt_s: Duration [s].
         """
-        poses = [torch.as_tensor(pose, dtype=torch.float32, device=self.gaussians.means.device)
-                 for pose in (world_from_tool, next_world_from_tool)]  # fmt: skip
-        return ToolStep(self.tool, *poses, dt_s, self.table_z_m)
+        before, after = (torch.as_tensor(pose, dtype=torch.float32, device=self.gaussians.means.device)
+                         for pose in (world_from_tool, next_world_from_tool))  # fmt: skip
+        return ToolStep(self.tool, before, after, dt_s, self.table_z_m)

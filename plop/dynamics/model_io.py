@@ -16,7 +16,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
-from plop.artifacts.whole_file import whole, write_json
+from plop.artifacts.atomic_file import whole, write_json
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.resampling import ResamplingConfig

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 from plop.errors import PlopError
 from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians

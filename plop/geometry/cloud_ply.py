@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 from plop.errors import PlopError
 from plop.geometry.pointcloud import PointCloud
 

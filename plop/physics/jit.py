@@ -9,7 +9,7 @@ from typing import Any
 import numba
 from numba import njit
 
-from plop.kernel_cache import watch_sources
+from plop.compute.kernel_cache import watch_sources
 
 numba.config.THREADING_LAYER = "omp"
 """Chosen, not probed: open3d brings an older TBB, and numba warns when it finds that one."""

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.artifacts.whole_file import whole, write_json
+from plop.artifacts.atomic_file import whole, write_json
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
 from plop.recordings.declared_units import WorldFrame, declared_in_side_file, seconds_from

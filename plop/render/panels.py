@@ -11,7 +11,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 
 PANEL_PX = 512
 """Longer side of what people see of one camera [px]."""

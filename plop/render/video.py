@@ -11,7 +11,7 @@ from typing import Self
 import imageio_ffmpeg
 import numpy as np
 
-from plop.artifacts.whole_file import scratch_of
+from plop.artifacts.atomic_file import scratch_of
 from plop.errors import PlopError
 
 # One thread and no metadata: the same frames give the same bytes.

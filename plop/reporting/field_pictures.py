@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 from plop.diagnosis.carrier import Carrier
 from plop.diagnosis.error_fields import rms_seen
 from plop.diagnosis.field_file import StoredField

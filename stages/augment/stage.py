@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import made_from
 from plop.artifacts.manifest import MANIFEST_NAME
-from plop.artifacts.whole_file import write_json
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model

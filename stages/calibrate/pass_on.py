@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from plop.artifacts.whole_file import scratch_of
+from plop.artifacts.atomic_file import scratch_of
 
 
 @dataclass

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from math import inf
 from pathlib import Path
 
-from plop.artifacts.whole_file import write_json, write_text
+from plop.artifacts.atomic_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.handeye import HAND_EYE_METHODS

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from plop.artifacts.whole_file import write_json
+from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.diagnosis.bases import predict_episode
 from plop.diagnosis.camera_errors import camera_rows, camera_table

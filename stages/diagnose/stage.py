@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.artifacts.whole_file import write_json
+from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs
 from plop.diagnosis.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose

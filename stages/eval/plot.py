@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 
 TITLES = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "hd_mm": "HD [mm]", "psnr_db": "PSNR [dB]", "ssim": "SSIM [-]",
           "j_score": "J [-]"}  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 from plop.metrics.bootstrap import bootstrap_interval
 from plop.metrics.frame import CONVENTIONS, HIGHER_IS_BETTER, mean_defined
 

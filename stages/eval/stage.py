@@ -8,14 +8,14 @@ from functools import partial
 from math import inf
 from pathlib import Path
 
-from plop.artifacts.whole_file import write_json
+from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
+from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterize import BACKENDS
-from plop.side_by_side import every_piece
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import environment_report, summary_table, write_csv

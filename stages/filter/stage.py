@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plop.artifacts.whole_file import write_text
+from plop.artifacts.atomic_file import write_text
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.determinism import deterministic
-from plop.device import chosen_device
+from plop.compute.determinism import deterministic
+from plop.compute.device import chosen_device
 from plop.dynamics.episodes import measured_views
 from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter, settled
 from plop.dynamics.interface import DynamicsModel, at_rest
@@ -27,11 +27,11 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
+from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
-from plop.side_by_side import every_piece
 
 
 @dataclass(frozen=True)

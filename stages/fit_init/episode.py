@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from plop.device import chosen_device
+from plop.compute.device import chosen_device
 from plop.errors import PlopError, remembering
 from plop.gaussians.state import Gaussians, concatenate
 from plop.recordings.recording import Recording, View

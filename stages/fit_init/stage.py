@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from plop.artifacts.whole_file import whole, write_json
+from plop.artifacts.atomic_file import whole, write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.device import chosen_device
+from plop.compute.device import chosen_device
 from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
+from plop.pipeline.parallel import each_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
-from plop.side_by_side import each_piece
 from stages.fit_init.episode import EpisodeFit, fit_episode
 
 FILLINGS = ("solid", "paper", "none")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.artifacts.whole_file import write_json, write_text
+from plop.artifacts.atomic_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.cloud_ply import write_cloud

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import recordings_content
-from plop.artifacts.whole_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.determined import NOT_DETERMINED
 from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled

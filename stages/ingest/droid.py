@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from plop.artifacts.whole_file import write_json
+from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.artifacts.whole_file import write_text
+from plop.artifacts.atomic_file import write_text
 from plop.checked_settings import check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from plop.checked_settings import check_choices, check_ranges
-from plop.device import chosen_device
+from plop.compute.device import chosen_device
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model

@@ -14,6 +14,7 @@ from plop.physics.scene import Scene, simulate_episode
 from plop.physics.scenes import find_scene
 from plop.physics.sealed import seal_answer
 from plop.physics.wish import Wish, parse_hidden
+from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, check_patterns, split_names
@@ -21,7 +22,6 @@ from plop.render.recorder import Disturbances, record
 from plop.render.rig import camera_names
 from plop.render.settings import CameraSettings, check_cameras
 from plop.sensors.faults import Faults, parse_faults
-from plop.side_by_side import every_piece
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 

@@ -15,7 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 
 
 @dataclass(frozen=True)

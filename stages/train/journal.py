@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.whole_file import write_text
+from plop.artifacts.atomic_file import write_text
 
 
 class Journal:

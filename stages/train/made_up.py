@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plop.artifacts.whole_file import write_json
+from plop.artifacts.atomic_file import write_json
 from plop.dynamics.episodes import Actions
 from plop.dynamics.first_surface import first_surface
 from plop.dynamics.interface import at_rest
@@ -30,9 +30,9 @@ from plop.models import load_model
 from plop.physics.filled_model import FilledEngineModel
 from plop.physics.tool_motion import ToolMotion
 from plop.physics.varied_motion import VariationRanges, another_motion
+from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
-from plop.side_by_side import every_piece
 from stages.train.tracks import append_state
 
 FOLDER = "made-up"

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from plop.artifacts.whole_file import whole
+from plop.artifacts.atomic_file import whole
 from plop.errors import PlopError
 
 TRUST = "PLOP_TRUST_EFFECTS"

@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from plop.kernel_cache import sources_digest
+from plop.compute.kernel_cache import sources_digest
 from plop.physics import grid, tool_contact, toughness, transfer
 from plop.physics.effects import adhesion
 from plop.render import rasterize_numba_blend, rasterize_numba_project
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 KERNEL = """
 from {origin} import kernel
 from constants import FACTOR
@@ -58,7 +58,7 @@ def test_a_changed_constant_of_another_file_is_not_missed(tmp_path: Path):
                               capture_output=True, text=True, check=True)  # fmt: skip
         return [float(word) for word in done.stdout.split()]
 
-    for origin, decorator in (("plop.compiled", "@kernel"), ("plop.physics.jit", "@kernel()")):
+    for origin, decorator in (("plop.compute.compiled", "@kernel"), ("plop.physics.jit", "@kernel()")):
         assert run(origin, decorator, 3.0) == [6.0, 0]
         assert run(origin, decorator, 3.0) == [6.0, 1]
         assert run(origin, decorator, 5.0) == [10.0, 0]

@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from plop.device import chosen_device
+from plop.compute.device import chosen_device
 from plop.dynamics.episodes import measured_views
 from plop.dynamics.filtering import UpdateConfig, settled
 from plop.dynamics.interface import at_rest

@@ -19,7 +19,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs
 
-from plop.artifacts.whole_file import write_text
+from plop.artifacts.atomic_file import write_text
 from plop.errors import PlopError
 
 Progress = Callable[..., None]

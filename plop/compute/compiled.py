@@ -12,8 +12,8 @@ import numba
 import numpy as np
 import torch
 
-from plop.kernel_cache import watch_sources
-from plop.openmp import run_on_torch_threads
+from plop.compute.kernel_cache import watch_sources
+from plop.compute.openmp import run_on_torch_threads
 
 FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
 """Allowed floating-point freedoms; NaN and infinity keep their meaning."""

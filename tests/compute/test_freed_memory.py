@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from plop.freed_memory import keep_freed_memory
+from plop.compute.freed_memory import keep_freed_memory
 
 _FAULTS = """
 import resource, sys
 import numpy as np
-from plop.freed_memory import keep_freed_memory
+from plop.compute.freed_memory import keep_freed_memory
 
 if sys.argv[1] == "keep":
     keep_freed_memory()

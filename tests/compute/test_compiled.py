@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from plop import compiled, openmp
-from plop.compiled import kernel, run_parallel
-from plop.openmp import run_on_torch_threads
+from plop.compute import compiled, openmp
+from plop.compute.compiled import kernel, run_parallel
+from plop.compute.openmp import run_on_torch_threads
 
 
 @pytest.fixture

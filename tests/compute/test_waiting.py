@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from plop.waiting import POLICY
+from plop.compute.waiting import POLICY
 
-REPOSITORY = Path(__file__).resolve().parent.parent
+REPOSITORY = Path(__file__).resolve().parents[2]
 SEEN = f"import os, sys; print(*[os.environ.get(n, '-') for n in {POLICY}])"
 HOOK = """
 import sys, os
