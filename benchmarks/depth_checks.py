@@ -87,8 +87,10 @@ def draw_cell(seed: int) -> Cell:
     turn = rng.uniform(0, 6.3)
     poses[:, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     poses[:, 2, 3] = np.linspace(0.17, body.bounds[1, 2] + 0.01, 3)
-    return Cell(parts, cameras, poses, float(rng.choice([0, 0.001, 0.002])), int(rng.integers(0, 3)),
-                float(rng.uniform(0, 25)))  # fmt: skip
+    noise_m = float(rng.choice([0, 0.001, 0.002]))
+    # a sensor's outlines are frayed by up to 4 px at 640 px; stored pictures are smaller
+    fray_px = round(rng.uniform(0, 4) * width / 640)
+    return Cell(parts, cameras, poses, noise_m, fray_px, float(rng.uniform(0, 25)))
 
 
 def shoot(cell: Cell, camera: Camera, tool: np.ndarray, rng: np.random.Generator) -> Shot:
@@ -267,20 +269,22 @@ def main() -> int:
             if options.only not in name or not count:
                 continue
             words, kinds, named, other = Counter[str](), Counter[str](), 0, 0
-            cameras = checks = 0
+            cameras = checks = unusable = 0
             for seed in range(options.first, options.first + count):
                 verdicts = judged(seed, Path(folder), **what)
                 cameras += len(verdicts)
                 words.update(each["verdict"] for each in verdicts)
                 kinds.update(each["faults"][0] for each in verdicts if each["faults"])
+                unusable += sum(not each["usable"] for each in verdicts)
                 checks += sum(bool(each["checks"]) for each in verdicts)
                 found = [each["faults"][:1] == (kind,) for each in verdicts]
                 named += any(found)
                 other += any(each["faults"] and each["faults"][0] != kind for each in verdicts)
-                if not kind and kinds:
+                if not kind and any(each["faults"] or not each["usable"] for each in verdicts):
                     print(seed, [(each["camera"], each["faults"], each["fix"]) for each in verdicts], flush=True)
             rows.append({"set": name, "recordings": count, "cameras": cameras, "named": named, "other_named": other,
-                         "verdicts": dict(words), "kinds": dict(kinds), "checked_cameras": checks})  # fmt: skip
+                         "unusable": unusable, "verdicts": dict(words), "kinds": dict(kinds),
+                         "checked_cameras": checks})  # fmt: skip
             print(rows[-1], flush=True)
     options.out.write_text(json.dumps({"first_seed": options.first, "rows": rows}, indent=1) + "\n")
     return 0

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import open3d as o3d
 
 from plop.geometry.rigid import invert_rigid, transform_points
+from plop.lazy_open3d import o3d
 from plop.recordings.recording import Mesh, View
 
 GATE_M, GATE_SHARE = 0.012, 0.01

@@ -97,6 +97,6 @@ CASES = [
     Case("euler-angles-blame-the-cameras", "droid-dataset/droid#10", euler_of_another_convention, ("ingest droid raw",),
          refused=("Poses of cameras", "Euler"), never=("fix: Check flange_from_tool",)),
     Case("no-nan-in-messages", "ARISE-Initiative/robomimic#203", bad_cameras,
-         ("ingest droid raw", "calibrate --no-correct", "fuse --min-points 50"), warned=("extrinsics", "bad"), never=("nan",),
-         right=nothing_kept_that_is_no_number),
+         ("ingest droid raw", "calibrate --no-correct", "fuse --min-points 50"), warned=("extrinsics", "bad"),
+         never=("nan",), right=nothing_kept_that_is_no_number),
 ]  # fmt: skip

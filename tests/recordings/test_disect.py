@@ -162,7 +162,7 @@ def test_without_usd_core_the_extra_is_named(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(builtins, "__import__", without_pxr)
     with pytest.raises(PlopError, match="usd-core") as caught:
         read_disect(path)
-    assert "usd-core" in caught.value.fix
+    assert "[disect]" in caught.value.fix
 
 
 def test_a_bad_json_does_not_hide_the_other_recordings(tmp_path: Path) -> None:
