@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
+from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.calibrate.stage import CalibrateConfig
-from stages.contract import Input, Output
 from stages.fuse.stage import STAGE as FUSE
 from stages.fuse.stage import FuseConfig
 from stages.fuse.usable_views import bad_cameras
