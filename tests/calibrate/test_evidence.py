@@ -8,11 +8,11 @@ import pytest
 
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
+from plop.recordings.camera_verdicts import bad_cameras
 from plop.recordings.set import RecordingSet
 from stages.calibrate.stage import CalibrateConfig
 from stages.fuse.stage import STAGE as FUSE
 from stages.fuse.stage import FuseConfig
-from stages.fuse.usable_views import bad_cameras
 from tests.calibrate.test_calibrate_stage import calibrate
 from tests.geometry.scene import ring, write_set
 
