@@ -28,30 +28,23 @@ _TINY = np.float32(1e-12)
 _RISE = 0.2
 """Share of the critical opening at which the traction has its peak."""
 _ALONE = np.float32(-1)
-
-
-@njit(fastmath=True)
-def in_layer(d, spacing, fixed):
-    """Tell whether a particle at the distance d [m] from the blade's middle plane belongs to the face of the cut.
-
-    A plane meets a lattice anywhere: on each side one cell's width of particles then stands for the face. Bodies
-    that were made in two halves (`fixed`) have their outermost layer on the face, or half a cell from it.
-    """
-    return abs(d) < (np.float32(0.75) * spacing if fixed else spacing)
+_BLADE = int(ToolKind.BLADE)
 
 
 @kernel()
-def join(x, volume, side, cut, fixed, number, pose, faces, spacing, partner, rest, normal):
+def join(x, side, cut, number, pose, faces, spacing, partner, share, rest, normal):
     """Join particles at the faces of the cut, as the blade passes them, to what lies opposite.
 
     The partner is the particle of the other side next to the mirror image in the blade's plane. Each particle is
-    looked at once, so that nothing is joined again.
+    looked at once, so that nothing is joined again. A plane meets a lattice anywhere; shares that fall linearly to 0
+    a spacing away add up, over the layers of both sides and times volume over spacing, to its area.
 
     Takes:
-        x, volume, side, cut, fixed, number: The engine's [N].
+        x, side, cut, number: The engine's [N].
         pose, faces: Blade, see `kernel_poses` and `ToolShape`.
         spacing: Distance of the particles [m].
         partner: Updated: number of the partner plus 1, 0 where the blade has not been, -1 for none [N].
+        share: Updated: share of the particle's cell that stands for the cut, in [0, 1] [N].
         rest, normal: Updated: way from the partner to the particle while the faces touch [N, 3] [m], and
             normal of the face towards the particle's own side [N, 3].
     """
@@ -63,10 +56,10 @@ def join(x, volume, side, cut, fixed, number, pose, faces, spacing, partner, res
         d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
         y = rx * pose[2, 0] + ry * pose[2, 1] + rz * pose[2, 2]
         z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
-        if not in_layer(d, spacing, fixed[p]) or not in_outline(faces, y, z, _ZERO):
+        if abs(d) >= spacing or not in_outline(faces, y, z, _ZERO):
             continue
         mx, my, mz = x[p, 0] - _TWO * d * pose[1, 0], x[p, 1] - _TWO * d * pose[1, 1], x[p, 2] - _TWO * d * pose[1, 2]
-        nearest, found = spacing * spacing, -1
+        nearest, found = _TWO * spacing * spacing, -1
         for q in range(x.shape[0]):
             if side[q] == side[p]:
                 continue
@@ -75,7 +68,7 @@ def join(x, volume, side, cut, fixed, number, pose, faces, spacing, partner, res
                 nearest, found = away, q
         if found < 0:
             continue
-        partner[p] = np.float32(number[found] + 1)
+        partner[p], share[p] = np.float32(number[found] + 1), _ONE - abs(d) / spacing
         sign = _ONE if side[p] == 0 else -_ONE
         for k in range(3):
             rest[p, k] = x[p, k] - x[found, k]
@@ -100,7 +93,7 @@ def wear_down(x, side, cut, radius, pose, faces, thickness, pressure_per_m, wear
         d = rx * pose[1, 0] + ry * pose[1, 1] + rz * pose[1, 2]
         y = rx * pose[2, 0] + ry * pose[2, 1] + rz * pose[2, 2]
         z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
-        depth = radius[p] - tool_gap(1, faces, thickness, d, y, z, side[p], cut[p], radius[p])[0]
+        depth = radius[p] - tool_gap(_BLADE, faces, thickness, d, y, z, side[p], cut[p], radius[p])[0]
         strength[p] = max(_ZERO, strength[p] - wear * pressure_per_m * max(_ZERO, depth))
 
 
@@ -124,20 +117,21 @@ def carry_along(c, p, q, dt, rest, normal):
 
 
 @kernel()
-def hold_together(x, v, c, mass, volume, cut, fixed, index, dt, traction, critical, rise, spacing, partner, rest,
+def hold_together(x, v, c, mass, volume, cut, index, dt, traction, critical, rise, spacing, partner, share, rest,
                   normal, strength, peak):  # fmt: skip
     """Pull the faces together over their opening; what has opened beyond the critical one is gone.
 
     The traction is that of the largest opening so far, in proportion to the opening when it is smaller (unloading
     towards the origin). Closing past contact is not resisted: that is what the contact of the faces does. Both
-    particles of a bond get the same impulse. Each face has bonds of its own and half of the traction.
+    particles of a bond get the same impulse.
 
     Takes:
-        x, v, c, mass, volume, cut, fixed: The engine's; v is changed.
+        x, v, c, mass, volume, cut: The engine's; v is changed.
         index: Row of each particle by number [max number + 1].
         dt, traction, critical, rise: Step [s], peak [Pa], critical opening and that of the peak [m].
         spacing: Distance of the particles [m].
-        partner, rest, normal, strength, peak: See `join` and `wear_down`, and the largest opening so far [m]; updated.
+        partner, share, rest, normal, strength, peak: See `join` and `wear_down`, and the largest opening so far [m];
+            updated.
     """
     for p in range(x.shape[0]):
         if partner[p] <= _ZERO:
@@ -156,11 +150,8 @@ def hold_together(x, v, c, mass, volume, cut, fixed, index, dt, traction, critic
         if peak[p] >= critical:
             partner[p] = _ALONE
             continue
-        share = _ONE / rise if peak[p] <= rise else (critical - peak[p]) / (critical - rise) / peak[p]
-        # a particle on the face of a lattice stands for half a cell beside its area, others for a whole one
-        on_face = fixed[p] and rest[p, 0] ** 2 + rest[p, 1] ** 2 + rest[p, 2] ** 2 < np.float32(0.25) * spacing**2
-        area = volume[p] / spacing * (_TWO if on_face else _ONE)
-        pull = -dt * _HALF * area * strength[p] * traction * share
+        slope = _ONE / rise if peak[p] <= rise else (critical - peak[p]) / (critical - rise) / peak[p]
+        pull = -dt * share[p] * volume[p] / spacing * strength[p] * traction * slope
         v[p, 0] += pull * ox / mass[p]
         v[p, 1] += pull * oy / mass[p]
         v[p, 2] += pull * oz / mass[p]
@@ -189,8 +180,9 @@ class Cohesion(Effect):
         "Baylor 1998; wear by the blade's force: Heiden et al. 2021, DiSECt"
     )
     amplitudes = (
-        Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=400.0, help="largest traction between the faces"),
-    )
+        Parameter("traction_pa", "Pa", 0.0, 1e5, step=50.0, typical=400.0, help="largest traction between the faces",
+                  tried=(1500.0,)),
+    )  # fmt: skip
     shapes = (
         Parameter("opening_m", "m", 1e-4, 0.05, step=0.0, default=0.004, help="opening at which the traction is gone"),
         Parameter("wear", "1/(Pa s)", 0.0, 1e3, step=0.0, default=0.0, help="strength lost per pressure and time"),
@@ -201,7 +193,8 @@ class Cohesion(Effect):
         {"opening_m": 0.004, "wear": 0.01},
     )
     remembers = {
-        "partner": ((), 0.0), "rest": ((3,), 0.0), "normal": ((3,), 0.0), "strength": ((), 1.0), "peak": ((), 0.0),
+        "partner": ((), 0.0), "share": ((), 0.0), "rest": ((3,), 0.0), "normal": ((3,), 0.0), "strength": ((), 1.0),
+        "peak": ((), 0.0),
     }  # fmt: skip
 
     @property
@@ -211,12 +204,11 @@ class Cohesion(Effect):
 
     def before(self, body: Engine, dt: float) -> None:
         """Join what the blade has just passed, wear it down, and pull."""
-        partner, rest, normal, strength, peak = (body.memory[f"cohesion.{name}"] for name in self.remembers)
+        partner, share, rest, normal, strength, peak = (body.memory[f"cohesion.{name}"] for name in self.remembers)
         kind, pose, faces, thickness = body.tool_now
         spacing = np.float32(np.cbrt(body.volume.max()))
-        if kind == ToolKind.BLADE:
-            join(body.x, body.volume, body.side, body.cut, body.fixed, body.number, pose, faces, spacing, partner, rest,
-                 normal)  # fmt: skip
+        if kind == _BLADE:
+            join(body.x, body.side, body.cut, body.number, pose, faces, spacing, partner, share, rest, normal)
             if self["wear"] > 0:
                 modulus = body.material.lame_pa + 2 * body.material.shear_pa
                 wear_down(body.x, body.side, body.cut, body.radius, pose, faces, thickness,
@@ -225,9 +217,9 @@ class Cohesion(Effect):
         index = np.empty(int(body.number.max()) + 1, np.int64)
         index[body.number] = np.arange(len(body.number))
         critical = self["opening_m"]
-        hold_together(body.x, body.v, body.c, body.mass, body.volume, body.cut, body.fixed, index, np.float32(dt),
+        hold_together(body.x, body.v, body.c, body.mass, body.volume, body.cut, index, np.float32(dt),
                       np.float32(self["traction_pa"]), np.float32(critical), np.float32(_RISE * critical), spacing,
-                      partner, rest, normal, strength, peak)  # fmt: skip
+                      partner, share, rest, normal, strength, peak)  # fmt: skip
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
         """Bonds are springs between outermost particles, each a quarter of a cell thick."""

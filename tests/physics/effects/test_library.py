@@ -24,7 +24,8 @@ MATERIAL = Material(youngs_modulus_pa=6e3, tool_friction=0.2, table_friction=0.3
 CONFIG = EngineConfig(dx_m=0.01, dt_s=4e-4)
 FIRST = {
     "tilt", "table_friction", "blade_friction", "adhesion", "viscosity", "plasticity", "fibres", "stiffening",
-    "swelling", "toughness", "cohesion", "softening", "relaxation", "drag", "inertia", "stiffness", "damping", "density",
+    "swelling", "toughness", "softening", "relaxation", "drag", "inertia", "stiffness", "damping", "density",
+    "cohesion",
 }  # fmt: skip
 IN_A_CUT = {"toughness", "cohesion"}
 """What a press does not show."""
