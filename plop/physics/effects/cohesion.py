@@ -117,8 +117,8 @@ def carry_along(c, p, q, dt, rest, normal):
 
 
 @kernel()
-def hold_together(x, v, c, mass, volume, cut, index, dt, traction, critical, rise, spacing, partner, share, rest,
-                  normal, strength, peak):  # fmt: skip
+def hold_together(x, v, c, mass, volume, side, cut, index, dt, traction, critical, rise, spacing, partner, share,
+                  rest, normal, strength, peak):  # fmt: skip
     """Pull the faces together over their opening; what has opened beyond the critical one is gone.
 
     The traction is that of the largest opening so far, in proportion to the opening when it is smaller (unloading
@@ -126,8 +126,8 @@ def hold_together(x, v, c, mass, volume, cut, index, dt, traction, critical, ris
     particles of a bond get the same impulse.
 
     Takes:
-        x, v, c, mass, volume, cut: The engine's; v is changed.
-        index: Row of each particle by number [max number + 1].
+        x, v, c, mass, volume, side, cut: The engine's; v is changed.
+        index: Row of each particle by number, -1 for none [max number + 1].
         dt, traction, critical, rise: Step [s], peak [Pa], critical opening and that of the peak [m].
         spacing: Distance of the particles [m].
         partner, share, rest, normal, strength, peak: See `join` and `wear_down`, and the largest opening so far [m];
@@ -136,8 +136,9 @@ def hold_together(x, v, c, mass, volume, cut, index, dt, traction, critical, ris
     for p in range(x.shape[0]):
         if partner[p] <= _ZERO:
             continue
-        q = index[int(partner[p]) - 1]
-        if strength[p] <= _ZERO:
+        number = int(partner[p]) - 1
+        q = index[number] if number < len(index) else -1
+        if strength[p] <= _ZERO or q < 0 or side[q] == side[p]:  # worn through, or a state without the partner
             partner[p] = _ALONE
             continue
         carry_along(c, p, q, dt, rest, normal)
@@ -214,10 +215,10 @@ class Cohesion(Effect):
                 wear_down(body.x, body.side, body.cut, body.radius, pose, faces, thickness,
                           np.float32(STIFFNESS * modulus / body.config.dx_m), np.float32(dt * self["wear"]), partner,
                           strength)  # fmt: skip
-        index = np.empty(int(body.number.max()) + 1, np.int64)
+        index = np.full(int(body.number.max()) + 1, -1)
         index[body.number] = np.arange(len(body.number))
         critical = self["opening_m"]
-        hold_together(body.x, body.v, body.c, body.mass, body.volume, body.cut, index, np.float32(dt),
+        hold_together(body.x, body.v, body.c, body.mass, body.volume, body.side, body.cut, index, np.float32(dt),
                       np.float32(self["traction_pa"]), np.float32(critical), np.float32(_RISE * critical), spacing,
                       partner, share, rest, normal, strength, peak)  # fmt: skip
 

@@ -225,6 +225,15 @@ def test_what_holds_together_is_dragged_along_unless_the_blade_has_worn_it(block
     assert (memory["cohesion.strength"] < 0.05).any()
 
 
+def test_a_bond_whose_partner_is_left_out_is_gone():
+    start = faces(0.005)
+    for side in (-1, 1):  # the partners' numbers are beyond the end, or are those of others
+        half = start.select(np.flatnonzero(start.sides == side))
+        run = simulate(half, SOFT, None, np.array([0, 0.01]), EngineConfig(dx_m=0.01, **FREE), effects=[LAW])
+        assert (run.final.memory["cohesion.partner"] <= 0).all()
+        np.testing.assert_allclose(run.positions[-1], run.positions[0], atol=1e-6)
+
+
 @pytest.mark.parametrize("opening_m", [0.0005, 0.004])
 def test_a_strong_bond_is_stable_at_its_time_step(opening_m):
     law = Cohesion(traction_pa=5e3, opening_m=opening_m)
