@@ -73,28 +73,27 @@ def measure(names: list[str]) -> None:
     positions([])  # compiles the kernels
     base, step_s = positions([])
     other, _ = positions([], dt_s=0.9 * STEP_S)
-    result = {
+    load = round(os.getloadavg()[0], 1)
+    result: Figures = {
         "command": COMMAND,
         "what": "RMS over particles, frames and 4 cut-and-push motions of the demo's block, particles 5 mm apart",
         "dt_s": STEP_S,
-        "load_1min": round(os.getloadavg()[0], 1),
+        "load_1min": load,
         "shorter_step_mm": round(rms_mm(other - base), 4),
         "step_ms": round(1e3 * step_s, 3),
         "particles": len(base) // PLANS // 22,
-        "effects": _known() if names else {},
+        "effects": {},
     }
+    if names and RESULT.is_file():  # what was measured without effects belongs to the other rows
+        result = json.loads(RESULT.read_text(encoding="utf-8"))
+        result["effects"] = {key: figure for key, figure in result["effects"].items() if key in keys()}
+        result["later"] = result.get("later", {}) | dict.fromkeys(names, load)
     for key, (effect, parameter, shape) in keys().items():
         if not names or effect.name in names:
             result["effects"][key] = _response(effect, parameter, shape, base, step_s)
             sys.stdout.write(f"{key:45s} {result['effects'][key]}\n")
             sys.stdout.flush()
             RESULT.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-
-
-def _known() -> Figures:
-    """Give the figures of before, but for rows that the table no longer has."""
-    figures = json.loads(RESULT.read_text(encoding="utf-8"))["effects"] if RESULT.is_file() else {}
-    return {key: figure for key, figure in figures.items() if key in keys()}
 
 
 def _response(effect: type[Effect], parameter: Parameter, shape: Figures, base: np.ndarray, step_s: float) -> Figures:
@@ -146,6 +145,8 @@ def measured(result: Figures) -> str:
     facts = (f"`{result['command']}`, processor time, load {result['load_1min']:g} while measuring. {result['what']} "
              f"({result['particles']} particles). Without effects a time step takes {result['step_ms']:.2f} ms, and a "
              f"time step shorter by a tenth alone moves the object by {result['shorter_step_mm']:.3f} mm.")  # fmt: skip
+    later = [f" `{name}` was measured later, at a load of {load:g}." for name, load in result.get("later", {}).items()]
+    facts += "".join(later)
     return "\n".join([*rows, "", facts])
 
 

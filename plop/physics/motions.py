@@ -1,4 +1,4 @@
-"""How a tool moves in one episode: press, hold, retract, cycles, cut, cut-retract, cut-push, push.
+"""How a tool moves in one episode: press, hold, retract, cycles, cut, cut-retract, cut-draw, cut-push, push.
 
 A motion is a path of straight pieces at constant speed, sampled at the frames: between frames a tool
 moves as its recorded poses say, so that a recording holds everything that the object felt.
@@ -16,17 +16,19 @@ from plop.physics.tool_motion import ToolMotion
 from plop.physics.tools import Mesh, blade_mesh, box_mesh, cylinder_mesh
 
 PRESSES = ("press", "hold", "retract", "cycles")
-CUTS = ("cut", "cut-retract", "cut-push")
+CUTS = ("cut", "cut-retract", "cut-draw", "cut-push")
 MOTIONS = (*PRESSES, *CUTS, "push")
 """press: down and rest. hold: down and a long rest. retract: down, rest, up. cycles: twice down and up.
-cut: the blade goes through. cut-retract: through and up again. cut-push: through and sideways with one half.
-push: a block pushes the whole object along the table."""
+cut: the blade goes through. cut-retract: through and up again. cut-draw: through, a long rest, drawn out slowly.
+cut-push: through and sideways with one half. push: a block pushes the whole object along the table."""
 
 _GAP_M = 0.004
 """Free way before the tool touches [m]."""
 _BELOW_M = 0.006
 """How far the edge of the blade goes below the table's height [m]."""
 _REST_S = 0.12
+_SLOWLY = 0.4
+"""Speed at which a blade is drawn out slowly, as a share of the descent's."""
 _PUSHER = 0.4
 """Length of the pushing block along its way, as a share of the object's narrower side."""
 
@@ -160,6 +162,7 @@ def _path(plan: MotionPlan, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
         legs: dict[str, list[tuple[np.ndarray, float] | float]] = {
             "cut": [2 * _REST_S],
             "cut-retract": [_REST_S, (above, plan.speed_m_s), _REST_S],
+            "cut-draw": [plan.hold_s, (above, _SLOWLY * plan.speed_m_s), _REST_S],
             "cut-push": [_REST_S / 2, (through + plan.aside_m * direction, plan.aside_speed_m_s)],
         }
         return _timed(above, [(through, plan.speed_m_s), *legs[plan.kind]])

@@ -21,7 +21,7 @@ _ONE = np.float32(1)
 _HALF = np.float32(0.5)
 _TWO = np.float32(2)
 _TINY = np.float32(1e-12)
-_STIFFNESS = np.float32(4)
+STIFFNESS = np.float32(4)
 """Contact pressure over penetration, in (P-wave modulus / cell): a pressure of 0.2 E sinks in by 0.05 cells."""
 _DAMPING = np.float32(0.3)
 """Damping of the contact, share of the critical one."""
@@ -120,7 +120,7 @@ def push_tool(x, v, mass, radius, side, cut, bounds, kind, pose, faces, thicknes
         dx, dt: Cell [m] and step [s].
         impulses: Written, [chunks, 3]: impulse on the object [N s].
     """
-    rate = _TWO * _STIFFNESS * modulus / (density * dx * dx)
+    rate = _TWO * STIFFNESS * modulus / (density * dx * dx)
     loss = _TWO * _DAMPING * math.sqrt(rate)
     whole = density * dx * dx * dx / np.float32(8)
     for chunk in prange(bounds.shape[0] - 1):

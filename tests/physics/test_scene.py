@@ -70,7 +70,10 @@ def test_motions_do_what_their_name_says(kind):
             assert np.count_nonzero(turns) == {"press": 0, "hold": 0, "retract": 1, "cycles": 3}[kind]
         elif kind in CUTS:
             assert lower_end[:, 2].min() < 0 and plan.tool == "blade"
-            assert (lower_end[-1, 2] > height) == (kind == "cut-retract")
+            assert (lower_end[-1, 2] > height) == (kind in ("cut-retract", "cut-draw"))
+            rise = np.diff(lower_end[:, 2]).max() * scene.frame_rate_hz
+            fall = -np.diff(lower_end[:, 2]).min() * scene.frame_rate_hz
+            assert kind != "cut-draw" or 0 < rise < 0.5 * fall
         aside = np.linalg.norm(lower_end[-1, :2] - lower_end[0, :2])
         expected = {"cut-push": abs(plan.aside_m), "push": plan.aside_m + 0.004}.get(kind, 0.0)
         assert aside == pytest.approx(expected, abs=1e-6)

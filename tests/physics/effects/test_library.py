@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from plop.physics.engine import Engine
 from plop.physics.material import Material
 from plop.physics.particles import Particles
 from plop.physics.solver import simulate
+from plop.physics.tool_motion import ToolMotion
+from plop.physics.tools import blade_mesh
 
 EFFECTS = library()
 MATERIAL = Material(youngs_modulus_pa=6e3, tool_friction=0.2, table_friction=0.3, damping_per_s=5)
@@ -22,7 +25,10 @@ CONFIG = EngineConfig(dx_m=0.01, dt_s=4e-4)
 FIRST = {
     "tilt", "table_friction", "blade_friction", "adhesion", "viscosity", "plasticity", "fibres", "stiffening",
     "swelling", "toughness", "softening", "relaxation", "drag", "inertia", "stiffness", "damping", "density",
+    "cohesion",
 }  # fmt: skip
+IN_A_CUT = {"toughness", "cohesion"}
+"""What a press does not show."""
 
 
 def typical(name: str):
@@ -32,18 +38,21 @@ def typical(name: str):
 
 @pytest.fixture(scope="module")
 def press(block, plate):
-    """Throw a block to the side while a plate presses it; two tracers ride along."""
+    """Throw a block to the side while a plate presses it, or a blade cuts and opens it; two tracers ride along."""
     body = block((0.04, 0.03, 0.03), 0.005)
     middle = body.positions[[100, 150]] + 0.001
     positions, volumes = np.concatenate([body.positions, middle]), np.append(body.volumes, [0.0, 0.0])
     velocities = np.tile([0.15, 0, 0], (len(positions), 1))
     motion = plate((0, 0.0302), (0.004, 0.027), (0.004, 0.027), (0.004, 0.031), times=[0, 0.04, 0.05, 0.06])
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, [0, 2], 3] = (0, 0.031), (0.005, -0.005), (0.008, -0.005)
+    blade = ToolMotion(*blade_mesh(), np.array([0, 0.05, 0.07]), poses)
 
-    def run(effects, times=(0, 0.05, 0.07), start=None, order=None):
+    def run(effects, times=(0, 0.05, 0.07), start=None, order=None, cut=False):
         particles = start or Particles(positions, volumes, velocities)
         if order is not None:
             particles = Particles(positions[order], volumes[order], velocities[order])
-        return simulate(particles, MATERIAL, motion, np.array(times), CONFIG, effects=effects)
+        return simulate(particles, MATERIAL, blade if cut else motion, np.array(times), CONFIG, effects=effects)
 
     return run
 
@@ -74,7 +83,7 @@ def test_every_effect_says_what_it_is(name):
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_every_effect_keeps_its_memory_and_leaves_tracers_alone(name, press):
-    effect = typical(name)
+    effect, press = typical(name), partial(press, cut=name in IN_A_CUT)
     whole = press([effect])
     assert np.isfinite(whole.positions).all() and np.isfinite(whole.F).all()
     shuffle = np.random.default_rng(0).permutation(len(whole.positions[0]))
