@@ -283,7 +283,8 @@ def main() -> int:
                 if not kind and any(each["faults"] or not each["usable"] for each in verdicts):
                     print(seed, [(each["camera"], each["faults"], each["fix"]) for each in verdicts], flush=True)
             rows.append({"set": name, "recordings": count, "cameras": cameras, "named": named, "other_named": other,
-                         "unusable": unusable, "verdicts": dict(words), "kinds": dict(kinds), "checked_cameras": checks})  # fmt: skip
+                         "unusable": unusable, "verdicts": dict(words), "kinds": dict(kinds),
+                         "checked_cameras": checks})  # fmt: skip
             print(rows[-1], flush=True)
     options.out.write_text(json.dumps({"first_seed": options.first, "rows": rows}, indent=1) + "\n")
     return 0
