@@ -67,6 +67,10 @@ class EdgeAlignment:
         """Whether outlines and colour edges fit each other at all, here or shifted."""
         return self.stands_out > STANDS_OUT
 
+    def agrees(self, tolerance_px: float) -> bool:
+        """Whether outlines of depth lie on colour edges as they are."""
+        return self.tells and self.off_px <= tolerance_px and self.none_stands_out > LOOKS_RIGHT
+
     def moved(self, tolerance_px: float) -> bool:
         """Whether depth is surely shifted or zoomed by more than a tolerance."""
         return self.tells and self.off_px > tolerance_px and self.surer > SURE
