@@ -25,6 +25,8 @@ BRIDGE_PX = 3
 """Holes in depth along an outline, as stereo cameras leave them, are bridged up to this width [px]."""
 MOST_POINTS, FEWEST_POINTS = 600, 40
 """Points of outlines used in all, and fewer tell nothing: a dozen pixels on each side of a thing."""
+LEAST_INSIDE = 0.35
+"""Share of the points that a move must leave in the picture."""
 FEW_POINTS = 200
 """Points with which a wide search begins."""
 PIECES = 16
@@ -64,6 +66,10 @@ class EdgeAlignment:
     def tells(self) -> bool:
         """Whether outlines and colour edges fit each other at all, here or shifted."""
         return self.stands_out > STANDS_OUT
+
+    def agrees(self, tolerance_px: float) -> bool:
+        """Whether outlines of depth lie on colour edges as they are."""
+        return self.tells and self.off_px <= tolerance_px and self.none_stands_out > LOOKS_RIGHT
 
     def moved(self, tolerance_px: float) -> bool:
         """Whether depth is surely shifted or zoomed by more than a tolerance."""
@@ -260,8 +266,8 @@ class _Search:
 
     def _surer(self, none: np.ndarray, other: np.ndarray) -> float:
         """Mean gain of a move over another, in standard errors over the pieces."""
-        here, there = np.nan_to_num(self.scores(np.stack([none, other])))
-        gain = np.bincount(self.piece, there - here, PIECES)
+        here, there = self.scores(np.stack([none, other]))
+        gain = np.bincount(self.piece, np.nan_to_num(there - here), PIECES)
         total, error = gain.sum(), np.sqrt((gain**2).sum() - gain.sum() ** 2 / PIECES)
         return float(total / error) if error > 0 else 0.0
 
@@ -272,11 +278,13 @@ def _grid(reach: float, step: float, zooms: np.ndarray) -> np.ndarray:
 
 
 def _means(scores: np.ndarray) -> np.ndarray:
-    """Mean of the points that stay in the picture, NaN where more than a third leaves it."""
+    """Mean of the points that stay in the picture, NaN where most leave it: a wide lens sees outlines that the picture
+    does not hold.
+    """
     inside = np.isfinite(scores)
     share = inside.mean(1)
     mean = np.where(inside, scores, 0).sum(1) / np.maximum(inside.sum(1), 1)
-    return np.where(share > 0.67, mean, np.nan)
+    return np.where(share > LEAST_INSIDE, mean, np.nan)
 
 
 def _sample(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -72,13 +72,18 @@ class CameraEvidence:
         return any(not fault.mendable for fault in self.faults)
 
     @property
+    def placed(self) -> bool:
+        """Whether something says that depth is where it should be; flatness alone would not show another lens."""
+        return bool({"edges", "table", "tool"} & set(self.agreed))
+
+    @property
     def table_right(self) -> bool:
         """Whether the table is where it should be."""
         return "table" in self.agreed
 
 
-def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig, *, change: Change | None = None,
-           poses: np.ndarray | None = None) -> dict[str, CameraEvidence]:  # fmt: skip
+def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig, *,
+           change: Change | None = None) -> dict[str, CameraEvidence]:  # fmt: skip
     """Make all independent checks of all cameras.
 
     Args:
@@ -86,10 +91,9 @@ def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig,
         frames: Frames to look at.
         config: Limits.
         change: Trial correction per camera.
-        poses: Poses of the tool at all frames where they are not the recorded ones, shape [T, 4, 4].
     """
     shots = [read_views(recording, frame, change) for frame in frames]
-    tool_poses = list((recording.world_from_tool if poses is None else poses)[list(frames)])
+    tool_poses = list(recording.world_from_tool[list(frames)])
     look = ToolLook(recording.tool_mesh, recording.table_z_m)
     table = recording.table_z_m
     found = {}
@@ -103,13 +107,13 @@ def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig,
 
 def _one_camera(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook, table: float | None,
                 config: CalibrateConfig) -> CameraEvidence:  # fmt: skip
-    supports = [each for each in (find_support(view) for view in views[:1]) if each is not None]
-    support = supports[0] if supports else None
+    support = find_support(views[0])
     tool, edges = look.fit(views, tool_poses), edge_alignment(views)
     faults: dict[Fault, str] = {}
     agreed = []
     table_mm = None if support is None or table is None else 1e3 * (support.height_m - table)
-    unaligned = edges is not None and edges.moved(tolerance_px(views[0].camera.width))
+    near_px = tolerance_px(views[0].camera.width)
+    unaligned = edges is not None and edges.moved(near_px)
     if support is not None and not unaligned and (
             said := _turned(views, tool_poses, look, support, table_mm, tool, config)):  # fmt: skip
         faults[Fault.TURNED] = said
@@ -122,7 +126,7 @@ def _one_camera(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolL
             agreed.append("flat")
     if edges is not None and unaligned:
         faults.setdefault(Fault.UNALIGNED, _unaligned(edges))
-    elif edges is not None and edges.none_stands_out > 0 and edges.tells:
+    elif edges is not None and edges.agrees(near_px):
         agreed.append("edges")
     if support is not None and table_mm is not None and _is_table(support, table_mm):
         if abs(table_mm) <= config.max_table_mm and support.tilt_deg <= config.max_table_deg:

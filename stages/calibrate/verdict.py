@@ -81,7 +81,7 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
         evidence: What its pictures say of themselves, as passed on.
         config: Limits.
     """
-    verdict, fixes = "good" if evidence.agreed else "agreed", list[str]()
+    verdict, fixes = "good" if evidence.placed else "agreed", list[str]()
     if corrected:
         verdict = "corrected"
         fixes.append(f"{corrected} corrected here; calibrate the camera again before recording more")
