@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from stages.calibrate.tool_timing import Offset
 
 UNUSABLE = 5.0
-"""Disagreement in units of the limit (2 mm) at which a camera is of no use. Right cameras exceed the limit where pictures
-are coarse (below 320 px), but stayed below 5 times it: 146 of 146 in benchmarks/depth_checks.py."""
+"""Disagreement in units of the limit (2 mm) at which a camera is of no use. Right cameras exceed the limit where
+pictures are coarse (below 320 px), but stayed below 5 times it: 146 of 146 in benchmarks/depth_checks.py."""
 ORDER = ("good", "corrected", "agreed", "unchecked", "bad")
 """Verdicts from best to worst."""
 
