@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from importlib import metadata
@@ -56,7 +57,8 @@ def test_no_stage_is_imported_to_complete_a_name_or_a_file(monkeypatch, capsys):
 def test_the_script_for_a_shell_is_shown(shell: str):
     code = f"from plop_cli.app import main; main(['--show-completion', '{shell}'])"
     root = Path(__file__).resolve().parents[2]
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root)
+    named = os.environ | {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}  # else that of the process above: sh
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, env=named)
     assert done.returncode == 0 and "_PLOP_COMPLETE" in done.stdout
 
 
