@@ -84,5 +84,5 @@ def workspaces_near(folder: Path) -> list[Path]:
     around = [there, *there.parents[:3]]
     with suppress(OSError):
         around += sorted(entry for entry in there.iterdir() if entry.is_dir() and not entry.name.startswith("."))[:200]
-    found = [path for path in around if path != folder and (path / "artifacts").is_dir()]
+    found = [path for path in around if path != folder and any((path / "artifacts").glob("*/*/manifest.json"))]
     return sorted(found, key=lambda path: -SequenceMatcher(None, path.name.lower(), folder.name.lower()).ratio())

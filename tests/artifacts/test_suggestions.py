@@ -52,8 +52,10 @@ def test_age(seconds, text):
 
 
 def test_a_workspace_that_is_not_there_names_those_that_are(tmp_path):
-    (tmp_path / "demo" / "artifacts").mkdir(parents=True)
-    (tmp_path / "other" / "artifacts").mkdir(parents=True)
+    for name in ("demo", "other"):
+        (tmp_path / name / "artifacts" / "train" / "3f9a").mkdir(parents=True)
+        (tmp_path / name / "artifacts" / "train" / "3f9a" / "manifest.json").touch()
+    (tmp_path / "dmeos" / "artifacts").mkdir(parents=True)  # a folder of that name that holds none
     for folder, near in (("dmeo", "demo"), ("demo/artifacts/train", "demo"), ("othr/deep/er", "other")):
         assert workspaces_near(tmp_path / folder)[0] == tmp_path / near
     with pytest.raises(PlopError) as caught:
