@@ -86,7 +86,7 @@ def test_a_checkout_is_told_from_a_wheel(monkeypatch, tmp_path):
     monkeypatch.setattr(installed, "SOURCE", tmp_path)  # as in site-packages: no pyproject.toml
     for text, folder in (
         (None, None),
-        ('{"url": "file:///tmp/plop.whl", "archive_info": {}}', None),
+        ('{"url": "file:///wheels/plop.whl", "archive_info": {}}', None),
         ('{"url": "file:///src/my%20plop", "dir_info": {"editable": true}}', Path("/src/my plop")),
     ):
         monkeypatch.setattr(installed.metadata, "distribution", lambda name, text=text: Distribution(text))
