@@ -10,13 +10,13 @@ import numpy as np
 
 from plop.recordings.recording import Recording
 from stages.calibrate.correct import find_correction
-from stages.calibrate.evidence import gather
+from stages.calibrate.evidence import CameraEvidence, gather
 from stages.calibrate.pass_on import Edits
 from stages.calibrate.scan import ScanVerdict, check_scan
 from stages.calibrate.soundness import check_recording
 from stages.calibrate.tool_timing import Offset, episode_offsets, shifted_tool_poses
 from stages.calibrate.verdict import CameraVerdict, judge, tolerance_ms
-from stages.calibrate.verify import check_episode, spread_frames
+from stages.calibrate.verify import CameraCheck, Change, check_episode, spread_frames
 
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
@@ -52,39 +52,20 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
     names = recording.camera_names
     frames = spread_frames(len(recording), config.check_frames)
     check_recording(recording, frames)
-    evidence = gather(recording, frames, config)
-    broken = frozenset(name for name, each in evidence.items() if each.broken)
-    before = check_episode(recording, frames, config.region_margin_m, leave_out=broken)
-    edits, after, corrected, scales = Edits(), before, {}, dict.fromkeys(names, 1.0)
-    off = [n for n, c in before.items() if c.disagreement_mm is not None
-           and c.disagreement_mm > config.max_disagreement_mm]  # fmt: skip
-    lost = [n for n, c in before.items() if c.disagreement_mm is None and c.pixels]
-    if config.correct and (off or (lost and len(names) - len(broken) > 1)):
-        # a sharp hand-eye answer fixes the whole pose, a table only its height and tilt
-        right = frozenset(name for name, each in evidence.items() if each.table_right)
-        found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
-                                config.gate_m, trusted=trusted or right, leave_out=broken)  # fmt: skip
-        moved = evidence if found is None else gather(recording, frames, config, change=found.change)
-        if found is not None and not any(each.faults and not evidence[name].faults for name, each in moved.items()):
-            after, evidence = found.checks, moved
-            for name, (move, factor) in found.change.items():
-                corrected[name] = found.kind
-                scales[name] = factor
-                _add(edits, recording, name, move, factor)
-    faulty = frozenset(name for name, each in evidence.items() if each.faults)
-    if faulty - broken and faulty != frozenset(names):
-        # a camera that disagrees only with one whose own table is off is not to blame
-        alone = check_episode(recording, frames, config.region_margin_m, leave_out=faulty)
-        after = {name: after[name] if name in faulty else alone[name] for name in names}
+    state = _without_blame(recording, frames, config, _corrected(recording, frames, config, trusted))
+    edits, before, evidence = state.edits, state.before, state.evidence
     offsets = episode_offsets(recording, config.max_offset_search_ms) if config.time_offset else {}
     shift = _common_offset_ms(offsets, config)
     if shift is not None:
         edits.world_from_tool = shifted_tool_poses(recording, shift)
-    verdicts = [judge(name, before[name], after[name], corrected=corrected.get(name), depth_scale=scales[name],
+    verdicts = [judge(name, before[name], state.after[name], corrected=state.corrected.get(name),
+                      depth_scale=edits.depth_factors.get(f"cameras/{name}", 1.0),
                       reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
                       offset_corrected=shift is not None, evidence=evidence[name], config=config)
                 for name in names]  # fmt: skip
-    if not corrected and not faulty and len(off) == len([n for n in names if before[n].disagreement_mm is not None]):
+    off = _off(before, config)
+    if not state.corrected and not state.faulty and len(off) == sum(c.disagreement_mm is not None
+                                                                    for c in before.values()):  # fmt: skip
         verdicts = [replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each
                     for each in verdicts]  # fmt: skip
     scans = []
@@ -94,6 +75,66 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
         if poses is not None:
             edits.poses[f"scan/{name}"] = poses
     return EpisodeCalibration(edits, verdicts, scans)
+
+
+@dataclass(frozen=True)
+class _Cameras:
+    """What is known of an episode's cameras, and what is changed."""
+
+    before: dict[str, CameraCheck]
+    """Agreement as recorded."""
+    after: dict[str, CameraCheck]
+    """Agreement as passed on."""
+    evidence: dict[str, CameraEvidence]
+    """Of each camera by itself, as passed on."""
+    edits: Edits
+    corrected: dict[str, str]
+    """Kind of correction per corrected camera."""
+    change: Change = field(default_factory=dict)
+    """The correction itself."""
+
+    @property
+    def faulty(self) -> frozenset[str]:
+        """Cameras with a fault of their own."""
+        return frozenset(name for name, each in self.evidence.items() if each.faults)
+
+
+def _corrected(recording: Recording, frames: list[int], config: CalibrateConfig, trusted: frozenset[str]) -> _Cameras:
+    """Measure each camera alone and all together, and correct what disagrees where something tells which is right."""
+    evidence = gather(recording, frames, config)
+    broken = frozenset(name for name, each in evidence.items() if each.broken)
+    before = check_episode(recording, frames, config.region_margin_m, leave_out=broken)
+    as_recorded = _Cameras(before, before, evidence, Edits(), {})
+    lost = any(check.disagreement_mm is None and check.pixels for check in before.values())
+    if not config.correct or not (_off(before, config) or (lost and len(before) - len(broken) > 1)):
+        return as_recorded
+    # a sharp hand-eye answer fixes the whole pose, a table only its height and tilt
+    right = frozenset(name for name, each in evidence.items() if each.table_right)
+    found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
+                            config.gate_m, trusted=trusted or right, leave_out=broken)  # fmt: skip
+    if found is None:
+        return as_recorded
+    moved = gather(recording, frames, config, change=found.change)
+    if any(each.faults and not evidence[name].faults for name, each in moved.items()):
+        return as_recorded
+    edits = Edits()
+    for name, (move, factor) in found.change.items():
+        _add(edits, recording, name, move, factor)
+    return _Cameras(before, found.checks, moved, edits, dict.fromkeys(found.change, found.kind), found.change)
+
+
+def _without_blame(recording: Recording, frames: list[int], config: CalibrateConfig, state: _Cameras) -> _Cameras:
+    """Compare the sound cameras with each other only: one that disagrees with a faulty one is not to blame."""
+    faulty = state.faulty
+    if faulty == frozenset(state.evidence) or all(state.evidence[name].broken for name in faulty):
+        return state  # broken ones were left out from the start
+    alone = check_episode(recording, frames, config.region_margin_m, state.change, leave_out=faulty)
+    return replace(state, after={name: state.after[name] if name in faulty else alone[name] for name in state.after})
+
+
+def _off(checks: Mapping[str, CameraCheck], config: CalibrateConfig) -> list[str]:
+    return [name for name, check in checks.items()
+            if check.disagreement_mm is not None and check.disagreement_mm > config.max_disagreement_mm]  # fmt: skip
 
 
 def _add(edits: Edits, recording: Recording, name: str, move: np.ndarray, factor: float) -> None:
