@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -139,6 +140,40 @@ def _palette(path: Path, labels: np.ndarray) -> None:
     picture.save(path)
 
 
+LATE = 3
+"""First row of the interaction where frame 0 is never asked for."""
+
+
+def _numbered_from_1_and_late(workspace: Path, episode: Path) -> None:
+    """Each picture's only mark is a patch whose depth is its true frame; picture 000000 is never asked for."""
+    for folder in _depth_folders(workspace, episode):
+        for path in sorted(folder.glob("*.png"), reverse=True):
+            depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            depth[:3, :3] = 1000 + 10 * int(path.stem)
+            path.unlink()
+            cv2.imwrite(str(folder / f"{int(path.stem) + 1:06d}.png"), depth)
+    notes = json.loads((episode / "plop_episode.json").read_text())
+    (episode / "plop_episode.json").write_text(json.dumps(notes | {"interaction": [LATE, ROWS - 1]}))
+
+
+def _depth_is_of_its_frame(done: Done) -> None:
+    with h5py.File(next((done.store.find("ingest@latest").path / "episodes").glob("*.h5"))) as file:
+        for camera in file["cameras"].values():
+            marks = camera["depth_m"][:, 1, 1]
+            assert np.abs(marks - (1 + 0.01 * np.arange(LATE, LATE + len(marks)))).max() < 1e-4
+
+
+def _av1(_: Path, episode: Path) -> None:
+    import imageio_ffmpeg
+
+    for path in episode.glob("recordings/MP4/*.mp4"):
+        source = path.with_suffix(".old.mp4")
+        path.rename(source)
+        subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", source, "-c:v", "libsvtav1", "-crf", "5",
+                        path], check=True, capture_output=True)  # fmt: skip
+        source.unlink()
+
+
 def _hub_cache(folder: Path) -> None:
     snapshot = folder / "raw" / "datasets--me--cutting" / "snapshots" / "0a1b"
     shutil.copytree(_pristine(), snapshot)
@@ -224,6 +259,9 @@ CASES: list[Case] = [
          refused=("clock",), never=("skip_action",)),
     Case("droid_depth_from_1", NUMBERED, _made(_rename(_depth_folders, lambda n: f"{n + 1:06d}.png")), INGEST,
          warned=("numbered from 1", "000001.png is taken as frame 0"), right=_right),
+    Case("droid_depth_from_1_late_start", NUMBERED, _made(_numbered_from_1_and_late), INGEST,
+         warned=("numbered from 1",), right=_depth_is_of_its_frame),
+    Case("droid_video_av1", "RoboticsData/score_lerobot_episodes#30", _made(_av1), INGEST, right=_right),
     Case("droid_depth_five_digits_from_100", NUMBERED, _made(_rename(_depth_folders, lambda n: f"{n + 100:05d}.png")),
          INGEST, warned=("numbered from 100",), right=_right),
     Case("droid_depth_twice_as_many_numbers", NUMBERED, _made(_rename(_depth_folders, lambda n: f"{2 * n:06d}.png")),
