@@ -169,8 +169,9 @@ def _av1(_: Path, episode: Path) -> None:
     for path in episode.glob("recordings/MP4/*.mp4"):
         source = path.with_suffix(".old.mp4")
         path.rename(source)
-        subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", source, "-c:v", "libsvtav1", "-crf", "5",
-                        path], check=True, capture_output=True)  # fmt: skip
+        # libaom is the one AV1 encoder that every ffmpeg of imageio-ffmpeg has (7.0.2 lacks SVT-AV1).
+        subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", source, "-c:v", "libaom-av1", "-crf", "5",
+                        "-cpu-used", "8", path], check=True, capture_output=True)  # fmt: skip
         source.unlink()
 
 
