@@ -51,6 +51,7 @@ demo-physics: setup
 # one process a core, each with one thread; a file's tests stay together, since its fixtures are made once
 test: $(STAMP)-dev
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n $(WORKERS) --dist loadfile --durations 20
 

@@ -78,8 +78,13 @@ def transfer_ms(*, gather: bool) -> float:
 
 def help_s() -> float:
     """`plop --help` as a whole process."""
-    return median_ms(lambda: subprocess.run([sys.executable, "-m", "plop_cli", "--help"], check=True,
-                                            stdout=subprocess.DEVNULL), repeats=7) / 1000  # fmt: skip
+    return (
+        median_ms(
+            lambda: subprocess.run([sys.executable, "-m", "plop_cli", "--help"], check=True, stdout=subprocess.DEVNULL),
+            repeats=7,
+        )
+        / 1000
+    )
 
 
 def _block(count: int) -> Gaussians:

@@ -47,8 +47,13 @@ def _run(count: int, seconds: float, threads: int, *, cut: bool) -> tuple[Engine
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, :3, 3] = [[0, 0, top], [0, 0, -0.004], [0.02, 0, -0.004]]
     blade = ToolMotion(*blade_mesh(height_m=0.08, length_m=0.3), np.array([0, 0.6, 1.0]) * seconds, poses)
-    run = simulate(Particles(positions, volumes), Material(youngs_modulus_pa=1e4), blade if cut else None,
-                   np.linspace(0, seconds, 6), EngineConfig(dx_m=0.01, threads=threads))  # fmt: skip
+    run = simulate(
+        Particles(positions, volumes),
+        Material(youngs_modulus_pa=1e4),
+        blade if cut else None,
+        np.linspace(0, seconds, 6),
+        EngineConfig(dx_m=0.01, threads=threads),
+    )
     return run, len(positions)
 
 

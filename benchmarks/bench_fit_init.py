@@ -114,8 +114,10 @@ def rope(folder: Path, settings: dict[str, object]) -> dict[str, object]:
     for view in views:
         shell, _ = fit_object(surface, [other for other in views if other is not view], None, config)
         held.append(score_view(shell, view)[0].psnr_db)
-    return {"rope_fitted_psnr_db": round(float(np.mean(fitted)), 2),
-            "rope_held_out_psnr_db": round(float(np.mean(held)), 2)}  # fmt: skip
+    return {
+        "rope_fitted_psnr_db": round(float(np.mean(fitted)), 2),
+        "rope_held_out_psnr_db": round(float(np.mean(held)), 2),
+    }
 
 
 def _say(row: dict[str, object]) -> None:

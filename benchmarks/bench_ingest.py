@@ -12,10 +12,7 @@ from benchmarks.recorded_block import CAMERAS, FRAMES, raw_block, record, record
 
 def cases() -> dict[str, Callable[[], float]]:
     """Give each figure's name and the function that measures it."""
-    return {
-        "ingest_128_images_per_s": ingest_rate,
-        "recording_read_one_frame_ms": read_one_frame_ms,
-    }
+    return {"ingest_128_images_per_s": ingest_rate, "recording_read_one_frame_ms": read_one_frame_ms}
 
 
 def ingest_rate() -> float:

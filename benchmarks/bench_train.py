@@ -38,8 +38,13 @@ def step_s() -> float:
             views, table = usable_views(recording, []), recording.table_z_m
         fitted, _ = fit_object(surface_from_views(views), views, table, FitInitConfig(steps=5, count=GAUSSIANS))
         write_splat(folder / "object.ply", fitted)
-        track_episode(recording_path, folder / "object.ply", folder / "track.h5", UpdateConfig(iterations=1),
-                      lambda done, frames: None)  # fmt: skip
+        track_episode(
+            recording_path,
+            folder / "object.ply",
+            folder / "track.h5",
+            UpdateConfig(iterations=1),
+            lambda done, frames: None,
+        )
         track, config = load_track("block", recording_path, folder / "track.h5"), TrainConfig()
         model = PlopModel(model_config(config, [track]))
         optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate)

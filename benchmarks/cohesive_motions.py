@@ -48,8 +48,10 @@ LAWS: dict[str, tuple[str, dict[str, float], str]] = {
 }
 """Row -> effect, setting, amplitude that is scaled."""
 OBSERVED = {
-    "force_n": "force while cutting [N]", "lift_mm": "lift when drawn out [mm]", "gap_mm": "gap afterwards [mm]",
-}  # fmt: skip
+    "force_n": "force while cutting [N]",
+    "lift_mm": "lift when drawn out [mm]",
+    "gap_mm": "gap afterwards [mm]",
+}
 Figures = dict[str, Any]
 
 
@@ -167,16 +169,22 @@ def measure() -> Figures:
                 seen[label].append({**found, "moved_mm": rms_mm([fields[label, seed]])})
         pairs = {f"{a} | {b}": [cosine(fields[a, s], fields[b, s]) for s in SEEDS] for a, b in combinations(LAWS, 2)}
         plain = [{key: getattr(base(motion, s), key) for key in OBSERVED} for s in SEEDS]
-        rows[motion] = {"plain": _rounded(plain), "changed": {k: _rounded(v) for k, v in seen.items()},
-                        "cosine": {k: [round(c, 3) for c in v] for k, v in pairs.items()}}  # fmt: skip
+        rows[motion] = {
+            "plain": _rounded(plain),
+            "changed": {k: _rounded(v) for k, v in seen.items()},
+            "cosine": {k: [round(c, 3) for c in v] for k, v in pairs.items()},
+        }
         sys.stdout.write(f"{motion} {json.dumps(rows[motion])}\n")
         sys.stdout.flush()
     return {
-        "command": COMMAND, "seeds": list(SEEDS), "spacing_m": SPACING_M, "signal_wanted_mm": SIGNAL_MM,
+        "command": COMMAND,
+        "seeds": list(SEEDS),
+        "spacing_m": SPACING_M,
+        "signal_wanted_mm": SIGNAL_MM,
         "load_1min": round(os.getloadavg()[0], 1),
         "laws": {k: {"effect": law.name, **law.values, "signal_mm": round(s, 3)} for k, (law, s) in laws.items()},
         "motions": rows,
-    }  # fmt: skip
+    }
 
 
 def _rounded(rows: list[dict[str, float]]) -> list[dict[str, float | None]]:
@@ -193,14 +201,19 @@ def table(result: Figures) -> str:
             cells = [_spread(seen, "moved_mm", ""), *(_spread(seen, key, "+") for key in OBSERVED)]
             lines.append(f"| | {label} | " + " | ".join(cells) + " |")
     pairs = list(next(iter(result["motions"].values()))["cosine"])
-    lines += ["", "| correlation of responses | " + " | ".join(f"`{m}`" for m in result["motions"]) + " |",
-              "|---" * (len(result["motions"]) + 1) + "|"]  # fmt: skip
+    lines += [
+        "",
+        "| correlation of responses | " + " | ".join(f"`{m}`" for m in result["motions"]) + " |",
+        "|---" * (len(result["motions"]) + 1) + "|",
+    ]
     for pair in pairs:
         cells = [_values(row["cosine"][pair], "", 2) for row in result["motions"].values()]
         lines.append(f"| {pair.replace(' | ', ' and ')} | " + " | ".join(cells) + " |")
     laws = "; ".join(f"{label}: {_named(law)}" for label, law in result["laws"].items())
-    facts = (f"`{result['command']}`. Mean over {len(result['seeds'])} seeds (least to most). Of the laws: what they "
-             f"change. In brackets their RMS over the first seed's motions without a push. {laws}.")  # fmt: skip
+    facts = (
+        f"`{result['command']}`. Mean over {len(result['seeds'])} seeds (least to most). Of the laws: what they "
+        f"change. In brackets their RMS over the first seed's motions without a push. {laws}."
+    )
     lines += ["", facts]
     return "\n".join(lines)
 

@@ -47,8 +47,9 @@ def scored(store: Store, environment: str) -> dict[str, Row]:
 
 def mean(rows: list[Row]) -> Row:
     """Average over environments."""
-    parts = {part: {key: float(np.mean([row[part][key] for row in rows])) for key in COLUMNS} for part in
-             ("episode", "end")}  # fmt: skip
+    parts = {
+        part: {key: float(np.mean([row[part][key] for row in rows])) for key in COLUMNS} for part in ("episode", "end")
+    }
     return {**parts, "ms": float(np.mean([row["ms"] for row in rows]))}
 
 

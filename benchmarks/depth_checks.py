@@ -53,8 +53,11 @@ def draw_cell(seed: int) -> Cell:
     table = trimesh.creation.box((*size, 0.03))
     table.apply_translation([0, 0, -0.015])
     table.apply_transform(tilt)
-    body = trimesh.creation.box(rng.uniform([0.05, 0.05, 0.03], [0.12, 0.1, 0.08])) if rng.random() < 0.5 else (
-        trimesh.creation.icosphere(3))  # fmt: skip
+    body = (
+        trimesh.creation.box(rng.uniform([0.05, 0.05, 0.03], [0.12, 0.1, 0.08]))
+        if rng.random() < 0.5
+        else (trimesh.creation.icosphere(3))
+    )
     if len(body.vertices) > 8:
         body.apply_scale(rng.uniform([0.03, 0.03, 0.02], [0.06, 0.05, 0.04]))
     body.apply_transform(trimesh.transformations.rotation_matrix(rng.uniform(0, 6.3), [0, 0, 1]))
@@ -190,20 +193,33 @@ TOOLS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-def judged(seed: int, folder: Path, take: Faulty = shoot,
-           mesh: Callable[[np.ndarray], np.ndarray] | None = None) -> list[dict]:  # fmt: skip
+def judged(
+    seed: int, folder: Path, take: Faulty = shoot, mesh: Callable[[np.ndarray], np.ndarray] | None = None
+) -> list[dict]:
     """Record a cell and judge its cameras; gives their verdicts."""
     cell, rng = draw_cell(seed), np.random.default_rng(seed + 10_000)
     knife = trimesh.creation.box(KNIFE)
     vertices = np.asarray(knife.vertices) if mesh is None else mesh(np.asarray(knife.vertices))
     path = folder / "cell.h5"
     frames = len(cell.tool_poses)
-    with RecordingWriter(path, name="cell", source="test", environment="cell", table_z_m=0.0,
-                         time_s=np.arange(frames) / 10, tool_mesh=Mesh(vertices, np.asarray(knife.faces)),
-                         world_from_tool=cell.tool_poses) as writer:  # fmt: skip
+    with RecordingWriter(
+        path,
+        name="cell",
+        source="test",
+        environment="cell",
+        table_z_m=0.0,
+        time_s=np.arange(frames) / 10,
+        tool_mesh=Mesh(vertices, np.asarray(knife.faces)),
+        world_from_tool=cell.tool_poses,
+    ) as writer:
         for camera in cell.cameras:
-            writer.add_camera(camera.name, camera.intrinsics, np.tile(camera.world_from_cam, (frames, 1, 1)),
-                              camera.height, camera.width)  # fmt: skip
+            writer.add_camera(
+                camera.name,
+                camera.intrinsics,
+                np.tile(camera.world_from_cam, (frames, 1, 1)),
+                camera.height,
+                camera.width,
+            )
             for frame in range(frames):
                 writer.write_frame(camera.name, frame, *take(cell, camera, cell.tool_poses[frame], rng))
     with Recording(path) as recording:
@@ -282,9 +298,19 @@ def main() -> int:
                 other += any(each["faults"] and each["faults"][0] != kind for each in verdicts)
                 if not kind and any(each["faults"] or not each["usable"] for each in verdicts):
                     print(seed, [(each["camera"], each["faults"], each["fix"]) for each in verdicts], flush=True)
-            rows.append({"set": name, "recordings": count, "cameras": cameras, "named": named, "other_named": other,
-                         "unusable": unusable, "verdicts": dict(words), "kinds": dict(kinds),
-                         "checked_cameras": checks})  # fmt: skip
+            rows.append(
+                {
+                    "set": name,
+                    "recordings": count,
+                    "cameras": cameras,
+                    "named": named,
+                    "other_named": other,
+                    "unusable": unusable,
+                    "verdicts": dict(words),
+                    "kinds": dict(kinds),
+                    "checked_cameras": checks,
+                }
+            )
             print(rows[-1], flush=True)
     options.out.write_text(json.dumps({"first_seed": options.first, "rows": rows}, indent=1) + "\n")
     return 0

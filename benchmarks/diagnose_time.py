@@ -39,16 +39,33 @@ def main() -> None:
     loop = Loop(options.work)
     loop.plop("simulate", "block.toml", "--seed", str(REFERENCE_SEED), *EPISODES, "--name", "plain")
     loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
-    loop.plop("simulate", "block.toml", "--seed", str(SEED), *EPISODES, "--hide", HIDDEN, "--snr", str(SNR),
-              "--name", "mystery")  # fmt: skip
+    loop.plop(
+        "simulate",
+        "block.toml",
+        "--seed",
+        str(SEED),
+        *EPISODES,
+        "--hide",
+        HIDDEN,
+        "--snr",
+        str(SNR),
+        "--name",
+        "mystery",
+    )
     loop.plop("compare", "--model", "base", "--recordings", "mystery")  # makes the tracks
     on, rows = machine(), []
     for what, laws in libraries().items():
         rows.append({"what": what, "laws": len(laws), **diagnosed(loop, laws)})
         sys.stdout.write(f"{rows[-1]}\n")
         sys.stdout.flush()
-    facts = {"command": "python -m benchmarks.diagnose_time", "versions": versions(), "machine": on,
-             "seeds": [REFERENCE_SEED, SEED], "diagnoses": rows, "report": reported(loop)}  # fmt: skip
+    facts = {
+        "command": "python -m benchmarks.diagnose_time",
+        "versions": versions(),
+        "machine": on,
+        "seeds": [REFERENCE_SEED, SEED],
+        "diagnoses": rows,
+        "report": reported(loop),
+    }
     OUT.write_text(json.dumps(facts, indent=1) + "\n")
     PAGE.write_text(replace_between_markers(PAGE.read_text(), "diagnose-time", table(facts)))
 
@@ -61,8 +78,11 @@ def libraries() -> dict[str, list[str]]:
     """Give the laws of each diagnosis: the twelve that act on the object, all, and all but the hidden one."""
     laws = library()
     twelve = [name for name, law in laws.items() if law.kind == "physics" and name not in YOUNGER]
-    return {"twelve laws": twelve, "the whole library": list(laws),
-            "the hidden law left out": [name for name in laws if name != HIDDEN]}  # fmt: skip
+    return {
+        "twelve laws": twelve,
+        "the whole library": list(laws),
+        "the hidden law left out": [name for name in laws if name != HIDDEN],
+    }
 
 
 def diagnosed(loop: Loop, laws: list[str]) -> dict[str, Any]:
@@ -71,9 +91,15 @@ def diagnosed(loop: Loop, laws: list[str]) -> dict[str, Any]:
     words = [word for law in laws for word in ("--effects", law)]
     loop.plop("diagnose", "--model", "base", "--recordings", "mystery", "--name", "timed", "--force", *words)
     found = json.loads((loop.store.find("timed").path / "diagnosis.json").read_text())
-    return {"verdict": found["verdict"]["kind"], "named": found["verdict"]["named"],
-            "screen_s": found["seconds_screen"], "whole_s": found["seconds"], "engine_runs": found["engine_runs"],
-            "episodes": len(found["episodes"]), "reference_episodes": len(found["reference_episodes"])}  # fmt: skip
+    return {
+        "verdict": found["verdict"]["kind"],
+        "named": found["verdict"]["named"],
+        "screen_s": found["seconds_screen"],
+        "whole_s": found["seconds"],
+        "engine_runs": found["engine_runs"],
+        "episodes": len(found["episodes"]),
+        "reference_episodes": len(found["reference_episodes"]),
+    }
 
 
 def forget(loop: Loop) -> None:
@@ -94,12 +120,17 @@ def table(facts: dict[str, Any]) -> str:
     lines = ["| what | engine runs | screen [min] | whole [min] | verdict |", "|---|---|---|---|---|"]
     for row in facts["diagnoses"]:
         named = " ".join([row["verdict"], ", ".join(row["named"])]).strip()
-        lines.append(f"| diagnose, {row['what']} ({row['laws']}) | {row['engine_runs']} | {row['screen_s'] / 60:.1f} "
-                     f"| {row['whole_s'] / 60:.1f} | {named} |")  # fmt: skip
+        lines.append(
+            f"| diagnose, {row['what']} ({row['laws']}) | {row['engine_runs']} | {row['screen_s'] / 60:.1f} "
+            f"| {row['whole_s'] / 60:.1f} | {named} |"
+        )
     lines.append(f"| goal, twelve laws | | <= {SCREEN_GOAL_MIN} | <= {WHOLE_GOAL_MIN} | |")
     report = facts["report"]
-    lines += ["", f"`report` of these episodes: {report['seconds']:.1f} s (goal <= {REPORT_GOAL_S}), "
-              f"{report['megabytes']:.1f} MB (goal <= {REPORT_GOAL_MB})."]  # fmt: skip
+    lines += [
+        "",
+        f"`report` of these episodes: {report['seconds']:.1f} s (goal <= {REPORT_GOAL_S}), "
+        f"{report['megabytes']:.1f} MB (goal <= {REPORT_GOAL_MB}).",
+    ]
     return "\n".join(lines)
 
 

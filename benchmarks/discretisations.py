@@ -33,11 +33,15 @@ from plop.pipeline.execute import versions
 KINDS = ("push", "hold", "cut-push", "cycles")
 SEED, RESPONSE_SEED, RESPONSE_EPISODES = 9000, 9001, 4
 LAWS: tuple[tuple[str, dict[str, float]], ...] = (
-    ("swelling", {"rate_per_s": 0.1}), ("table_friction", {"d_mu": -0.35}), ("table_friction", {"d_mu": 0.9}),
-    ("plasticity", {"softness_per_kpa": 1.5, "hardening": 0.1}), ("fibres", {"ratio": 50, "angle_deg": 30}),
-    ("adhesion", {"traction_pa": 265, "release_s": 0.1}), ("toughness", {"d_j_m2": 114}),
+    ("swelling", {"rate_per_s": 0.1}),
+    ("table_friction", {"d_mu": -0.35}),
+    ("table_friction", {"d_mu": 0.9}),
+    ("plasticity", {"softness_per_kpa": 1.5, "hardening": 0.1}),
+    ("fibres", {"ratio": 50, "angle_deg": 30}),
+    ("adhesion", {"traction_pa": 265, "release_s": 0.1}),
+    ("toughness", {"d_j_m2": 114}),
     ("viscosity", {"viscosity_pa_s": 100}),
-)  # fmt: skip
+)
 
 
 def main() -> None:
@@ -54,9 +58,13 @@ def main() -> None:
     runs = Runs(options.work / "jobs", jobs=options.jobs)
     command = f"python -m benchmarks.discretisations --particles {options.particles} --episodes {options.episodes}"
     facts: dict[str, Any] = {
-        "command": command, "versions": versions(), "seeds": [SEED, RESPONSE_SEED], "spacings": [1.0, *OTHERS],
-        "predictions": {}, "responses": [],
-    }  # fmt: skip
+        "command": command,
+        "versions": versions(),
+        "seeds": [SEED, RESPONSE_SEED],
+        "spacings": [1.0, *OTHERS],
+        "predictions": {},
+        "responses": [],
+    }
     for kind in KINDS:
         found = predictions(exact(kind, options.episodes, options.jobs), members[0], runs)
         facts["predictions"][kind] = found
@@ -98,19 +106,28 @@ def predictions(episodes: list[Episode], base: EngineBase, runs: Runs) -> dict[s
         cells.append(np.stack([spread.ravel(), np.linalg.norm(wrong.mean(0), axis=-1).ravel()]))
     alone, mean = np.array(errors).T
     both = np.log(np.maximum(np.concatenate(cells, 1), 1e-6))
-    return {"alone_mm": _root(alone), "mean_mm": _root(mean), "alone_worst_mm": float(alone.max()),
-            "mean_worst_mm": float(mean.max()), "spread_mm": _root(np.array(spreads)),
-            "correlation": float(np.corrcoef(both)[0, 1]), "episodes": len(episodes)}  # fmt: skip
+    return {
+        "alone_mm": _root(alone),
+        "mean_mm": _root(mean),
+        "alone_worst_mm": float(alone.max()),
+        "mean_worst_mm": float(mean.max()),
+        "spread_mm": _root(np.array(spreads)),
+        "correlation": float(np.corrcoef(both)[0, 1]),
+        "episodes": len(episodes),
+    }
 
 
 def responses(effect: Effect, members: list[EngineBase], runs: Runs, jobs: int) -> dict[str, Any]:
     """Compare the response to one law with the true one; see `response_error`."""
     scene = replace(SCENE, seed=RESPONSE_SEED)
     parallel, numbers = Parallel(n_jobs=jobs), range(RESPONSE_EPISODES)
-    hidden, plain = (list(parallel(delayed(exact_episode)(scene, k, effects) for k in numbers))
-                     for effects in ((effect,), ()))  # fmt: skip
-    return {"alone": response_error(effect, hidden, plain, members[:1], runs),
-            "mean": response_error(effect, hidden, plain, members, runs)}  # fmt: skip
+    hidden, plain = (
+        list(parallel(delayed(exact_episode)(scene, k, effects) for k in numbers)) for effects in ((effect,), ())
+    )
+    return {
+        "alone": response_error(effect, hidden, plain, members[:1], runs),
+        "mean": response_error(effect, hidden, plain, members, runs),
+    }
 
 
 def _motion(episode: Episode, points: np.ndarray) -> np.ndarray:

@@ -64,8 +64,10 @@ def keys() -> dict[str, tuple[type[Effect], Parameter, Figures]]:
     """Name every row of the table: effect, amplitude and setting of the shape parameters."""
     return {
         " ".join([f"{name}.{p.name}", *(f"{k}={v:g}" for k, v in shape.items())]): (effect, p, shape)
-        for name, effect in library().items() for p in effect.amplitudes for shape in effect.variants
-    }  # fmt: skip
+        for name, effect in library().items()
+        for p in effect.amplitudes
+        for shape in effect.variants
+    }
 
 
 def measure(names: list[str]) -> None:
@@ -118,9 +120,14 @@ def laws() -> str:
     for name, effect in library().items():
         shape = "; ".join(_numbers(p, p.default) for p in effect.shapes)
         tried = ", ".join(" ".join(f"{v:g}" for v in variant.values()) for variant in effect.variants if variant)
-        cells = [f"`{name}`: {effect.help}", effect.kind, f"`{effect.law}`",
-                 "; ".join(_numbers(p, p.typical) for p in effect.amplitudes),
-                 shape + (f"; tried at {tried}" if tried else ""), effect.source]  # fmt: skip
+        cells = [
+            f"`{name}`: {effect.help}",
+            effect.kind,
+            f"`{effect.law}`",
+            "; ".join(_numbers(p, p.typical) for p in effect.amplitudes),
+            shape + (f"; tried at {tried}" if tried else ""),
+            effect.source,
+        ]
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows)
 
@@ -133,8 +140,10 @@ def _numbers(p: Parameter, value: float) -> str:
 
 def measured(result: Figures) -> str:
     """Make the table of figures."""
-    rows = ["| effect | step | moves by [mm] | curved | typical | moves by [mm] | cost of a step |",
-            "|---|---|---|---|---|---|---|"]  # fmt: skip
+    rows = [
+        "| effect | step | moves by [mm] | curved | typical | moves by [mm] | cost of a step |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for key, (_, p, _) in keys().items():
         if (figure := result["effects"].get(key)) is None:
             rows.append(f"| `{key}` | {p.step:g} {p.unit} | not measured | | {p.typical:g} {p.unit} | not measured | |")
@@ -142,9 +151,11 @@ def measured(result: Figures) -> str:
         small = [f"{p.step:g} {p.unit}", f"{figure['step_mm']:.3f}", f"{100 * figure['curved']:.0f} %"]
         large = [f"{p.typical:g} {p.unit}", f"{figure['typical_mm']:.2f}", f"{100 * figure['cost']:+.0f} %"]
         rows.append("| " + " | ".join([f"`{key}`", *small, *large]) + " |")
-    facts = (f"`{result['command']}`, processor time, load {result['load_1min']:g} while measuring. {result['what']} "
-             f"({result['particles']} particles). Without effects a time step takes {result['step_ms']:.2f} ms, and a "
-             f"time step shorter by a tenth alone moves the object by {result['shorter_step_mm']:.3f} mm.")  # fmt: skip
+    facts = (
+        f"`{result['command']}`, processor time, load {result['load_1min']:g} while measuring. {result['what']} "
+        f"({result['particles']} particles). Without effects a time step takes {result['step_ms']:.2f} ms, and a "
+        f"time step shorter by a tenth alone moves the object by {result['shorter_step_mm']:.3f} mm."
+    )
     later = [f" `{name}` was measured later, at a load of {load:g}." for name, load in result.get("later", {}).items()]
     facts += "".join(later)
     return "\n".join([*rows, "", facts])

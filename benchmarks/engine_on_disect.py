@@ -47,9 +47,14 @@ def config(spacing_m: float) -> EngineConfig:
 def declared_material(sequence: MeshSequence) -> Material:
     """The parameters that the recording's own file states, taken at their word."""
     stated, settings = sequence.facts["material_parameters"], sequence.facts["settings"]
-    return Material(youngs_modulus_pa=stated["young"], poisson=stated["poisson"], density_kg_m3=stated["density"],
-                    viscosity_pa_s=stated["damping"], table_friction=settings["ground_mu"],
-                    tool_friction=settings["sdf_mu"])  # fmt: skip
+    return Material(
+        youngs_modulus_pa=stated["young"],
+        poisson=stated["poisson"],
+        density_kg_m3=stated["density"],
+        viscosity_pa_s=stated["damping"],
+        table_friction=settings["ground_mu"],
+        tool_friction=settings["sdf_mu"],
+    )
 
 
 def thin_out(case: Case, every: int) -> Case:
@@ -83,9 +88,13 @@ def measure(data: Path, environment: str, iterations: int) -> dict[str, object]:
     cases = [thin_out(case_from_sequence(s, FIT_SPACING_M), 3) for s in sequences[:4]]
     began = time.process_time()
     fit = calibrate(
-        cases, start, NAMES, config(FIT_SPACING_M), iterations=iterations,
+        cases,
+        start,
+        NAMES,
+        config(FIT_SPACING_M),
+        iterations=iterations,
         progress=lambda k, n, rms: _say(f"{environment}: step {k}/{n}, rms {rms * 1e3:.3f} mm"),
-    )  # fmt: skip
+    )
     seconds = time.process_time() - began
     scores: dict[str, dict[str, dict[str, float]]] = {}
     for label, material in (("stated", declared), ("calibrated", fit.material)):
@@ -110,8 +119,13 @@ def points_on_wrong_side(sequence: MeshSequence) -> int:
 
 def summary(fit: Calibration) -> dict[str, object]:
     """Keep what a page of results shows."""
-    return {"rms_before_mm": fit.rms_before_m * 1e3, "rms_after_mm": fit.rms_after_m * 1e3, "rollouts": fit.rollouts,
-            "iterations": fit.iterations, "parameters": {k: asdict(v) for k, v in fit.estimates.items()}}  # fmt: skip
+    return {
+        "rms_before_mm": fit.rms_before_m * 1e3,
+        "rms_after_mm": fit.rms_after_m * 1e3,
+        "rollouts": fit.rollouts,
+        "iterations": fit.iterations,
+        "parameters": {k: asdict(v) for k, v in fit.estimates.items()},
+    }
 
 
 def main() -> None:

@@ -38,15 +38,26 @@ class Fresh(Typed):
         seed, effects = mystery.manifest.config["seed"] - 200, open_answer(mystery.path)["effects"]
         named = json.loads((self.store.find("verdict").path / "diagnosis.json").read_text())["verdict"]["named"]
         if not named:
-            raise PlopError("No effect was named in this workspace.", where=self.workspace, found="an open verdict",
-                            expected="a demo whose verdict names one", fix="Take another seed.")  # fmt: skip
-        hide = [word for law, values in effects.items() for key, value in values.items()
-                for word in ("--hide", f"{law}.{key}={value!r}")]  # fmt: skip
+            raise PlopError(
+                "No effect was named in this workspace.",
+                where=self.workspace,
+                found="an open verdict",
+                expected="a demo whose verdict names one",
+                fix="Take another seed.",
+            )
+        hide = [
+            word
+            for law, values in effects.items()
+            for key, value in values.items()
+            for word in ("--hide", f"{law}.{key}={value!r}")
+        ]
         self.plop("simulate", "block.toml", *hide, "--seed", str(SEED + seed), "--name", "fresh")
         models = {"before": "base", "after": f"base+{named[0]}"}
         sets = {"fresh": "fresh", "diagnosed": "mystery"}
-        rows = {key: {when: self.errors(model, recordings) for when, model in models.items()}
-                for key, recordings in sets.items()}  # fmt: skip
+        rows = {
+            key: {when: self.errors(model, recordings) for when, model in models.items()}
+            for key, recordings in sets.items()
+        }
         return {"seed": seed, "hidden": effects, "named": named, **rows}
 
     def errors(self, model: str, recordings: str) -> dict[str, Any]:
@@ -60,15 +71,20 @@ class Fresh(Typed):
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Set fresh recordings beside those that the amplitude was fitted to."""
-    lines = ["| seed | hidden and named | fresh: base -> with the effect [mm] | episodes better | persistence, rigid | "
-             "fitted to: base -> with the effect [mm] |", "|---|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| seed | hidden and named | fresh: base -> with the effect [mm] | episodes better | persistence, rigid | "
+        "fitted to: base -> with the effect [mm] |",
+        "|---|---|---|---|---|---|",
+    ]
     for row in rows:
         fresh, fitted = row["fresh"], row["diagnosed"]
         pairs = [(fresh["before"]["episodes"][name], after) for name, after in fresh["after"]["episodes"].items()]
         better = sum(after < before for before, after in pairs)
-        lines.append(f"| {row['seed']} | {', '.join(row['hidden'])}; {', '.join(row['named'])} | {_fall(fresh)} | "
-                     f"{better} of {len(pairs)} | {fresh['before']['persistence_mm']:.1f}, "
-                     f"{fresh['before']['rigid_mm']:.1f} | {_fall(fitted)} |")  # fmt: skip
+        lines.append(
+            f"| {row['seed']} | {', '.join(row['hidden'])}; {', '.join(row['named'])} | {_fall(fresh)} | "
+            f"{better} of {len(pairs)} | {fresh['before']['persistence_mm']:.1f}, "
+            f"{fresh['before']['rigid_mm']:.1f} | {_fall(fitted)} |"
+        )
     return "\n".join(lines)
 
 
@@ -89,8 +105,12 @@ def main() -> None:
         rows[row["seed"]] = row
         sys.stdout.write(f"seed {row['seed']}: {_fall(row['fresh'])}\n")
         runs = [rows[seed] for seed in sorted(rows)]
-        facts = {"command": "python -m benchmarks.fresh_recordings --work W ...", "versions": versions(),
-                 "seeds": [SEED + seed for seed in sorted(rows)], "runs": runs}  # fmt: skip
+        facts = {
+            "command": "python -m benchmarks.fresh_recordings --work W ...",
+            "versions": versions(),
+            "seeds": [SEED + seed for seed in sorted(rows)],
+            "runs": runs,
+        }
         RESULT.write_text(json.dumps(facts, indent=1) + "\n")
         PAGE.write_text(replace_between_markers(PAGE.read_text(), "fresh-recordings", table(runs)))
 

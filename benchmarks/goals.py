@@ -73,14 +73,17 @@ GOALS: dict[str, Goal] = {
     "recording_read_one_frame_ms": Goal("one frame of one camera read from a recording", " ms", "<=", 5),
     "plop_help_s": Goal("`plop --help`", " s", "<=", 0.7),
     "engine_5k_2_threads_particle_steps_per_s": Goal(
-        "engine, 5,000 particles, two threads, cut and contact included", " million particle-steps a second", ">=", 4,
+        "engine, 5,000 particles, two threads, cut and contact included",
+        " million particle-steps a second",
+        ">=",
+        4,
         1e-6,
     ),
     "engine_5k_cut_of_1_s_s": Goal("engine, a cut of 1 s, 5,000 particles", " s", "<=", 5),
     "engine_time_per_particle_40k_over_5k": Goal(
         "engine, time of a particle-step, 40,000 particles over 5,000", " times", "<=", 1.2
     ),
-}  # fmt: skip
+}
 """Name of the case -> goal, in the order of the table."""
 
 

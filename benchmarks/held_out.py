@@ -61,8 +61,10 @@ def table(episodes: dict[str, dict[str, dict[str, Any]]]) -> str:
         named.setdefault(episode.rsplit("_part", 1)[0].replace("_", "-"), []).append(row)
     means = {name: np.mean(rows, axis=0) for name, rows in named.items()}
     means["**mean**"] = np.mean(list(means.values()), axis=0)
-    lines = ["| environment | PSNR [dB] without virtual views | with | depth error [mm] without | with |",
-             "|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| environment | PSNR [dB] without virtual views | with | depth error [mm] without | with |",
+        "|---|---|---|---|---|",
+    ]
     lines += [f"| {name} | {a:.1f} | {b:.1f} | {c:.2f} | {d:.2f} |" for name, (a, b, c, d) in means.items()]
     return "\n".join(lines)
 
@@ -82,13 +84,19 @@ def main() -> None:
     )
     found = json.loads(RESULT.read_text())["episodes"] if RESULT.is_file() else {}
     names = {count: f"virtual_views {count}" for count in settings}
-    found = {episode: {name: given[name] for name in given if name in names.values()}
-             for episode, given in found.items()}  # fmt: skip
+    found = {
+        episode: {name: given[name] for name in given if name in names.values()} for episode, given in found.items()
+    }
     for (episode, count), score in zip(wanted, scores, strict=True):
         found.setdefault(episode, {})[names[count]] = score
         sys.stdout.write(f"{episode} {count}: {score['psnr_db']:.2f} dB, {score['depth_error_mm']:.2f} mm\n")
-    facts = {"command": "python -m benchmarks.held_out --data <DiSECt folder>", "machine": machine(),
-             "seeds": [default.seed], "steps": default.steps, "episodes": dict(sorted(found.items()))}  # fmt: skip
+    facts = {
+        "command": "python -m benchmarks.held_out --data <DiSECt folder>",
+        "machine": machine(),
+        "seeds": [default.seed],
+        "steps": default.steps,
+        "episodes": dict(sorted(found.items())),
+    }
     RESULT.write_text(json.dumps(facts, indent=1) + "\n")
     PAGE.write_text(replace_between_markers(PAGE.read_text(), "held-out", table(found)))
 

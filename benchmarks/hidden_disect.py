@@ -53,14 +53,24 @@ def episodes_of(folder: Path, pattern: str) -> list[Episode]:
     """Read recordings and follow points of their surface."""
     chosen = [entry for entry in list_disect(folder) if entry.path.match(pattern)]
     names = {entry.path: f"{folder.name}/{entry.name}" for entry in chosen}
-    return [episode_from_sequence(read_disect(path), noise_m=NOISE_M, seed=zlib.crc32(name.encode()), name=name)
-            for path, name in names.items()]  # fmt: skip
+    return [
+        episode_from_sequence(read_disect(path), noise_m=NOISE_M, seed=zlib.crc32(name.encode()), name=name)
+        for path, name in names.items()
+    ]
 
 
 def first_guess(reference: list[Episode]) -> EngineBase:
     """Start the fit of the engine near what the recordings state; the tool's friction stays as they state it."""
-    material = Material(youngs_modulus_pa=8e3, poisson=0.45, density_kg_m3=1000, viscosity_pa_s=5.0, table_friction=0.5,
-                        table_slip_m_s=5e-3, tool_friction=0.5, toughness_j_m2=1.0)  # fmt: skip
+    material = Material(
+        youngs_modulus_pa=8e3,
+        poisson=0.45,
+        density_kg_m3=1000,
+        viscosity_pa_s=5.0,
+        table_friction=0.5,
+        table_slip_m_s=5e-3,
+        tool_friction=0.5,
+        toughness_j_m2=1.0,
+    )
     return EngineBase(material, spacing_for(reference), settled=False, table_cone="pyramid")
 
 
@@ -69,8 +79,15 @@ def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:
     path = work / "base.json"
     if not path.is_file():
         base, found = identify(reference, first_guess(reference), FITTED, iterations=5, jobs=jobs)
-        path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m,
-                                    "rms_before_mm": 1000 * found.rms_before_m}))  # fmt: skip
+        path.write_text(
+            json.dumps(
+                {
+                    "engine": base_to_dict(base),
+                    "rms_mm": 1000 * found.rms_after_m,
+                    "rms_before_mm": 1000 * found.rms_before_m,
+                }
+            )
+        )
     return base_from_dict(json.loads(path.read_text())["engine"])
 
 
@@ -97,8 +114,12 @@ def before_and_after(found: Diagnosis, measured: Measured, base: EngineBase, run
     given = {episode.name: said for episode, said in zip(table.episodes, table.predictions, strict=True)}
     trials = [tuple((column, factor * column.value) for column in best.columns) for factor in FACTORS]
     answers = [plain, *(runs([Job(episode, base, trial) for episode in episodes]) for trial in trials)]
-    errors = np.array([[_error(e, given.get(e.name, ()), p, a) for e, p, a in zip(episodes, plain, row, strict=True)]
-                       for row in answers])  # fmt: skip
+    errors = np.array(
+        [
+            [_error(e, given.get(e.name, ()), p, a) for e, p, a in zip(episodes, plain, row, strict=True)]
+            for row in answers
+        ]
+    )
     before, after = errors[0], errors[1:]
     chosen = [int(np.argmin(after.sum(1) - after[:, k])) for k in range(len(episodes))]
     own = after[chosen, np.arange(len(episodes))]
@@ -115,9 +136,14 @@ def _error(episode: Episode, predicted: Sequence[np.ndarray], plain: Answer, ans
 
 
 def run_set(
-    name: str, data: Path, reference: Measured, base: EngineBase, work: Path, jobs: int,
+    name: str,
+    data: Path,
+    reference: Measured,
+    base: EngineBase,
+    work: Path,
+    jobs: int,
     measure: Callable[[list[Episode]], Measured] = Measured,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Diagnose one set; `measure` puts the base's predictions beside episodes, where the base is not the engine."""
     folder, pattern = (data / "disect", f"{OTHER}_part_*") if name == OTHER else (data / "disect_hidden" / name, "*")
     measured = measure(episodes_of(folder, pattern))
@@ -125,17 +151,33 @@ def run_set(
     runs = Runs(work / "jobs", jobs=jobs)
     found = diagnose(measured, base, library(), runs, reference=reference)
     row = {
-        "set": name, "judged_by": STAGE.version, "verdict": found.verdict.kind, "named": found.verdict.named,
+        "set": name,
+        "judged_by": STAGE.version,
+        "verdict": found.verdict.kind,
+        "named": found.verdict.named,
         "text": found.verdict.text,
-        "ranking": [{"effect": f.name, "gain": f.gain, "gain_error": f.gain_error, "p": f.p,
-                     "contrast": f.contrast and f.contrast.errors, "contrast_p": f.contrast and f.contrast.p,
-                     "alone": f.alone, "parameters": f.parameters, "reasons": f.reasons()}
-                    for f in [*found.findings[:6], found.findings[-1]]],
-        "error": found.size.error, "floor": found.size.floor, "left": found.verdict.evidence.get("left"),
+        "ranking": [
+            {
+                "effect": f.name,
+                "gain": f.gain,
+                "gain_error": f.gain_error,
+                "p": f.p,
+                "contrast": f.contrast and f.contrast.errors,
+                "contrast_p": f.contrast and f.contrast.p,
+                "alone": f.alone,
+                "parameters": f.parameters,
+                "reasons": f.reasons(),
+            }
+            for f in [*found.findings[:6], found.findings[-1]]
+        ],
+        "error": found.size.error,
+        "floor": found.size.floor,
+        "left": found.verdict.evidence.get("left"),
         "excess": found.size.excess,
-        "held_out_rms_mm": before_and_after(found, measured, base, runs), "seconds": time.perf_counter() - started,
+        "held_out_rms_mm": before_and_after(found, measured, base, runs),
+        "seconds": time.perf_counter() - started,
         "dropped": found.dropped,
-    }  # fmt: skip
+    }
     return dict(plain_json(row))
 
 
@@ -176,12 +218,18 @@ def main() -> None:
     options.work.mkdir(parents=True, exist_ok=True)
     reference, base, odd = reference_of(options.data, options.work, options.jobs)
     known = Measured(reference)
-    rows = run_sets((*SETS, OTHER), options.work,
-                    lambda name: run_set(name, options.data, known, base, options.work, options.jobs))  # fmt: skip
-    facts = {"command": "python -m benchmarks.hidden_disect --data DATA", "versions": versions(), "seeds": [0],
-             "base": json.loads((options.work / "base.json").read_text()), "left_out": odd, "sets": rows,
-             "answers": answers_of(options.data)
-             | {OTHER: "all that makes the foam another material than the jelly"}}  # fmt: skip
+    rows = run_sets(
+        (*SETS, OTHER), options.work, lambda name: run_set(name, options.data, known, base, options.work, options.jobs)
+    )
+    facts = {
+        "command": "python -m benchmarks.hidden_disect --data DATA",
+        "versions": versions(),
+        "seeds": [0],
+        "base": json.loads((options.work / "base.json").read_text()),
+        "left_out": odd,
+        "sets": rows,
+        "answers": answers_of(options.data) | {OTHER: "all that makes the foam another material than the jelly"},
+    }
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(facts, indent=1))
 

@@ -49,8 +49,11 @@ BASES = {
     "folds": ("jelly-folds", ("--engine", "jelly-engine", "--reference", "jelly")),
 }
 """Base -> the model's name, and what is typed behind it."""
-TITLES = {"engine": "engine as base", "made": "network, with episodes that the engine made up",
-          "folds": "network without them, judged by folds"}  # fmt: skip
+TITLES = {
+    "engine": "engine as base",
+    "made": "network, with episodes that the engine made up",
+    "folds": "network without them, judged by folds",
+}
 
 
 class Sets(Typed):
@@ -77,8 +80,11 @@ class Sets(Typed):
         self.plop("fuse", "--recordings", "jelly")
         self.plop("fit-init", "--recordings", "jelly", *_options("fit-init"))
         # made-up episodes are many more to learn from
-        more = (("--engine", "jelly-engine", *_options("train", track_steps=2000)) if base == "made"
-                else ("--folds", "3", *_options("train")))  # fmt: skip
+        more = (
+            ("--engine", "jelly-engine", *_options("train", track_steps=2000))
+            if base == "made"
+            else ("--folds", "3", *_options("train"))
+        )
         self.plop("train", "--recordings", "jelly", *more, "--name", BASES[base][0])
 
     def diagnosed(self, base: str, number: int) -> dict[str, Any]:
@@ -90,8 +96,17 @@ class Sets(Typed):
         found["before_mm"] = self.missed_mm(model, name, f"{base}{number}-before")
         if found["named"]:
             better = f"{base}{number}-better"
-            self.plop("augment", "--model", model, "--effect", found["named"][0], "--diagnosis", f"{base}{number}",
-                      "--name", better)  # fmt: skip
+            self.plop(
+                "augment",
+                "--model",
+                model,
+                "--effect",
+                found["named"][0],
+                "--diagnosis",
+                f"{base}{number}",
+                "--name",
+                better,
+            )
             found["after_mm"] = self.missed_mm(better, name, f"{base}{number}-after")
         return found
 
@@ -124,8 +139,12 @@ def main() -> None:
     for base in bases:
         loop.base(base)
         sets[base] = {f"set_{k}": loop.diagnosed(base, k) for k in SETS}
-    facts = {"command": f"python -m benchmarks.hidden_disect_cameras --data DATA --work W --bases {options.bases}",
-             "versions": versions(), "seeds": [0], "sets": sets}  # fmt: skip
+    facts = {
+        "command": f"python -m benchmarks.hidden_disect_cameras --data DATA --work W --bases {options.bases}",
+        "versions": versions(),
+        "seeds": [0],
+        "sets": sets,
+    }
     (options.out / "results" / "hidden_disect_cameras.json").write_text(json.dumps(facts, indent=1) + "\n")
     page = options.out / "results-physics.md"
     page.write_text(replace_between_markers(page.read_text(), "hidden-cameras", verdicts_table(sets)))
@@ -133,8 +152,10 @@ def main() -> None:
 
 def verdicts_table(sets: dict[str, Any]) -> str:
     """Give what was said of each set, base by base, in Markdown."""
-    lines = ["| base | set | verdict | of the held-out error | of the gap | points, before and after [mm] |",
-             "|---|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| base | set | verdict | of the held-out error | of the gap | points, before and after [mm] |",
+        "|---|---|---|---|---|---|",
+    ]
     for base, found in sets.items():
         for name, row in found.items():
             law = next((law for law in row["ranking"] if law["effect"] in row["named"]), None)
@@ -142,16 +163,20 @@ def verdicts_table(sets: dict[str, Any]) -> str:
             closed = row["closed_share"] if law and row["verdict"] != "BASE PARAMETER" else None
             said = " ".join(filter(None, (row["verdict"], _amplitudes(row))))
             after = f" -> {row['after_mm']:.2f}" if "after_mm" in row else ""
-            lines.append(f"| {TITLES[base]} | {name[-1]} | {said} | {percent(law['gain']) if law else '-'} | "
-                         f"{'-' if closed is None else percent(closed)} | {row['before_mm']:.2f}{after} |")  # fmt: skip
+            lines.append(
+                f"| {TITLES[base]} | {name[-1]} | {said} | {percent(law['gain']) if law else '-'} | "
+                f"{'-' if closed is None else percent(closed)} | {row['before_mm']:.2f}{after} |"
+            )
     return "\n".join(lines)
 
 
 def _amplitudes(row: dict[str, Any]) -> str:
     """Write what was named, with amplitudes and intervals."""
     named = [law for law in row["ranking"] if law["effect"] in row["named"]]
-    known = [[parameter_text(key, p) for key, p in law["parameters"].items() if None not in (p["low"], p["high"])]
-             for law in named]  # fmt: skip
+    known = [
+        [parameter_text(key, p) for key, p in law["parameters"].items() if None not in (p["low"], p["high"])]
+        for law in named
+    ]
     return ", ".join(
         " ".join([law["effect"], ", ".join(texts)]).strip() for law, texts in zip(named, known, strict=True)
     )
@@ -164,15 +189,21 @@ def collected(store: Store, name: str) -> dict[str, Any]:
     kept = ("error", "floor", "closed_share", "episodes", "reference_episodes", "seconds")
     ranking = [_finding(row) for row in (*facts["ranking"][:RANKED], facts["base"])]
     verdict = facts["verdict"]
-    return {"verdict": verdict["kind"], "named": verdict["named"], "text": verdict["text"],
-            "diagnose_version": artifact.manifest.stage_version,
-            **{key: _short(facts[key]) for key in kept}, "ranking": ranking}  # fmt: skip
+    return {
+        "verdict": verdict["kind"],
+        "named": verdict["named"],
+        "text": verdict["text"],
+        "diagnose_version": artifact.manifest.stage_version,
+        **{key: _short(facts[key]) for key in kept},
+        "ranking": ranking,
+    }
 
 
 def _finding(row: dict[str, Any]) -> dict[str, Any]:
     kept = ("effect", "gain", "gain_error", "p", "contrast_p", "passes", "reasons")
-    parameters = {name: {key: _short(p[key]) for key in ("value", "low", "high", "unit")}
-                  for name, p in row["parameters"].items()}  # fmt: skip
+    parameters = {
+        name: {key: _short(p[key]) for key in ("value", "low", "high", "unit")} for name, p in row["parameters"].items()
+    }
     return {**{key: _short(row[key]) for key in kept}, "parameters": parameters}
 
 

@@ -42,8 +42,17 @@ DOWN_M_S, PUSH_M_S, PUSH_M = (0.048, 0.092), (0.05, 0.115), (0.008, 0.042)
 """Ranges of the made-up speeds and ways; somewhat wider than those of both data sets."""
 ASIDE_M, TURN_RAD = (0.014, 0.006), np.radians(20)
 """How far from the object's middle a made-up cut begins, along the table's x and y, and how far the blade is turned."""
-TRAINING = TrainConfig(track_steps=1500, image_steps=0, horizon=8, resample=False, features="oriented", device="cpu",
-                       rigid_weight=0.1, isometry_weight=0.1, rotation_weight=0.0)  # fmt: skip
+TRAINING = TrainConfig(
+    track_steps=1500,
+    image_steps=0,
+    horizon=8,
+    resample=False,
+    features="oriented",
+    device="cpu",
+    rigid_weight=0.1,
+    isometry_weight=0.1,
+    rotation_weight=0.0,
+)
 """Tracks without noise need little help by what nearly holds: a soft object that sags does not keep its lengths."""
 
 
@@ -52,8 +61,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--work", type=Path, default=Path("artifacts/.hidden-disect-learned"))
-    parser.add_argument("--engine-work", type=Path, default=Path("artifacts/.hidden-disect"),
-                        help="Folder of `benchmarks.hidden_disect`, whose engine is taken.")  # fmt: skip
+    parser.add_argument(
+        "--engine-work",
+        type=Path,
+        default=Path("artifacts/.hidden-disect"),
+        help="Folder of `benchmarks.hidden_disect`, whose engine is taken.",
+    )
     parser.add_argument("--out", type=Path, default=Path("docs/results/hidden_disect_learned.json"))
     parser.add_argument("--jobs", type=int, default=-1)
     options = parser.parse_args()
@@ -73,13 +86,21 @@ def main() -> None:
         return Measured(episodes, {e.name: [predicted(model, e)] for e in episodes})
 
     known = Measured(recordings, {name: [points] for name, points in unseen.items()})
-    rows = run_sets(SETS, options.work, lambda name: run_set(name, options.data, known, engine, options.engine_work,
-                                                             options.jobs, measured))  # fmt: skip
-    facts = {"command": "python -m benchmarks.hidden_disect_learned --data DATA", "versions": versions(),
-             "seeds": [TRAINING.seed, SEED], "left_out": odd,
-             "unseen_rms_mm": {e.name: 1000 * rms_m(e, unseen[e.name]) for e in recordings},
-             "seen_rms_mm": {e.name: 1000 * rms_m(e, predicted(model, e)) for e in recordings},
-             "sets": rows, "answers": answers_of(options.data)}  # fmt: skip
+    rows = run_sets(
+        SETS,
+        options.work,
+        lambda name: run_set(name, options.data, known, engine, options.engine_work, options.jobs, measured),
+    )
+    facts = {
+        "command": "python -m benchmarks.hidden_disect_learned --data DATA",
+        "versions": versions(),
+        "seeds": [TRAINING.seed, SEED],
+        "left_out": odd,
+        "unseen_rms_mm": {e.name: 1000 * rms_m(e, unseen[e.name]) for e in recordings},
+        "seen_rms_mm": {e.name: 1000 * rms_m(e, predicted(model, e)) for e in recordings},
+        "sets": rows,
+        "answers": answers_of(options.data),
+    }
     options.out.write_text(json.dumps(facts, indent=1))
 
 
@@ -94,8 +115,11 @@ def made_up_by(engine: EngineBase, recordings: Sequence[Episode], runs: Runs) ->
     generator = np.random.default_rng(SEED)
     planned = [another_motion(recordings[k % len(recordings)], f"made_up_{k}", generator) for k in range(MADE_UP)]
     answers = runs([Job(episode, engine) for episode in planned])
-    return [replace(episode, points=answer.points)
-            for episode, answer in zip(planned, answers, strict=True) if answer.points is not None]  # fmt: skip
+    return [
+        replace(episode, points=answer.points)
+        for episode, answer in zip(planned, answers, strict=True)
+        if answer.points is not None
+    ]
 
 
 def another_motion(episode: Episode, name: str, generator: np.random.Generator) -> Episode:

@@ -34,15 +34,23 @@ from plop.pipeline.execute import versions
 SPACING_M = 0.00545
 """Of the engine's particles: about 1,300, as many as `identify` takes."""
 LAWS: tuple[tuple[str, dict[str, float]], ...] = (
-    ("plasticity", {"softness_per_kpa": 2.5}), ("plasticity", {"softness_per_kpa": 5.0}),
-    ("plasticity", {"softness_per_kpa": 8.0}), ("relaxation", {"ratio": 0.8, "tau_s": 0.03}),
-    ("relaxation", {"ratio": 0.8, "tau_s": 0.1}), ("relaxation", {"ratio": 0.8, "tau_s": 0.8}),
-    ("softening", {"loss": 0.95, "strain": 0.02}), ("stiffening", {"growth": 100}),
-    ("swelling", {"rate_per_s": -0.2}), ("viscosity", {"viscosity_pa_s": 100}),
-    ("fibres", {"ratio": 20, "angle_deg": 30}), ("adhesion", {"traction_pa": 300, "release_s": 0.1}),
-    ("tilt", {"gx_m_s2": -0.8, "gy_m_s2": -3.2}), ("table_friction", {"d_mu": -0.3}),
-    ("table_friction", {"d_mu": 0.5}), ("toughness", {"d_j_m2": 100}),
-)  # fmt: skip
+    ("plasticity", {"softness_per_kpa": 2.5}),
+    ("plasticity", {"softness_per_kpa": 5.0}),
+    ("plasticity", {"softness_per_kpa": 8.0}),
+    ("relaxation", {"ratio": 0.8, "tau_s": 0.03}),
+    ("relaxation", {"ratio": 0.8, "tau_s": 0.1}),
+    ("relaxation", {"ratio": 0.8, "tau_s": 0.8}),
+    ("softening", {"loss": 0.95, "strain": 0.02}),
+    ("stiffening", {"growth": 100}),
+    ("swelling", {"rate_per_s": -0.2}),
+    ("viscosity", {"viscosity_pa_s": 100}),
+    ("fibres", {"ratio": 20, "angle_deg": 30}),
+    ("adhesion", {"traction_pa": 300, "release_s": 0.1}),
+    ("tilt", {"gx_m_s2": -0.8, "gy_m_s2": -3.2}),
+    ("table_friction", {"d_mu": -0.3}),
+    ("table_friction", {"d_mu": 0.5}),
+    ("toughness", {"d_j_m2": 100}),
+)
 
 
 def main() -> None:
@@ -58,8 +66,14 @@ def main() -> None:
             rows.append({"law": name, "values": values, **left(effect_type(name)(**values), jobs=options.jobs)})
             sys.stdout.write(f"{line(rows[-1])}\n")
             sys.stdout.flush()
-    facts = {"command": "python -m benchmarks.known_laws", "versions": versions(), "seeds": [RESPONSE_SEED],
-             "episodes": RESPONSE_EPISODES, "spacing_m": SPACING_M, "laws": rows}  # fmt: skip
+    facts = {
+        "command": "python -m benchmarks.known_laws",
+        "versions": versions(),
+        "seeds": [RESPONSE_SEED],
+        "episodes": RESPONSE_EPISODES,
+        "spacing_m": SPACING_M,
+        "laws": rows,
+    }
     (options.out / "results" / "known_laws.json").write_text(json.dumps(facts, indent=1) + "\n")
     page = options.out / "results-physics.md"
     page.write_text(replace_between_markers(page.read_text(), "known-laws", table(rows)))

@@ -27,8 +27,9 @@ class Engines(Typed):
 
     def scored(self, environment: str) -> Path:
         """Roll out one environment's engine in its test episodes; give the scores."""
-        model, recordings, init = (latest(self.store, stage, environment).manifest.address
-                                   for stage in ("identify", "calibrate", "fit-init"))  # fmt: skip
+        model, recordings, init = (
+            latest(self.store, stage, environment).manifest.address for stage in ("identify", "calibrate", "fit-init")
+        )
         name = f"{environment}-engine"
         self.plop("rollout", "--model", model, "--recordings", recordings, "--init", init, "--name", name)
         self.plop("eval", "--rollouts", name, "--name", f"{name}-scores")
@@ -44,8 +45,10 @@ def table(without: Mapping[str, Any], made: Mapping[str, Any], engine: Mapping[s
         made: The same of the one that learned from made-up episodes, too.
         engine: The same of the engine itself.
     """
-    lines = ["| environment | model | CD [mm]: whole, end | EMD [mm] | true nodes [mm] | PSNR [dB] | J |",
-             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| environment | model | CD [mm]: whole, end | EMD [mm] | true nodes [mm] | PSNR [dB] | J |",
+        "|---|---|---|---|---|---|---|",
+    ]
     kinds = {"without": without, "with made-up episodes": made, "the engine itself": engine}
     names = [name for name in without if all(name in each for each in kinds.values())]
     for name in names:
@@ -75,8 +78,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results.md and results/.")
     options = parser.parse_args()
     results = options.out / "results"
-    without, made = (json.loads((results / f"{name}.json").read_text())["environments"]
-                     for name in ("disect-cpu-recordings", "disect"))  # fmt: skip
+    without, made = (
+        json.loads((results / f"{name}.json").read_text())["environments"]
+        for name in ("disect-cpu-recordings", "disect")
+    )
     engines = Engines(options.work)
     scores = {name: [engines.scored(name)] for name in made}
     facts = gathered(scores, command="python -m benchmarks.made_up --work W", versions=versions(), seeds=[0])

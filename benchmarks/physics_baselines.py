@@ -28,9 +28,11 @@ def baselines(found: Diagnosis) -> dict[str, Any]:
     chosen = _bic(hessian, gradient, energy, numbers)
     sparse = _thresholded(hessian, gradient)
     full = energy - float(gradient @ solve(hessian + 1e-3 * np.diag(np.diag(hessian)), gradient))
-    return {"bic": list(dict.fromkeys(effects[k] for k in chosen)),
-            "sparse": list(dict.fromkeys(effects[k] for k in sparse)),
-            "residual_error_share": full / energy}  # fmt: skip
+    return {
+        "bic": list(dict.fromkeys(effects[k] for k in chosen)),
+        "sparse": list(dict.fromkeys(effects[k] for k in sparse)),
+        "residual_error_share": full / energy,
+    }
 
 
 def _bic(hessian: np.ndarray, gradient: np.ndarray, energy: float, numbers: int) -> list[int]:

@@ -72,21 +72,33 @@ class Run:
 
 def planned() -> list[Run]:
     """List all runs in their order: a stop leaves all sets represented."""
-    singles = [[Run(f"snr{snr:g}-{name}", "single", 3000 + 100 * level + k, _typed(name, values[1 - level]), snr)
-                for k, (name, values) in enumerate(TURNED.items())] for level, snr in enumerate(SNRS)]  # fmt: skip
+    singles = [
+        [
+            Run(f"snr{snr:g}-{name}", "single", 3000 + 100 * level + k, _typed(name, values[1 - level]), snr)
+            for k, (name, values) in enumerate(TURNED.items())
+        ]
+        for level, snr in enumerate(SNRS)
+    ]
     others = [Run(f"null-{k}", "null", 3200 + k) for k in range(NULLS)]
-    others += [Run(f"pair-{a}-{b}", "pair", 3300 + k, (*_typed(a, TURNED[a][1]), *_typed(b, TURNED[b][1])), SNRS[0])
-               for k, (a, b) in enumerate(PAIRS)]  # fmt: skip
-    others += [Run(f"outside-{name}", "outside", 3400 + k, _typed(name, TURNED[name][1]), SNRS[0], name)
-               for k, name in enumerate(OUTSIDE)]  # fmt: skip
+    others += [
+        Run(f"pair-{a}-{b}", "pair", 3300 + k, (*_typed(a, TURNED[a][1]), *_typed(b, TURNED[b][1])), SNRS[0])
+        for k, (a, b) in enumerate(PAIRS)
+    ]
+    others += [
+        Run(f"outside-{name}", "outside", 3400 + k, _typed(name, TURNED[name][1]), SNRS[0], name)
+        for k, name in enumerate(OUTSIDE)
+    ]
     others += [
         Run(f"sensor-{fault.partition('=')[0].partition('.')[0]}", "sensor", 3500 + k, fault=fault)
         for k, fault in enumerate(FAULTS)
     ]
-    others += [Run(f"base-{name}", "base", 3600 + k, _typed(name, values), SNRS[1])
-               for k, (name, values) in enumerate(MORE_BASE.items())]  # fmt: skip
-    others += [Run(f"decoy-{name}", "decoy", 3700 + k, _typed(name, values))
-               for k, (name, values) in enumerate(DECOYS.items())]  # fmt: skip
+    others += [
+        Run(f"base-{name}", "base", 3600 + k, _typed(name, values), SNRS[1])
+        for k, (name, values) in enumerate(MORE_BASE.items())
+    ]
+    others += [
+        Run(f"decoy-{name}", "decoy", 3700 + k, _typed(name, values)) for k, (name, values) in enumerate(DECOYS.items())
+    ]
     turn = sorted(range(len(others)), key=lambda k: (sum(o.set == others[k].set for o in others[:k]), k))
     first = [run for pair in zip(singles[0], [others[k] for k in turn], strict=False) for run in pair]
     return [*first, *(others[k] for k in turn[len(singles[0]) :]), *singles[1]]
@@ -115,8 +127,17 @@ class Loop(Typed):
         started = time.perf_counter()
         if not any(self.filmed(run, share * run.snr) for share in _SHARES):
             hidden: dict[str, dict[str, float]] = {run.hide[0].split(".")[0]: {}}
-            return {"name": run.name, "set": "unreachable", "seed": run.seed, "hidden": hidden, "snr": 0.0,
-                    "wanted": run.snr, "verdict": "-", "named": [], "judged_by": STAGE.version}  # fmt: skip
+            return {
+                "name": run.name,
+                "set": "unreachable",
+                "seed": run.seed,
+                "hidden": hidden,
+                "snr": 0.0,
+                "wanted": run.snr,
+                "verdict": "-",
+                "named": [],
+                "judged_by": STAGE.version,
+            }
         found = self.diagnosed(run, "base", run.name)
         row = self.row(run, found)
         if run.set == "pair":
@@ -160,17 +181,30 @@ class Loop(Typed):
         verdict, ranking = found["verdict"], [law["effect"] for law in found["ranking"]]
         judged = {law["effect"]: law for law in (*found["ranking"][:_JUDGED], found["base"])}
         return {
-            "name": run.name, "set": run.set, "seed": run.seed, "hidden": answer["effects"], "fault": run.fault,
-            "judged_by": version, "base": {name: entry["value"] for name, entry in base.items()}, "wanted": run.snr,
-            "rms_mm": 1000 * answer["rms_m"], "snr": answer["snr"], "verdict": verdict["kind"],
-            "named": verdict["named"], "text": verdict["text"], "ranking": ranking,
+            "name": run.name,
+            "set": run.set,
+            "seed": run.seed,
+            "hidden": answer["effects"],
+            "fault": run.fault,
+            "judged_by": version,
+            "base": {name: entry["value"] for name, entry in base.items()},
+            "wanted": run.snr,
+            "rms_mm": 1000 * answer["rms_m"],
+            "snr": answer["snr"],
+            "verdict": verdict["kind"],
+            "named": verdict["named"],
+            "text": verdict["text"],
+            "ranking": ranking,
             "ranks": [ranking.index(name) + 1 for name in answer["effects"] if name in ranking],
-            "error": found["error"], "floor": found["floor"], "left": verdict["evidence"].get("left"),
+            "error": found["error"],
+            "floor": found["floor"],
+            "left": verdict["evidence"].get("left"),
             "parameters": {name: law["parameters"] for name, law in judged.items()},
             "gains": {name: law["gain"] for name, law in judged.items()},
             "tests": {name: {key: law[key] for key in _TESTS} for name, law in judged.items()},
-            "dropped": found["dropped"], "engine_runs": found["engine_runs"],
-        }  # fmt: skip
+            "dropped": found["dropped"],
+            "engine_runs": found["engine_runs"],
+        }
 
 
 def main() -> None:
@@ -208,9 +242,14 @@ def go_on(loop: Loop, runs: Iterable[Run], rows: Path, kept: Mapping[str, Row], 
 def write(rows: list[dict[str, Any]], out: Path) -> None:
     """Write results/physics_cameras.json and the two tables of results-physics.md."""
     sets = verdict_rates(rows)
-    facts = {"command": "python -m benchmarks.physics_cameras", "versions": versions(),
-             "seeds": sorted({row["seed"] for row in rows}), "planned": len(planned()), "sets": sets,
-             "runs": [{key: value for key, value in row.items() if key != "ranking"} for row in rows]}  # fmt: skip
+    facts = {
+        "command": "python -m benchmarks.physics_cameras",
+        "versions": versions(),
+        "seeds": sorted({row["seed"] for row in rows}),
+        "planned": len(planned()),
+        "sets": sets,
+        "runs": [{key: value for key, value in row.items() if key != "ranking"} for row in rows],
+    }
     (out / "results").mkdir(parents=True, exist_ok=True)
     (out / "results" / "physics_cameras.json").write_text(json.dumps(facts, indent=1) + "\n")
     page = out / "results-physics.md"

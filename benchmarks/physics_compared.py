@@ -48,9 +48,12 @@ def _found(row: dict[str, Any], law: str) -> str:
         ]
         return ", ".join(filter(None, told)) or "-"
     fitted = row["parameters"].get(law, {})
-    cells = [f"{short_number(p['value'])} ({short_number(p['low'])} to {short_number(p['high'])})"
-             if p["low"] is not None and p["high"] is not None and not p.get("chosen")
-             else f"{name} {short_number(p['value'])}" for name, p in fitted.items()]  # fmt: skip
+    cells = [
+        f"{short_number(p['value'])} ({short_number(p['low'])} to {short_number(p['high'])})"
+        if p["low"] is not None and p["high"] is not None and not p.get("chosen")
+        else f"{name} {short_number(p['value'])}"
+        for name, p in fitted.items()
+    ]
     return ", ".join(cells) or "-"
 
 

@@ -55,8 +55,12 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60, help="Stop starting runs after so many minutes.")
     parser.add_argument("--jobs", type=int, default=-1, help="Processes.")
     parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-physics-learned"), help="Where runs are.")
-    parser.add_argument("--engine-work", type=Path, default=Path("artifacts/.bench-physics"),
-                        help="Folder of `benchmarks.physics_points`, whose engine is taken.")  # fmt: skip
+    parser.add_argument(
+        "--engine-work",
+        type=Path,
+        default=Path("artifacts/.bench-physics"),
+        help="Folder of `benchmarks.physics_points`, whose engine is taken.",
+    )
     parser.add_argument("--out", type=Path, default=Path("docs/results/physics-learned.json"))
     options = parser.parse_args()
     for folder in (options.work, options.engine_work):
@@ -79,11 +83,30 @@ def facts_of(rows: list[dict[str, Any]], reference: Measured) -> dict[str, Any]:
     """Rates, runs, and how far the learned base is off in motions that it has not seen."""
     assert reference.predictions is not None
     errors = [1000 * rms_m(episode, reference.predictions[episode.name][0]) for episode in reference.episodes]
-    kept = ("name", "set", "seed", "hidden", "rms_mm", "snr", "verdict", "named", "ranks", "error", "floor", "left",
-            "gains", "text")  # fmt: skip
-    return {"command": "python -m benchmarks.physics_learned", "versions": versions(),
-            "seeds": sorted({row["seed"] for row in rows}), "base_rms_mm": errors, "sets": summary(rows),
-            "runs": [{key: row.get(key) for key in kept} for row in rows]}  # fmt: skip
+    kept = (
+        "name",
+        "set",
+        "seed",
+        "hidden",
+        "rms_mm",
+        "snr",
+        "verdict",
+        "named",
+        "ranks",
+        "error",
+        "floor",
+        "left",
+        "gains",
+        "text",
+    )
+    return {
+        "command": "python -m benchmarks.physics_learned",
+        "versions": versions(),
+        "seeds": sorted({row["seed"] for row in rows}),
+        "base_rms_mm": errors,
+        "sets": summary(rows),
+        "runs": [{key: row.get(key) for key in kept} for row in rows],
+    }
 
 
 def rms_m(episode: Episode, predicted_points: np.ndarray) -> float:
@@ -125,8 +148,14 @@ def gaussians_of(points: np.ndarray) -> Gaussians:
     means = torch.as_tensor(points, dtype=torch.float32)
     quats = torch.zeros(len(means), 4)
     quats[:, 0] = 1
-    return Gaussians(means, quats, torch.full_like(means, _WIDTH_M), torch.full((len(means),), _OPACITY),
-                     torch.zeros(len(means), 1, 3), torch.arange(len(means)))  # fmt: skip
+    return Gaussians(
+        means,
+        quats,
+        torch.full_like(means, _WIDTH_M),
+        torch.full((len(means),), _OPACITY),
+        torch.zeros(len(means), 1, 3),
+        torch.arange(len(means)),
+    )
 
 
 def actions_of(episode: Episode) -> Actions:
@@ -145,9 +174,19 @@ def track_of(episode: Episode) -> Track:
     sides = [torch.zeros(means.shape[1])]
     for frame in range(1, len(means)):
         sides.append(advance_sides(sides[-1], means[frame], actions.step(frame - 1)))
-    return Track(episode.name, Path(), first, means, first.quats.expand(len(means), -1, -1),
-                 first.opacities.expand(len(means), -1), torch.diff(means, dim=0, prepend=means[:1]), still,
-                 torch.stack(sides), actions, Neighbourhood.of(means[0]))  # fmt: skip
+    return Track(
+        episode.name,
+        Path(),
+        first,
+        means,
+        first.quats.expand(len(means), -1, -1),
+        first.opacities.expand(len(means), -1),
+        torch.diff(means, dim=0, prepend=means[:1]),
+        still,
+        torch.stack(sides),
+        actions,
+        Neighbourhood.of(means[0]),
+    )
 
 
 def predicted(model: PlopModel, episode: Episode) -> np.ndarray:

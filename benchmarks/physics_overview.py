@@ -61,15 +61,24 @@ def facts_of(cameras: dict[str, Any], points: dict[str, Any]) -> dict[str, Any]:
     # other methods were given an ideal tracker's points
     others = {**points["sets"]["baselines"], "measured_on": "followed points"}
     told["sets"] = {**told["sets"], "baselines": others}
-    return {"command": COMMAND, "versions": cameras["versions"], "measured_on": "recordings through cameras", **told,
-            "followed_points": _told(points)}  # fmt: skip
+    return {
+        "command": COMMAND,
+        "versions": cameras["versions"],
+        "measured_on": "recordings through cameras",
+        **told,
+        "followed_points": _told(points),
+    }
 
 
 def _told(result: dict[str, Any]) -> dict[str, Any]:
     """Choose from one benchmark's file what tells of all its runs."""
     versions = [run["judged_by"] for run in result["runs"] if run["set"] != "unreachable"]
-    return {"seeds": result["seeds"], "judged_by": {str(v): versions.count(v) for v in sorted({*versions})},
-            "sets": result["sets"], "confusion": confusion(result["runs"])}  # fmt: skip
+    return {
+        "seeds": result["seeds"],
+        "judged_by": {str(v): versions.count(v) for v in sorted({*versions})},
+        "sets": result["sets"],
+        "confusion": confusion(result["runs"]),
+    }
 
 
 def main() -> None:
@@ -77,8 +86,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs"), help="Folder with results-physics.md and results/.")
     out = parser.parse_args().out
-    cameras, points = (json.loads((out / "results" / f"{name}.json").read_text())
-                       for name in ("physics_cameras", "physics_points"))  # fmt: skip
+    cameras, points = (
+        json.loads((out / "results" / f"{name}.json").read_text()) for name in ("physics_cameras", "physics_points")
+    )
     (out / "results" / "physics.json").write_text(json.dumps(facts_of(cameras, points), indent=1) + "\n")
     page = out / "results-physics.md"
     table = overview(cameras["sets"], points["sets"])

@@ -25,8 +25,12 @@ SINGLE = {
 """Effect -> a smaller and a larger amplitude."""
 BASE = {"stiffness": {"d_ln_e": 0.4}, "damping": {"d_per_s": 40.0}}
 DECOYS = {"drag": {"per_m": 200.0}, "inertia": {"ratio": 0.7}}
-PAIRS = (("swelling", "table_friction"), ("viscosity", "plasticity"), ("tilt", "swelling"),
-         ("fibres", "table_friction"))  # fmt: skip
+PAIRS = (
+    ("swelling", "table_friction"),
+    ("viscosity", "plasticity"),
+    ("tilt", "swelling"),
+    ("fibres", "table_friction"),
+)
 OUTSIDE = ("swelling", "plasticity", "table_friction", "tilt")
 SNRS = (2.0, 4.0)
 """Signals that the second part of the plan is made for."""
@@ -45,8 +49,14 @@ TURNED = {
     "blade_friction": ({"d_mu": 2.0}, {"d_mu": 2.0}),
 }
 """Effect -> direction and shape for each of SNRS; the amplitude there is where the search for the signal starts."""
-MORE_PAIRS = (("stiffening", "swelling"), ("adhesion", "tilt"), ("relaxation", "tilt"), ("plasticity", "swelling"),
-              ("softening", "table_friction"), ("fibres", "swelling"))  # fmt: skip
+MORE_PAIRS = (
+    ("stiffening", "swelling"),
+    ("adhesion", "tilt"),
+    ("relaxation", "tilt"),
+    ("plasticity", "swelling"),
+    ("softening", "table_friction"),
+    ("fibres", "swelling"),
+)
 MORE_OUTSIDE = ("relaxation", "adhesion", "stiffening", "fibres", "tilt", "swelling")
 FRESH_OUTSIDE = ("plasticity", "table_friction", "toughness", "fibres", "tilt", "relaxation")
 MORE_BASE = {"stiffness": {"d_ln_e": -0.5}, "damping": {"d_per_s": 60.0}}
@@ -85,45 +95,81 @@ def _mixed(queues: list[list[Plan]], shares: list[int]) -> list[Plan]:
 
 
 def _plan() -> list[Plan]:
-    singles = [Plan(f"single-{name}-{level}", "single", 100 + 10 * k + level, ((name, _values(values[level])),))
-               for level in (1, 0) for k, (name, values) in enumerate(SINGLE.items())]  # fmt: skip
+    singles = [
+        Plan(f"single-{name}-{level}", "single", 100 + 10 * k + level, ((name, _values(values[level])),))
+        for level in (1, 0)
+        for k, (name, values) in enumerate(SINGLE.items())
+    ]
     nulls = [Plan(f"null-{k}", "null", 400 + k) for k in range(12)]
     base = [Plan(f"base-{name}", "base", 500 + k, ((name, _values(v)),)) for k, (name, v) in enumerate(BASE.items())]
-    decoys = [Plan(f"decoy-{name}", "decoy", 550 + k, ((name, _values(v)),))
-              for k, (name, v) in enumerate(DECOYS.items())]  # fmt: skip
-    pairs = [Plan(f"pair-{a}-{b}", "pair", 600 + k, ((a, _values(SINGLE[a][1])), (b, _values(SINGLE[b][1]))))
-             for k, (a, b) in enumerate(PAIRS)]  # fmt: skip
-    outside = [Plan(f"outside-{name}", "outside", 700 + k, ((name, _values(SINGLE[name][1])),), (name,))
-               for k, name in enumerate(OUTSIDE)]  # fmt: skip
+    decoys = [
+        Plan(f"decoy-{name}", "decoy", 550 + k, ((name, _values(v)),)) for k, (name, v) in enumerate(DECOYS.items())
+    ]
+    pairs = [
+        Plan(f"pair-{a}-{b}", "pair", 600 + k, ((a, _values(SINGLE[a][1])), (b, _values(SINGLE[b][1]))))
+        for k, (a, b) in enumerate(PAIRS)
+    ]
+    outside = [
+        Plan(f"outside-{name}", "outside", 700 + k, ((name, _values(SINGLE[name][1])),), (name,))
+        for k, name in enumerate(OUTSIDE)
+    ]
     return _mixed([singles, nulls, [*base, *decoys], pairs, outside], [4, 1, 1, 1, 1])
 
 
 def _designed() -> list[Plan]:
     """Runs at a given signal, with other seeds, directions and shapes than the first part's."""
-    singles = [Plan(f"snr{SNRS[level]:g}-{name}", "single", 2000 + 100 * level + k, ((name, _values(values[level])),),
-                    (), SNRS[level])
-               for level in (1, 0) for k, (name, values) in enumerate(TURNED.items())]  # fmt: skip
+    singles = [
+        Plan(
+            f"snr{SNRS[level]:g}-{name}",
+            "single",
+            2000 + 100 * level + k,
+            ((name, _values(values[level])),),
+            (),
+            SNRS[level],
+        )
+        for level in (1, 0)
+        for k, (name, values) in enumerate(TURNED.items())
+    ]
     nulls = [Plan(f"null-more-{k}", "null", 2400 + k) for k in range(12)]
-    base = [Plan(f"base-more-{name}", "base", 2500 + k, ((name, _values(v)),), (), 2.0)
-            for k, (name, v) in enumerate(MORE_BASE.items())]  # fmt: skip
-    pairs = [Plan(f"pair-more-{a}-{b}", "pair", 2600 + k, tuple((n, _values(TURNED[n][0])) for n in (a, b)), (), 2.5)
-             for k, (a, b) in enumerate(MORE_PAIRS)]  # fmt: skip
-    outside = [Plan(f"outside-more-{name}", "outside", 2700 + k, ((name, _values(TURNED[name][1])),), (name,), 3.0)
-               for k, name in enumerate(MORE_OUTSIDE)]  # fmt: skip
+    base = [
+        Plan(f"base-more-{name}", "base", 2500 + k, ((name, _values(v)),), (), 2.0)
+        for k, (name, v) in enumerate(MORE_BASE.items())
+    ]
+    pairs = [
+        Plan(f"pair-more-{a}-{b}", "pair", 2600 + k, tuple((n, _values(TURNED[n][0])) for n in (a, b)), (), 2.5)
+        for k, (a, b) in enumerate(MORE_PAIRS)
+    ]
+    outside = [
+        Plan(f"outside-more-{name}", "outside", 2700 + k, ((name, _values(TURNED[name][1])),), (name,), 3.0)
+        for k, name in enumerate(MORE_OUTSIDE)
+    ]
     return _mixed([singles, nulls, base, pairs, outside], [4, 2, 1, 1, 1])
 
 
 def _fresh() -> list[Plan]:
     """Runs that were first made after the diagnosis and the finer engine were fixed."""
-    return [Plan(f"outside-fresh-{name}", "outside", 2800 + k, ((name, _values(TURNED[name][0])),), (name,), 3.0)
-            for k, name in enumerate(FRESH_OUTSIDE)]  # fmt: skip
+    return [
+        Plan(f"outside-fresh-{name}", "outside", 2800 + k, ((name, _values(TURNED[name][0])),), (name,), 3.0)
+        for k, name in enumerate(FRESH_OUTSIDE)
+    ]
 
 
 PLAN = [*_designed(), *_fresh(), *_plan()]
 
-REASONS = frozenset({"snr4-relaxation", "snr2-softening", "pair-more-relaxation-tilt", "base-more-damping",
-                     "null-more-2", "pair-more-adhesion-tilt",
-                     "null-more-4", "null-more-5", "null-more-6", "null-more-7"})  # fmt: skip
+REASONS = frozenset(
+    {
+        "snr4-relaxation",
+        "snr2-softening",
+        "pair-more-relaxation-tilt",
+        "base-more-damping",
+        "null-more-2",
+        "pair-more-adhesion-tilt",
+        "null-more-4",
+        "null-more-5",
+        "null-more-6",
+        "null-more-7",
+    }
+)
 """Runs for whose sake rules of the verdict were changed: laws at the end of their range, base parameters, laws that one
 episode alone carries, and the mean over discretisations (the last four)."""
 DEVELOPED = REASONS | {plan.name for plan in _plan()}

@@ -112,9 +112,13 @@ def main() -> None:
 
 
 def run_missing(
-    plans: list[Plan], setting: Setting, work: Path, jobs: int, deadline: float,
+    plans: list[Plan],
+    setting: Setting,
+    work: Path,
+    jobs: int,
+    deadline: float,
     written: Mapping[str, Row] = MappingProxyType({}),
-) -> None:  # fmt: skip
+) -> None:
     """Carry out the runs that this version has not judged yet; none is started after the deadline (time.monotonic).
 
     What an older version's row says is hidden is hidden again: the amplitude is not searched for anew, and what could
@@ -154,16 +158,30 @@ def fitted_engine(work: Path, jobs: int, particles: int = PARTICLES) -> EngineBa
     path = work / "base.json"
     if not path.is_file():
         episodes = reference(jobs)[:FITTED]
-        material = replace(SCENE.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0,
-                           density_kg_m3=1000.0, table_friction=0.4, tool_friction=0.2, toughness_j_m2=0.0)  # fmt: skip
+        material = replace(
+            SCENE.material,
+            law=ElasticLaw.NEO_HOOKEAN,
+            youngs_modulus_pa=1.2e4,
+            damping_per_s=5.0,
+            density_kg_m3=1000.0,
+            table_friction=0.4,
+            tool_friction=0.2,
+            toughness_j_m2=0.0,
+        )
         start = EngineBase(material, spacing_for(episodes, particles))
         base, found = identify(episodes, start, (*NAMES, "toughness_j_m2"), iterations=5, jobs=jobs)
-        path.write_text(json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m,
-                                    "particles": particles}))  # fmt: skip
+        path.write_text(
+            json.dumps({"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m, "particles": particles})
+        )
     kept = json.loads(path.read_text())
     if kept.get("particles", particles) != particles:
-        raise PlopError("The folder holds runs of another engine.", where=path, expected=f"{particles} particles",
-                        found=f"{kept['particles']}", fix="Choose another --work.")  # fmt: skip
+        raise PlopError(
+            "The folder holds runs of another engine.",
+            where=path,
+            expected=f"{particles} particles",
+            found=f"{kept['particles']}",
+            fix="Choose another --work.",
+        )
     return base_from_dict(kept["engine"])
 
 
@@ -228,17 +246,27 @@ def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int, earlier: Row |
     rms = _rms(episodes, plain)
     order = [f.name for f in found.findings[:-1]]
     row = {
-        **facts, "set": plan.set, "judged_by": STAGE.version,
-        "rms_mm": 1000 * rms, "snr": rms / FLOOR_M, "verdict": found.verdict.kind, "named": found.verdict.named,
-        "text": found.verdict.text, "ranking": order,
+        **facts,
+        "set": plan.set,
+        "judged_by": STAGE.version,
+        "rms_mm": 1000 * rms,
+        "snr": rms / FLOOR_M,
+        "verdict": found.verdict.kind,
+        "named": found.verdict.named,
+        "text": found.verdict.text,
+        "ranking": order,
         "ranks": [order.index(e.name) + 1 for e in hidden if e.name in order],
-        "error": found.size.error, "floor": found.size.floor, "left": found.verdict.evidence.get("left"),
+        "error": found.size.error,
+        "floor": found.size.floor,
+        "left": found.verdict.evidence.get("left"),
         "parameters": {f.name: f.parameters for f in found.findings[:3]},
         "gains": {f.name: f.gain for f in found.findings[:3]},
-        "judged": [asdict(f) for f in (*found.findings[:4], found.findings[-1])], "excess": found.size.excess,
+        "judged": [asdict(f) for f in (*found.findings[:4], found.findings[-1])],
+        "excess": found.size.excess,
         "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
-        "baselines": baselines(found), "seconds": time.perf_counter() - started,
-    }  # fmt: skip
+        "baselines": baselines(found),
+        "seconds": time.perf_counter() - started,
+    }
     if plan.set == "single":
         row["response"] = response_error(hidden[0], episodes, plain, discretised(engine), runs)
     if plan.set == "pair":

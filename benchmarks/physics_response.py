@@ -16,7 +16,7 @@ from plop.physics.filled import EngineBase
 
 def response_error(
     effect: Effect, episodes: list[Episode], plain: list[Episode], members: Sequence[EngineBase], runs: Runs
-) -> dict[str, float] | None:  # fmt: skip
+) -> dict[str, float] | None:
     """Compare the engine's mean response at the true amplitude with the true one.
 
     Args:
@@ -31,8 +31,10 @@ def response_error(
         no discretisation is stable.
     """
     shapes = tuple((p.name, effect[p.name]) for p in effect.shapes)
-    settings = tuple((Column(effect.name, p.name, p.unit, shapes, effect[p.name], p.low, p.high), effect[p.name])
-                     for p in effect.amplitudes)  # fmt: skip
+    settings = tuple(
+        (Column(effect.name, p.name, p.unit, shapes, effect[p.name], p.low, p.high), effect[p.name])
+        for p in effect.amplitudes
+    )
     found = [change for member in members if (change := _response(member, settings, episodes, runs)) is not None]
     if not found:
         return None
@@ -44,7 +46,7 @@ def response_error(
 
 def _response(
     member: EngineBase, settings: tuple[tuple[Column, float], ...], episodes: list[Episode], runs: Runs
-) -> np.ndarray | None:  # fmt: skip
+) -> np.ndarray | None:
     """Compute what a law changes in all episodes, one after the other; None where a run is unstable."""
     answers = runs([Job(episode, member, given) for given in (settings, ()) for episode in episodes])
     moved = [answer.points for answer in answers if answer.points is not None]

@@ -27,8 +27,16 @@ CHOSEN = ("snr4-swelling", "null-0", "snr4-table_friction", "snr4-plasticity", "
 def rough_runs() -> list[Run]:
     """List the runs: those of the benchmark through cameras, with seeds of their own."""
     runs = {run.name: run for run in planned()}
-    return [Run(name.replace("snr4", "rough").replace("null", "rough-null"), runs[name].set, runs[name].seed + 1000,
-                runs[name].hide, SNR if runs[name].hide else 0.0) for name in CHOSEN]  # fmt: skip
+    return [
+        Run(
+            name.replace("snr4", "rough").replace("null", "rough-null"),
+            runs[name].set,
+            runs[name].seed + 1000,
+            runs[name].hide,
+            SNR if runs[name].hide else 0.0,
+        )
+        for name in CHOSEN
+    ]
 
 
 def main() -> None:
@@ -45,8 +53,13 @@ def main() -> None:
     if not options.summary:
         go_on(Loop(options.work, RECORDED), rough_runs(), rows, kept, options.minutes)
     found = newest_rows([run.name for run in rough_runs()], rows, kept)
-    facts = {"command": "python -m benchmarks.physics_rough", "versions": versions(), "recorded": " ".join(RECORDED),
-             "seeds": sorted({row["seed"] for row in found}), "runs": found}  # fmt: skip
+    facts = {
+        "command": "python -m benchmarks.physics_rough",
+        "versions": versions(),
+        "recorded": " ".join(RECORDED),
+        "seeds": sorted({row["seed"] for row in found}),
+        "runs": found,
+    }
     path.write_text(json.dumps(facts, indent=1) + "\n")
     page = options.out / "results-physics.md"
     page.write_text(replace_between_markers(page.read_text(), "rough-runs", runs_table(found)))

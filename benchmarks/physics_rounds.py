@@ -39,9 +39,13 @@ def _built(name: str, findings: list[Finding], types: Mapping[str, EffectType]) 
 
 
 def next_round(
-    found: Diagnosis, episodes: list[Episode], reference: list[Episode], base: EngineBase,
-    types: Mapping[str, EffectType], runs: Runs,
-) -> Diagnosis | None:  # fmt: skip
+    found: Diagnosis,
+    episodes: list[Episode],
+    reference: list[Episode],
+    base: EngineBase,
+    types: Mapping[str, EffectType],
+    runs: Runs,
+) -> Diagnosis | None:
     """Diagnose again with what was named added to the base; None when nothing was named.
 
     The reference has nothing hidden, so that its episodes are predicted by the base alone.

@@ -59,8 +59,9 @@ def sindy_ranking(episodes: Sequence[Episode], predictions: Sequence[np.ndarray]
     terms, target = terms / spread, target / target.std()
     largest = np.abs(np.linalg.lstsq(terms, target, rcond=None)[0]).max()
     np.random.seed(seed)
-    optimizer = pysindy.EnsembleOptimizer(pysindy.STLSQ(threshold=THRESHOLD * float(largest), alpha=1e-3), bagging=True,
-                                          n_models=MODELS)  # fmt: skip
+    optimizer = pysindy.EnsembleOptimizer(
+        pysindy.STLSQ(threshold=THRESHOLD * float(largest), alpha=1e-3), bagging=True, n_models=MODELS
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         optimizer.fit(terms, target)

@@ -32,9 +32,11 @@ GOALS = {
 """Rate -> what it should be, where there is a goal."""
 BASELINE = "baseline"
 """What stands in place of a goal beside another method's rate; all of the group baselines."""
-MEDIANS = (("median error of the parameter", "parameter_error", ShareGoal(high=0.1)),
-           ("explainable gap closed, median", "gap_closed", ShareGoal(0.8)),
-           ("the best of the wrong laws closes, median", "wrong_law", ShareGoal(high=0.2)))  # fmt: skip
+MEDIANS = (
+    ("median error of the parameter", "parameter_error", ShareGoal(high=0.1)),
+    ("explainable gap closed, median", "gap_closed", ShareGoal(0.8)),
+    ("the best of the wrong laws closes, median", "wrong_law", ShareGoal(high=0.2)),
+)
 """What a median is called, where it is found, and its goal."""
 LEAST_SNR = 2.0
 """From which on single laws count for the goals: RMS displacement over the noise."""
@@ -54,8 +56,12 @@ def wilson(hits: int, n: int) -> dict[str, Any]:
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Count what the benchmark's table asks for, baselines included."""
     single = [r for r in rows if r["set"] == "single"]
-    return {**verdict_rates(rows), "baselines": _baseline_rates(
-        [r for r in single if r["snr"] >= 1], [r for r in rows if r["set"] == "null"], single)}  # fmt: skip
+    return {
+        **verdict_rates(rows),
+        "baselines": _baseline_rates(
+            [r for r in single if r["snr"] >= 1], [r for r in rows if r["set"] == "null"], single
+        ),
+    }
 
 
 def _rate(group: list[dict[str, Any]], test: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
@@ -64,21 +70,28 @@ def _rate(group: list[dict[str, Any]], test: Callable[[dict[str, Any]], Any]) ->
 
 def _baseline_rates(
     visible: list[dict[str, Any]], null: list[dict[str, Any]], single: list[dict[str, Any]]
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     return {
         "bic_first": _rate(visible, lambda r: r["baselines"]["bic"][:1] and r["baselines"]["bic"][0] in r["hidden"]),
         "bic_null_false_alarm": _rate(null, lambda r: r["baselines"]["bic"]),
-        "sparse_first": _rate(visible, lambda r: r["baselines"]["sparse"][:1]
-                             and r["baselines"]["sparse"][0] in r["hidden"]),
-        "sindy_first": _rate([r for r in visible if "sindy" in r["baselines"]],
-                            lambda r: set(sum(r["baselines"]["sindy"][:1], [])) & set(r["hidden"])),
-        "sindy_among": _rate([r for r in visible if "sindy" in r["baselines"]],
-                            lambda r: set(sum(r["baselines"]["sindy"], [])) & set(r["hidden"])),
-        "sindy_null_false_alarm": _rate([r for r in null if "sindy" in r["baselines"]],
-                                       lambda r: r["baselines"]["sindy"]),
+        "sparse_first": _rate(
+            visible, lambda r: r["baselines"]["sparse"][:1] and r["baselines"]["sparse"][0] in r["hidden"]
+        ),
+        "sindy_first": _rate(
+            [r for r in visible if "sindy" in r["baselines"]],
+            lambda r: set(sum(r["baselines"]["sindy"][:1], [])) & set(r["hidden"]),
+        ),
+        "sindy_among": _rate(
+            [r for r in visible if "sindy" in r["baselines"]],
+            lambda r: set(sum(r["baselines"]["sindy"], [])) & set(r["hidden"]),
+        ),
+        "sindy_null_false_alarm": _rate(
+            [r for r in null if "sindy" in r["baselines"]], lambda r: r["baselines"]["sindy"]
+        ),
         "residual_error_share": float(np.median([r["baselines"]["residual_error_share"] for r in single]))
-        if single else None,
-    }  # fmt: skip
+        if single
+        else None,
+    }
 
 
 def verdict_rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -106,30 +119,50 @@ def verdict_rates(rows: list[dict[str, Any]]) -> dict[str, Any]:
     closed = [share for r in named if (share := gap_closed(r, r["left"])) is not None]
     wrongly = [share for r in single if (share := closed_by_wrong_law(r)) is not None]
     return {
-        "recovery": {"snr_2_and_more": rate(loud, first),
-                     "snr_1_to_2": rate([r for r in visible if r["snr"] < 2], first),
-                     "snr_below_1": rate(faint, first)},
-        "single": {"least_snr": LEAST_SNR, "top1": rate(loud, first), "in_set": rate(loud, inside),
-            "from_snr_1_top1": rate(visible, first), "from_snr_1_in_set": rate(visible, inside), "ranked_first": rate(
-            visible, lambda r: r["ranks"] and r["ranks"][0] == 1), "all_amplitudes_top1": rate(single, first),
-            "wrong_name": rate(single, lambda r: r["named"] and not inside(r))},
-        "null": {"false_alarm": rate(sets["null"], lambda r: r["verdict"] in _NAMING),
-                 "none_of_these": rate(sets["null"], lambda r: r["verdict"] == "NONE OF THESE")},
+        "recovery": {
+            "snr_2_and_more": rate(loud, first),
+            "snr_1_to_2": rate([r for r in visible if r["snr"] < 2], first),
+            "snr_below_1": rate(faint, first),
+        },
+        "single": {
+            "least_snr": LEAST_SNR,
+            "top1": rate(loud, first),
+            "in_set": rate(loud, inside),
+            "from_snr_1_top1": rate(visible, first),
+            "from_snr_1_in_set": rate(visible, inside),
+            "ranked_first": rate(visible, lambda r: r["ranks"] and r["ranks"][0] == 1),
+            "all_amplitudes_top1": rate(single, first),
+            "wrong_name": rate(single, lambda r: r["named"] and not inside(r)),
+        },
+        "null": {
+            "false_alarm": rate(sets["null"], lambda r: r["verdict"] in _NAMING),
+            "none_of_these": rate(sets["null"], lambda r: r["verdict"] == "NONE OF THESE"),
+        },
         "base": {"named": rate(sets["base"], inside)},
-        "outside": {"none_or_partly": rate(sets["outside"], lambda r: r["verdict"] in ("NONE OF THESE", "PARTLY")),
-                    "full_name": rate(sets["outside"], lambda r: r["verdict"] in ("EFFECT", "CONFOUNDED"))},
-        "pairs": {"both": rate(sets["pair"], lambda r: set(r["hidden"]) <= set(r["named"])),
-                  "one": rate(sets["pair"], inside),
-                  "both_in_turn": rate([r for r in sets["pair"] if "next_named" in r],
-                                       lambda r: set(r["hidden"]) <= {*r["named"], *r["next_named"]})},
-        "decoys": {"chosen": rate(rows, lambda r: set(r["named"]) & {"drag", "inertia"}),
-                   "called_physics": rate(sets["decoy"], lambda r: r["verdict"] in ("EFFECT", "PARTLY"))},
+        "outside": {
+            "none_or_partly": rate(sets["outside"], lambda r: r["verdict"] in ("NONE OF THESE", "PARTLY")),
+            "full_name": rate(sets["outside"], lambda r: r["verdict"] in ("EFFECT", "CONFOUNDED")),
+        },
+        "pairs": {
+            "both": rate(sets["pair"], lambda r: set(r["hidden"]) <= set(r["named"])),
+            "one": rate(sets["pair"], inside),
+            "both_in_turn": rate(
+                [r for r in sets["pair"] if "next_named" in r],
+                lambda r: set(r["hidden"]) <= {*r["named"], *r["next_named"]},
+            ),
+        },
+        "decoys": {
+            "chosen": rate(rows, lambda r: set(r["named"]) & {"drag", "inertia"}),
+            "called_physics": rate(sets["decoy"], lambda r: r["verdict"] in ("EFFECT", "PARTLY")),
+        },
         "gap_closed": _median(closed),
         "wrong_law": _median(wrongly),
         "parameter_error": {**_median(errors), "covered": wilson(sum(covered), len(covered))},
-        "sensor": {"called_physics": rate(sets["sensor"], lambda r: r["verdict"] in _NAMING),
-                   "stopped": rate(sets["sensor"], lambda r: r["verdict"] == "SENSOR")},
-    }  # fmt: skip
+        "sensor": {
+            "called_physics": rate(sets["sensor"], lambda r: r["verdict"] in _NAMING),
+            "stopped": rate(sets["sensor"], lambda r: r["verdict"] == "SENSOR"),
+        },
+    }
 
 
 def _median(values: list[float]) -> dict[str, Any]:
@@ -161,7 +194,7 @@ def sensor_faults_missed(out: Path) -> dict[str, Any]:
 
 def write_results(
     rows: list[dict[str, Any]], out: Path, *, command: str, engine: dict[str, Any] | None = None, result: str = RESULT
-) -> None:  # fmt: skip
+) -> None:
     """Write results/<result>.json and the tables of results-physics.md between their markers.
 
     Markers are called rates, runs and confusion; those of another result than RESULT begin with its name and a hyphen.
@@ -178,10 +211,16 @@ def write_results(
     fresh = [r for r in rows if r["name"] not in DEVELOPED]
     if engine:
         kept["engine"] = engine
-    facts = {**kept, "command": command, "versions": versions(), "seeds": sorted({r["seed"] for r in rows}),
-             "sets": {**summary(rows), "sensor": {"called_physics": sensor_faults_missed(out)}},
-             "sets_after_rules_were_fixed": summary(fresh), "confusion": confusion(rows),
-             "runs": [_kept(r) for r in rows]}  # fmt: skip
+    facts = {
+        **kept,
+        "command": command,
+        "versions": versions(),
+        "seeds": sorted({r["seed"] for r in rows}),
+        "sets": {**summary(rows), "sensor": {"called_physics": sensor_faults_missed(out)}},
+        "sets_after_rules_were_fixed": summary(fresh),
+        "confusion": confusion(rows),
+        "runs": [_kept(r) for r in rows],
+    }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(facts, indent=1))
     page = out / "results-physics.md"
@@ -265,12 +304,20 @@ def runs_table(rows: list[dict[str, Any]]) -> str:
     columns = ["run", "hidden", "moves [mm]", "SNR", "verdict", "named", "rank", *(["judged by"] if told else [])]
     lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
     for r in sorted(rows, key=lambda r: (r["set"], -r["snr"])):
-        hidden = "; ".join(": ".join(filter(None, (effect, ", ".join(f"{k} {v:g}" for k, v in values.items()))))
-                           for effect, values in r["hidden"].items())  # fmt: skip
+        hidden = "; ".join(
+            ": ".join(filter(None, (effect, ", ".join(f"{k} {v:g}" for k, v in values.items()))))
+            for effect, values in r["hidden"].items()
+        )
         then = f", then {', '.join(r['next_named'])}" if r.get("next_named") else ""
-        cells = [f"{r['set']} {r['seed']}", hidden or "-", f"{r['rms_mm']:.2f}" if "rms_mm" in r else "-",
-                 f"{r['snr']:.1f}", r["verdict"], (", ".join(r["named"]) or "-") + then,
-                 ", ".join(map(str, r.get("ranks", []))) or "-"]  # fmt: skip
+        cells = [
+            f"{r['set']} {r['seed']}",
+            hidden or "-",
+            f"{r['rms_mm']:.2f}" if "rms_mm" in r else "-",
+            f"{r['snr']:.1f}",
+            r["verdict"],
+            (", ".join(r["named"]) or "-") + then,
+            ", ".join(map(str, r.get("ranks", []))) or "-",
+        ]
         cells += [str(r.get("judged_by", "-"))] if told else []
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -278,6 +325,8 @@ def runs_table(rows: list[dict[str, Any]]) -> str:
 
 def _confused(facts: dict[str, Any]) -> str:
     lines = ["| hidden | what was named first (runs) |", "|---|---|"]
-    lines += [f"| {hidden} | {', '.join(f'{name} ({n})' for name, n in named.items())} |"
-              for hidden, named in facts["confusion"].items()]  # fmt: skip
+    lines += [
+        f"| {hidden} | {', '.join(f'{name} ({n})' for name, n in named.items())} |"
+        for hidden, named in facts["confusion"].items()
+    ]
     return "\n".join(lines)

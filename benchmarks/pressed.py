@@ -44,8 +44,10 @@ def main() -> None:
     model = train_once(
         options.work / "model",
         lambda: [track_of(episode) for episode in simulated(SCENE_PRESS, *TRAINED, [], options.jobs)],
-        TRAINING, SCENE_PRESS.name, threads=1 if options.jobs == 1 else 2,
-    )  # fmt: skip
+        TRAINING,
+        SCENE_PRESS.name,
+        threads=1 if options.jobs == 1 else 2,
+    )
     unseen, config = simulated(SCENE_PRESS, *UNSEEN, [], options.jobs), model.config
     found = {}
     for label, bound in bounds_m(model):
@@ -53,8 +55,13 @@ def main() -> None:
         errors = [1000 * rms_m(episode, predicted(model, episode)) for episode in unseen]
         found[label] = {"stray_mm": bound and 1000 * bound, "rms_mm": errors}
         sys.stdout.write(f"{label}: {found[label]}\n")
-    facts = {"command": "python -m benchmarks.pressed", "versions": versions(), "seeds": [TRAINED[0], UNSEEN[0]],
-             "episodes": [episode.name for episode in unseen], "bounds": found}  # fmt: skip
+    facts = {
+        "command": "python -m benchmarks.pressed",
+        "versions": versions(),
+        "seeds": [TRAINED[0], UNSEEN[0]],
+        "episodes": [episode.name for episode in unseen],
+        "bounds": found,
+    }
     options.out.write_text(json.dumps(facts, indent=1) + "\n")
 
 

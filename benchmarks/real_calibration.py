@@ -24,9 +24,17 @@ def realsense(folder: Path) -> dict:
     board = Board("chessboard", 12, 9, 0.025)
     found = calibrate_intrinsics(read_images(folder / "camera_calibration" / "realsense"), board)
     matrix = found.matrix
-    return {"chessboard": {"images": len(found.used), "rms_px": round(found.rms_px, 4), "fx": round(matrix[0, 0], 2),
-                           "fy": round(matrix[1, 1], 2), "cx": round(matrix[0, 2], 2), "cy": round(matrix[1, 2], 2)},
-            "hand_eye": hand_eye_rows(resource, published)}  # fmt: skip
+    return {
+        "chessboard": {
+            "images": len(found.used),
+            "rms_px": round(found.rms_px, 4),
+            "fx": round(matrix[0, 0], 2),
+            "fy": round(matrix[1, 1], 2),
+            "cx": round(matrix[0, 2], 2),
+            "cy": round(matrix[1, 2], 2),
+        },
+        "hand_eye": hand_eye_rows(resource, published),
+    }
 
 
 def franka(folder: Path) -> dict:
@@ -43,8 +51,12 @@ def hand_eye_rows(folder: Path, published: np.ndarray) -> dict:
     rows = {}
     for each in found.scores:
         angle, distance = difference(each.result, published)
-        rows[each.method] = {"spread_mm": round(each.spread_mm, 2), "spread_deg": round(each.spread_deg, 3),
-                             "to_published_deg": round(angle, 4), "to_published_mm": round(distance, 3)}  # fmt: skip
+        rows[each.method] = {
+            "spread_mm": round(each.spread_mm, 2),
+            "spread_deg": round(each.spread_deg, 3),
+            "to_published_deg": round(angle, 4),
+            "to_published_mm": round(distance, 3),
+        }
     return {"poses": len(data.base_from_gripper), "chosen": found.method, "methods": rows}
 
 
@@ -53,8 +65,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with the data sets")
     data = parser.parse_args().data
-    found = {"handeye_ros2_realsense": realsense(data / "handeye_ros2_realsense"),
-             "franka_handeye": franka(data / "franka_handeye")}  # fmt: skip
+    found = {
+        "handeye_ros2_realsense": realsense(data / "handeye_ros2_realsense"),
+        "franka_handeye": franka(data / "franka_handeye"),
+    }
     print(json.dumps(found, indent=1))
 
 

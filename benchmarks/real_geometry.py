@@ -46,15 +46,22 @@ def seven_scenes(folder: Path, step: int = 1, voxel_m: float = 0.01) -> dict:
         clouds.append(voxel_average(cloud_from_depth(frame.camera, frame.depth_m, frame.rgb, usable), 0.02))
     start = time.perf_counter()
     found = register(clouds, gate_m=0.08, iterations=15, min_overlap=0.25)
-    moved = [replace(f, camera=replace(f.camera, world_from_cam=m @ f.camera.world_from_cam))
-             for f, m in zip(frames, found.corrections)]  # fmt: skip
+    moved = [
+        replace(f, camera=replace(f.camera, world_from_cam=m @ f.camera.world_from_cam))
+        for f, m in zip(frames, found.corrections)
+    ]
     return {
-        "frames": len(frames), "voxel_mm": 1e3 * voxel_m, "vertices": len(published), "fuse_s": round(fuse_s, 1),
-        "frame_to_model_mm": before, "register_s": round(time.perf_counter() - start, 1), "pairs": found.pairs,
+        "frames": len(frames),
+        "voxel_mm": 1e3 * voxel_m,
+        "vertices": len(published),
+        "fuse_s": round(fuse_s, 1),
+        "frame_to_model_mm": before,
+        "register_s": round(time.perf_counter() - start, 1),
+        "pairs": found.pairs,
         "cloud_to_cloud_mm": {"before": round(found.residual_before_mm, 2), "after": round(found.residual_after_mm, 2)},
         "vertices_after_icp": len(fuse_tsdf(moved, voxel_m, max_depth_m=4.0)),
         "frame_to_model_after_icp_mm": frame_to_model_mm(moved, voxel_m),
-    }  # fmt: skip
+    }
 
 
 def scene_frame(color: Path, folder: Path) -> DepthFrame:
@@ -83,8 +90,11 @@ def frame_to_model_mm(frames: list[DepthFrame], voxel_m: float, every: int = 5) 
         medians.append(float(np.median(error)))
         means.append(float(error.mean()))
         seen.append(len(error) / len(points))
-    return {"median": round(float(np.median(medians)), 2), "mean": round(float(np.mean(means)), 2),
-            "share_within_100_mm": round(float(np.mean(seen)), 3)}  # fmt: skip
+    return {
+        "median": round(float(np.median(medians)), 2),
+        "mean": round(float(np.mean(means)), 2),
+        "share_within_100_mm": round(float(np.mean(seen)), 3),
+    }
 
 
 def robocook(folder: Path) -> dict:
@@ -102,14 +112,21 @@ def robocook(folder: Path) -> dict:
             image = cv2.imread(str(base.with_name(f"{base.name}_{name}.png")))
             overlaps[name] = round(crop_overlap(dough, cameras[name], image, crop), 3)
         rows[key.removeprefix("target_shapes/")] = {
-            "points": len(dough), "to_filled_mm": nearest_mm(dough, filled),
+            "points": len(dough),
+            "to_filled_mm": nearest_mm(dough, filled),
             "to_surface_mm": nearest_mm(dough, surface),
-            "from_surface_mm": nearest_mm(surface, dough), "iou": overlaps}  # fmt: skip
+            "from_surface_mm": nearest_mm(surface, dough),
+            "iou": overlaps,
+        }
     every = [value for row in rows.values() for value in row["iou"].values()]
     keys = ("to_filled_mm", "to_surface_mm", "from_surface_mm")
-    return {"objects": len(rows), "iou_median": round(float(np.median(every)), 3), "iou_min": min(every),
-            **{f"{key}_median": round(float(np.median([row[key] for row in rows.values()])), 2) for key in keys},
-            "rows": rows}  # fmt: skip
+    return {
+        "objects": len(rows),
+        "iou_median": round(float(np.median(every)), 3),
+        "iou_min": min(every),
+        **{f"{key}_median": round(float(np.median([row[key] for row in rows.values()])), 2) for key in keys},
+        "rows": rows,
+    }
 
 
 def positions(path: Path) -> np.ndarray:
@@ -181,8 +198,10 @@ def rope(folder: Path) -> dict:
         good = ((places >= 0) & (places < [mask.shape[1], mask.shape[0]])).all(1)
         drawn[places[good, 1], places[good, 0]] = 1
         wide = cv2.dilate(drawn, np.ones((5, 5), np.uint8)).astype(bool)
-        rows[f"view_{index}"] = {"recall": round(float((wide & mask).sum() / mask.sum()), 3),
-                                 "iou": round(float((wide & mask).sum() / (wide | mask).sum()), 3)}  # fmt: skip
+        rows[f"view_{index}"] = {
+            "recall": round(float((wide & mask).sum() / mask.sum()), 3),
+            "iou": round(float((wide & mask).sum() / (wide | mask).sum()), 3),
+        }
     return rows
 
 

@@ -54,7 +54,12 @@ def _block() -> MeshSequence:
     poses = np.tile(np.eye(4), (FRAMES, 1, 1))
     poses[:, 2, 3] = np.linspace(0.09, 0.06, FRAMES)
     return MeshSequence(
-        name="block", environment="block", times=np.arange(FRAMES) / 20, vertices=vertices,
-        faces=np.asarray(block.faces, np.int64), tool_vertices=np.asarray(blade.vertices),
-        tool_faces=np.asarray(blade.faces, np.int64), world_from_tool=poses,
-    )  # fmt: skip
+        name="block",
+        environment="block",
+        times=np.arange(FRAMES) / 20,
+        vertices=vertices,
+        faces=np.asarray(block.faces, np.int64),
+        tool_vertices=np.asarray(blade.vertices),
+        tool_faces=np.asarray(blade.faces, np.int64),
+        world_from_tool=poses,
+    )

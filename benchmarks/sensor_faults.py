@@ -42,8 +42,14 @@ def film(path: Path, sequence: MeshSequence, faults: Faults, **settings: float) 
 
 
 KINDS = ("clock", "depth_scale", "depth_bias", "drift_m", "drift_deg", "pose_error")
-AMPLITUDE = {"clock": 0.02, "depth_scale": 0.01, "depth_bias": 0.003, "drift_m": 0.003, "drift_deg": 0.5,
-             "pose_error": 0.003}  # fmt: skip
+AMPLITUDE = {
+    "clock": 0.02,
+    "depth_scale": 0.01,
+    "depth_bias": 0.003,
+    "drift_m": 0.003,
+    "drift_deg": 0.5,
+    "pose_error": 0.003,
+}
 NOISES_M = (0.0005, 0.001, 0.002)
 
 
@@ -107,10 +113,15 @@ class Tally:
     def row(self) -> dict[str, object]:
         """Give the figures, rates with Wilson's 95 % interval."""
         scores = np.abs(self.scores)
-        return {"cameras": self.cameras, "found": rate(self.found, self.cameras),
-                "another_found": rate(self.others, self.cameras), "another_m": self.wrong, "ambiguous": self.ambiguous,
-                "median_error": round(float(np.median(self.errors)), 4) if self.errors else None,
-                "within_1_96_se": round(float((scores < 1.96).mean()), 3) if len(scores) else None}  # fmt: skip
+        return {
+            "cameras": self.cameras,
+            "found": rate(self.found, self.cameras),
+            "another_found": rate(self.others, self.cameras),
+            "another_m": self.wrong,
+            "ambiguous": self.ambiguous,
+            "median_error": round(float(np.median(self.errors)), 4) if self.errors else None,
+            "within_1_96_se": round(float((scores < 1.96).mean()), 3) if len(scores) else None,
+        }
 
 
 def rate(count: int, total: int) -> dict[str, float]:
@@ -122,18 +133,34 @@ def rate(count: int, total: int) -> dict[str, float]:
     return {"rate": round(share, 4), "low": round(low, 4), "high": round(high, 4), "n": total}
 
 
-def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSequence],
-            kinds: tuple[tuple[str, ...], ...], seed: int, size_px: int = 128) -> dict[str, Tally]:  # fmt: skip
+def measure(
+    recordings: int,
+    share: float,
+    folder: Path,
+    sequences: list[MeshSequence],
+    kinds: tuple[tuple[str, ...], ...],
+    seed: int,
+    size_px: int = 128,
+) -> dict[str, Tally]:
     """Film `recordings` episodes, camera c of recording r with the faults kinds[(c + r) % len(kinds)]."""
     tallies: dict[str, Tally] = {}
     for r in range(recordings):
         generator = np.random.default_rng([seed, r])
         sequence = sequences[r % len(sequences)]
-        drawn = {f"cam_{i:02d}": [draw_fault(kind, share, generator) for kind in kinds[(i + r) % len(kinds)]]
-                 for i in range(6)}  # fmt: skip
+        drawn = {
+            f"cam_{i:02d}": [draw_fault(kind, share, generator) for kind in kinds[(i + r) % len(kinds)]]
+            for i in range(6)
+        }
         faults = Faults({name: [law for _, laws in each for law in laws] for name, each in drawn.items()})
-        path = film(folder / "episode.h5", sequence, faults, depth_noise_m=NOISES_M[r % 3], seed=seed + r,
-                    size=size_px, azimuth_deg=float(generator.uniform(0, 60)))  # fmt: skip
+        path = film(
+            folder / "episode.h5",
+            sequence,
+            faults,
+            depth_noise_m=NOISES_M[r % 3],
+            seed=seed + r,
+            size=size_px,
+            azimuth_deg=float(generator.uniform(0, 60)),
+        )
         for i, finding in enumerate(estimate_sensors(path)):
             label = "+".join(kinds[(i + r) % len(kinds)]) or "none"
             tally = tallies.setdefault(label, Tally())
@@ -148,8 +175,14 @@ def measure(recordings: int, share: float, folder: Path, sequences: list[MeshSeq
     return tallies
 
 
-PAIRS = (("clock", "depth_bias"), ("depth_scale", "depth_bias"), ("depth_bias", "pose_error"),
-         ("depth_scale", "pose_error"), ("clock", "drift_m"), ("drift_deg", "pose_error"))  # fmt: skip
+PAIRS = (
+    ("clock", "depth_bias"),
+    ("depth_scale", "depth_bias"),
+    ("depth_bias", "pose_error"),
+    ("depth_scale", "pose_error"),
+    ("clock", "drift_m"),
+    ("drift_deg", "pose_error"),
+)
 
 
 def main() -> int:
@@ -160,10 +193,19 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
     singles = tuple((kind,) for kind in KINDS)
-    sets = {"null": (1.0, ((),), 128), "single": (1.0, singles, 128), "pairs": (1.0, PAIRS, 128),
-            "quarter_amplitude": (0.25, singles, 128), "null_64px": (1.0, ((),), 64)}  # fmt: skip
-    result: dict[str, object] = {"command": "python -m benchmarks.sensor_faults", "seed": options.seed,
-                                 "amplitudes": AMPLITUDE, "noises_m": NOISES_M}  # fmt: skip
+    sets = {
+        "null": (1.0, ((),), 128),
+        "single": (1.0, singles, 128),
+        "pairs": (1.0, PAIRS, 128),
+        "quarter_amplitude": (0.25, singles, 128),
+        "null_64px": (1.0, ((),), 64),
+    }
+    result: dict[str, object] = {
+        "command": "python -m benchmarks.sensor_faults",
+        "seed": options.seed,
+        "amplitudes": AMPLITUDE,
+        "noises_m": NOISES_M,
+    }
     sequences = [episode(k, options.seed) for k in range(6)]
     with tempfile.TemporaryDirectory() as folder:
         path = film(Path(folder) / "speed.h5", sequences[0], Faults({}), depth_noise_m=0.001)
@@ -172,8 +214,9 @@ def main() -> int:
         result["cpu_s_per_episode"] = round(time.process_time() - started, 2)
         result["frames_per_episode"] = len(sequences[0])
         for number, (name, (share, kinds, size)) in enumerate(sets.items()):
-            tallies = measure(options.recordings, share, Path(folder), sequences, kinds,
-                              1000 * (number + 1) + options.seed, size)  # fmt: skip
+            tallies = measure(
+                options.recordings, share, Path(folder), sequences, kinds, 1000 * (number + 1) + options.seed, size
+            )
             result[name] = {kind: tally.row() for kind, tally in sorted(tallies.items())}
             print(name, json.dumps(result[name], indent=1), flush=True)
             options.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

@@ -37,9 +37,16 @@ def smooth_field(generator: np.random.Generator, places: np.ndarray, size_m: flo
 
 
 def episode(
-    generator: np.random.Generator, name: str, amplitudes: dict[str, float], *, noise_m: float = NOISE_M,
-    laws: tuple[str, ...] = LAWS, misfit_m: float = 0.0, rough_m: float = 0.0, take: int = 0,
-) -> Evidence:  # fmt: skip
+    generator: np.random.Generator,
+    name: str,
+    amplitudes: dict[str, float],
+    *,
+    noise_m: float = NOISE_M,
+    laws: tuple[str, ...] = LAWS,
+    misfit_m: float = 0.0,
+    rough_m: float = 0.0,
+    take: int = 0,
+) -> Evidence:
     """One episode in which the base misses `amplitudes` of some laws, and noise.
 
     It may also err by itself: smoothly over the object (`misfit_m`), or at each point in another way (`rough_m`).
@@ -56,13 +63,21 @@ def episode(
         residual = residual + smooth_field(chance, places, misfit_m)
     if rough_m:
         residual = residual + chance.normal(0, rough_m, residual.shape)
-    return Evidence(name, np.arange(1, FRAMES + 1), residual, motion, np.full(PATCHES, noise_m), responses,
-                    octants(places), np.zeros((FRAMES, PATCHES)))  # fmt: skip
+    return Evidence(
+        name,
+        np.arange(1, FRAMES + 1),
+        residual,
+        motion,
+        np.full(PATCHES, noise_m),
+        responses,
+        octants(places),
+        np.zeros((FRAMES, PATCHES)),
+    )
 
 
 def episodes(
     seed: int, amplitudes: dict[str, float] | None = None, *, count: int = 6, **more: object
-) -> list[Evidence]:  # fmt: skip
+) -> list[Evidence]:
     generator = np.random.default_rng(seed)
     return [episode(generator, f"e{k}", amplitudes or {}, **more) for k in range(count)]  # type: ignore[arg-type]
 
@@ -86,7 +101,7 @@ class FakeTable:
 
 def state(
     measured: list[Evidence], reference: list[Evidence] | None = None, candidates: list[Candidate] = CANDIDATES
-) -> State:  # fmt: skip
+) -> State:
     tables = [FakeTable(rows) for rows in (measured, reference) if rows is not None]
     return State(tables, candidates)  # type: ignore[arg-type]
 

@@ -70,8 +70,10 @@ def rows(name: str, episodes: list[Followed]) -> list[str]:
     kinds = defaultdict(list)
     for episode in episodes:
         kinds[episode.kind].append(episode)
-    return [f"| {name} | {kind} ({len(group)}) | {_cell(group, covered=False)} | {_cell(group, covered=True)} |"
-            for kind, group in sorted(kinds.items())]  # fmt: skip
+    return [
+        f"| {name} | {kind} ({len(group)}) | {_cell(group, covered=False)} | {_cell(group, covered=True)} |"
+        for kind, group in sorted(kinds.items())
+    ]
 
 
 def _cell(group: list[Followed], *, covered: bool) -> str:
@@ -93,8 +95,10 @@ def main() -> None:
     options = parser.parse_args()
     store = Store(options.workspace)
     recordings = store.find(options.recordings)
-    lines = ["| filter | motion (episodes) | seen: motion [mm], error [mm], share followed | covered by the tool |",
-             "|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| filter | motion (episodes) | seen: motion [mm], error [mm], share followed | covered by the tool |",
+        "|---|---|---|---|",
+    ]
     for name in options.filters:
         lines += rows(name, episodes_of(store, recordings, store.find(name)))
     sys.stdout.write("\n".join(lines) + "\n")

@@ -35,8 +35,10 @@ def slide(episode: Episode) -> tuple[float, float, float]:
 
 def line(folder: Path, environment: str) -> str:
     """Give one environment's line of the table; 004 and 005 are the test recordings."""
-    cells = [f"{angle:.0f}: {forward:.0f}/{aside:.1f}"
-             for angle, forward, aside in map(slide, episodes_of(folder, f"{environment}_part_*"))]  # fmt: skip
+    cells = [
+        f"{angle:.0f}: {forward:.0f}/{aside:.1f}"
+        for angle, forward, aside in map(slide, episodes_of(folder, f"{environment}_part_*"))
+    ]
     return f"| {environment.replace('_', '-')} | " + " | ".join(cells) + " |"
 
 

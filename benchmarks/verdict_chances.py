@@ -53,8 +53,9 @@ SCATTERS = ("by what they hold", "between both", "all alike")
 """How amplitudes of episodes scatter: as noise makes them (less where much is held), the same everywhere, or between:
 their squared residuals grow as the root of what is held."""
 MISFIT_M: dict[str, dict[str, Any]] = {
-    "smoothly": {"misfit_m": 3e-4}, "at each point in another way": {"rough_m": 3e-4}
-}  # fmt: skip
+    "smoothly": {"misfit_m": 3e-4},
+    "at each point in another way": {"rough_m": 3e-4},
+}
 LAWS = ("tilt", "viscosity", "swelling")
 
 
@@ -78,9 +79,16 @@ def drawn_grams(
 
 
 def contrast_chances(
-    kinds: tuple[list[str], list[str]], held: Draw, scatter: str, own: int, runs: int, *,
-    change: float = 0.0, apart: float = 1.0, told: bool = True,
-) -> np.ndarray:  # fmt: skip
+    kinds: tuple[list[str], list[str]],
+    held: Draw,
+    scatter: str,
+    own: int,
+    runs: int,
+    *,
+    change: float = 0.0,
+    apart: float = 1.0,
+    told: bool = True,
+) -> np.ndarray:
     """Compare many pairs of sets; give p of each.
 
     Args:
@@ -97,8 +105,10 @@ def contrast_chances(
     names = kinds if told else (["any"] * len(kinds[0]), ["any"] * len(kinds[1]))
     for k in range(runs):
         alone = {kind: apart * generator.normal(size=own) for kind in sorted({*kinds[0], *kinds[1]})}
-        sets = [drawn_grams(generator, held(generator, len(labels)), [alone[kind] + more for kind in labels], scatter)
-                for labels, more in zip(kinds, (change, 0.0), strict=True)]  # fmt: skip
+        sets = [
+            drawn_grams(generator, held(generator, len(labels)), [alone[kind] + more for kind in labels], scatter)
+            for labels, more in zip(kinds, (change, 0.0), strict=True)
+        ]
         found[k] = contrast_of(sets[0], sets[1], np.arange(1 + own), own, 1, names).p
     return found
 
@@ -126,9 +136,13 @@ def null_rows(runs: int) -> Iterator[dict[str, Any]]:
     for (misfit, given), reference, count in product(MISFIT_M.items(), (False, True), (4, 6, 8)):
         found = [concluded(seed, count, given, reference) for seed in range(runs)]
         p = np.array([next(f.p for f in one.findings if f.kind != "base") for one in found])
-        yield {"misfit": misfit, "reference": reference, "episodes": count,
-               "shams_passed": wilson(int((p <= P_LARGEST).sum()), runs),
-               "named": wilson(sum(bool(one.verdict.named) for one in found), runs)}  # fmt: skip
+        yield {
+            "misfit": misfit,
+            "reference": reference,
+            "episodes": count,
+            "shams_passed": wilson(int((p <= P_LARGEST).sum()), runs),
+            "named": wilson(sum(bool(one.verdict.named) for one in found), runs),
+        }
 
 
 def limit_rows(runs: int) -> Iterator[dict[str, Any]]:
@@ -146,24 +160,44 @@ def limit_rows(runs: int) -> Iterator[dict[str, Any]]:
 
 def contrast_table(rows: list[dict[str, Any]]) -> str:
     """Set the rates of the contrast side by side."""
-    lines = ["| what is known of a law lies | amplitudes scatter | motions | false alarms, one amplitude "
-             "| two amplitudes | a change of 3 is seen |", "|---|---|---|---|---|---|"]  # fmt: skip
-    return "\n".join(lines + [f"| {r['held']} | {r['scatter']} | {r['kinds']} | {shown(r['false_1'])} | "
-                              f"{shown(r['false_2'])} | {shown(r['seen'])} |" for r in rows])  # fmt: skip
+    lines = [
+        "| what is known of a law lies | amplitudes scatter | motions | false alarms, one amplitude "
+        "| two amplitudes | a change of 3 is seen |",
+        "|---|---|---|---|---|---|",
+    ]
+    return "\n".join(
+        lines
+        + [
+            f"| {r['held']} | {r['scatter']} | {r['kinds']} | {shown(r['false_1'])} | "
+            f"{shown(r['false_2'])} | {shown(r['seen'])} |"
+            for r in rows
+        ]
+    )
 
 
 def null_table(rows: list[dict[str, Any]]) -> str:
     """Set the false alarms side by side."""
     lines = ["| the base errs | reference | episodes | pass the shams | something is named |", "|---|---|---|---|---|"]
-    return "\n".join(lines + [f"| {r['misfit']} | {'yes' if r['reference'] else 'no'} | {r['episodes']} | "
-                              f"{shown(r['shams_passed'])} | {shown(r['named'])} |" for r in rows])  # fmt: skip
+    return "\n".join(
+        lines
+        + [
+            f"| {r['misfit']} | {'yes' if r['reference'] else 'no'} | {r['episodes']} | "
+            f"{shown(r['shams_passed'])} | {shown(r['named'])} |"
+            for r in rows
+        ]
+    )
 
 
 def limit_table(rows: list[dict[str, Any]]) -> str:
     """Set the recoveries side by side."""
     lines = ["| the base errs | reference | named at the limit | at half of it |", "|---|---|---|---|"]
-    return "\n".join(lines + [f"| {r['misfit']} | {'yes' if r['reference'] else 'no'} | {shown(r['at'])} | "
-                              f"{shown(r['half'])} |" for r in rows])  # fmt: skip
+    return "\n".join(
+        lines
+        + [
+            f"| {r['misfit']} | {'yes' if r['reference'] else 'no'} | {shown(r['at'])} | {shown(r['half'])} |"
+            for r in rows
+        ]
+    )
 
 
 def main() -> None:
@@ -174,12 +208,19 @@ def main() -> None:
     parser.add_argument("--part", choices=("contrast", "nothing", "limits"), action="append", help="Only this one.")
     options = parser.parse_args()
     fewer = options.runs // 3
-    parts = {"contrast": (contrast_rows(options.runs), contrast_table), "nothing": (null_rows(fewer), null_table),
-             "limits": (limit_rows(fewer // 4), limit_table)}  # fmt: skip
+    parts = {
+        "contrast": (contrast_rows(options.runs), contrast_table),
+        "nothing": (null_rows(fewer), null_table),
+        "limits": (limit_rows(fewer // 4), limit_table),
+    }
     path, page = options.out / "results" / "verdict_chances.json", options.out / "results-physics.md"
     facts: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
-    facts |= {"command": "python -m benchmarks.verdict_chances", "versions": versions(), "seeds": "0 to runs",
-              "level": P_LARGEST}  # fmt: skip
+    facts |= {
+        "command": "python -m benchmarks.verdict_chances",
+        "versions": versions(),
+        "seeds": "0 to runs",
+        "level": P_LARGEST,
+    }
     for name, (rows, table) in parts.items():
         if options.part and name not in options.part:
             continue

@@ -55,16 +55,28 @@ def main() -> None:
     load = os.getloadavg()[0]
     for _ in range(options.rounds):
         for way, variables in WAYS.items():
-            done = subprocess.run([sys.executable, "-m", "benchmarks.waiting_policies", "--one"], check=True,
-                                  capture_output=True, text=True, env=clean | variables)  # fmt: skip
+            done = subprocess.run(
+                [sys.executable, "-m", "benchmarks.waiting_policies", "--one"],
+                check=True,
+                capture_output=True,
+                text=True,
+                env=clean | variables,
+            )
             rows[way].append(json.loads(done.stdout))
             sys.stdout.write(f"{way:24s} " + "  ".join(f"{k} {v:.1f}" for k, v in rows[way][-1].items()) + "\n")
-    write_json(options.out, {
-        "command": "python -m benchmarks.waiting_policies", "rounds": options.rounds, "load_1min_before": load,
-        "cores": len(os.sched_getaffinity(0)), "ways": {
-            way: {key: _spread([row[key] for row in found]) for key in found[0]}
-            for way, found in rows.items()},
-    }, sort_keys=False)  # fmt: skip
+    write_json(
+        options.out,
+        {
+            "command": "python -m benchmarks.waiting_policies",
+            "rounds": options.rounds,
+            "load_1min_before": load,
+            "cores": len(os.sched_getaffinity(0)),
+            "ways": {
+                way: {key: _spread([row[key] for row in found]) for key in found[0]} for way, found in rows.items()
+            },
+        },
+        sort_keys=False,
+    )
 
 
 def _spread(values: list[float]) -> dict[str, float]:

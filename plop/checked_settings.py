@@ -23,8 +23,13 @@ def check_ranges(config: object, stage: str, ranges: Mapping[str, tuple[float, f
         value = getattr(config, name)
         if not low <= value <= high:
             expected = f"{low:g} or more" if high == float("inf") else f"{low:g} to {high:g}"
-            raise PlopError("A setting is out of range.", where=_key(stage, name), expected=expected,
-                            found=str(value), fix=f"`plop {stage} --help` tells unit and default.")  # fmt: skip
+            raise PlopError(
+                "A setting is out of range.",
+                where=_key(stage, name),
+                expected=expected,
+                found=str(value),
+                fix=f"`plop {stage} --help` tells unit and default.",
+            )
 
 
 def check_choices(config: object, stage: str, choices: Mapping[str, Sequence[str]]) -> None:
@@ -35,9 +40,13 @@ def check_choices(config: object, stage: str, choices: Mapping[str, Sequence[str
     """
     for name, known in choices.items():
         if getattr(config, name) not in known:
-            raise PlopError("This setting is unknown.", where=_key(stage, name), expected=" or ".join(known),
-                            found=str(getattr(config, name)),
-                            fix=f"`plop {stage} --help` tells what each does.")  # fmt: skip
+            raise PlopError(
+                "This setting is unknown.",
+                where=_key(stage, name),
+                expected=" or ".join(known),
+                found=str(getattr(config, name)),
+                fix=f"`plop {stage} --help` tells what each does.",
+            )
 
 
 def _key(stage: str, name: str) -> str:
@@ -61,5 +70,10 @@ def check_jobs(config: HasJobs, stage: str) -> None:
         PlopError: `jobs` is 0.
     """
     if config.jobs == 0:
-        raise PlopError("A setting is out of range.", where=f"{stage}.jobs", expected="1 or more; -1 is one a core",
-                        found="0", fix="Leave it out to use all cores.")  # fmt: skip
+        raise PlopError(
+            "A setting is out of range.",
+            where=f"{stage}.jobs",
+            expected="1 or more; -1 is one a core",
+            found="0",
+            fix="Leave it out to use all cores.",
+        )

@@ -49,8 +49,13 @@ class Clusters:
     def mapped(self, matrix: np.ndarray) -> Clusters:
         """Give linear combinations of the amplitudes, [D, C]."""
         return replace(
-            self, values=matrix @ self.values, pulls=self.pulls @ matrix.T, expected=matrix @ self.expected @ matrix.T,
-            whole=matrix @ self.whole @ matrix.T, likely=matrix @ self.likely @ matrix.T)  # fmt: skip
+            self,
+            values=matrix @ self.values,
+            pulls=self.pulls @ matrix.T,
+            expected=matrix @ self.expected @ matrix.T,
+            whole=matrix @ self.whole @ matrix.T,
+            likely=matrix @ self.likely @ matrix.T,
+        )
 
     def averaged(self, matrix: np.ndarray, loud: float) -> Clusters:
         """Give one more error, as large as these are on average, mapped by a matrix [D, C]; see `loudness`."""
@@ -122,9 +127,11 @@ def loudness(hessian: np.ndarray) -> np.ndarray:
 
 
 def clusters(
-    hessian: np.ndarray, gradient: np.ndarray, prior: tuple[np.ndarray, np.ndarray] | None = None,
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
     loud: np.ndarray | None = None,
-) -> Clusters:  # fmt: skip
+) -> Clusters:
     """Fit amplitudes to all episodes.
 
     Args:
@@ -145,8 +152,16 @@ def clusters(
     expected = np.einsum("eab,efbc,fdc->efad", to_fit, _left_together(normal, inverse, np.ones(len(loud))), to_fit)
     whole, likely = (inverse @ np.tensordot(weights, normal, 1) @ inverse for weights in (np.ones(len(loud)), loud))
     scatter, shown = _scatter(left, righted, normal, _left_together(normal, inverse, loud))
-    return Clusters(values / scale, np.einsum("ecd,ed->ec", to_fit, left) / scale, expected / units, whole / units,
-                    likely / units, scatter, shown, inverse / units)  # fmt: skip
+    return Clusters(
+        values / scale,
+        np.einsum("ecd,ed->ec", to_fit, left) / scale,
+        expected / units,
+        whole / units,
+        likely / units,
+        scatter,
+        shown,
+        inverse / units,
+    )
 
 
 def _scaled(total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -196,9 +211,16 @@ def together(parts: Sequence[Clusters]) -> Clusters:
         at += count
     shown = sum(part.shown for part in parts)
     scatter = sum(part.scatter * part.shown for part in parts) / max(shown, 1e-300)
-    return Clusters(np.sum([part.values for part in parts], 0), np.concatenate([part.pulls for part in parts]),
-                    expected, np.sum([part.whole for part in parts], 0), np.sum([part.likely for part in parts], 0),
-                    scatter, shown, parts[0].inverse)  # fmt: skip
+    return Clusters(
+        np.sum([part.values for part in parts], 0),
+        np.concatenate([part.pulls for part in parts]),
+        expected,
+        np.sum([part.whole for part in parts], 0),
+        np.sum([part.likely for part in parts], 0),
+        scatter,
+        shown,
+        parts[0].inverse,
+    )
 
 
 def whitened(fitted: Clusters, hessian: np.ndarray) -> Clusters:

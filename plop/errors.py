@@ -84,8 +84,13 @@ class PlopError(Exception):
             return self
         advice = [getattr(first, "fix", ""), f"If this stays: {self.fix}" if self.fix else ""]
         found = self.problem + (f" Found: {self.found}" if self.found else "")
-        lead = PlopError(first[:1].upper() + first[1:], where=self.where, found=f"because of it, perhaps: {found}",
-                         fix=" ".join(text for text in advice if text) or None, cause=cause)  # fmt: skip
+        lead = PlopError(
+            first[:1].upper() + first[1:],
+            where=self.where,
+            found=f"because of it, perhaps: {found}",
+            fix=" ".join(text for text in advice if text) or None,
+            cause=cause,
+        )
         lead.noticed = rest
         return lead
 

@@ -76,13 +76,22 @@ def checked_values(
     for key in given:
         if key not in known:
             near = get_close_matches(key, known, 1) or list(known)
-            raise PlopError(f"The {what} {law} has no such parameter.", where=f"{law}.{key}", expected=", ".join(known),
-                            found=key, fix=f"Did you mean {near[0]}?")  # fmt: skip
+            raise PlopError(
+                f"The {what} {law} has no such parameter.",
+                where=f"{law}.{key}",
+                expected=", ".join(known),
+                found=key,
+                fix=f"Did you mean {near[0]}?",
+            )
     values = {key: float(given.get(key, number.default)) for key, number in known.items()}
     for key, number in known.items():
         if not (np.isfinite(values[key]) and number.low <= values[key] <= number.high):
             article = "an" if what[0] in "aeiou" else "a"
-            raise PlopError(f"A parameter of {article} {what} is out of range.", where=f"{law}.{key}",
-                            expected=f"{number.low:g} to {number.high:g} {number.unit}", found=f"{values[key]:g}",
-                            fix=f"Check the unit: {units}.")  # fmt: skip
+            raise PlopError(
+                f"A parameter of {article} {what} is out of range.",
+                where=f"{law}.{key}",
+                expected=f"{number.low:g} to {number.high:g} {number.unit}",
+                found=f"{values[key]:g}",
+                fix=f"Check the unit: {units}.",
+            )
     return values

@@ -41,5 +41,9 @@ def _unloadable(error: Exception) -> PlopError:
         fix = f"{install_command(packages)}   (on Debian and Ubuntu, as root)"
     else:
         fix = "Install it again; on Linux it needs glibc 2.35 or newer."
-    return PlopError("open3d, which casts the rays, cannot be loaded.", expected="the package and its system libraries",
-                     found=next(iter(str(error).splitlines()), "") or type(error).__name__, fix=fix)  # fmt: skip
+    return PlopError(
+        "open3d, which casts the rays, cannot be loaded.",
+        expected="the package and its system libraries",
+        found=next(iter(str(error).splitlines()), "") or type(error).__name__,
+        fix=fix,
+    )

@@ -56,8 +56,13 @@ def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu
         if read_facts(inner).get("kind") == "engine":  # exact: one run with the effects instead of two differences
             return FilledEngineModel(engine, effects, cut_faces=True)
         return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference
-    raise PlopError("The model is of an unknown kind.", where=folder / "model.json", expected=", ".join(KINDS),
-                    found=str(kind), fix="Update plop.")  # fmt: skip
+    raise PlopError(
+        "The model is of an unknown kind.",
+        where=folder / "model.json",
+        expected=", ".join(KINDS),
+        found=str(kind),
+        fix="Update plop.",
+    )
 
 
 def augment(
@@ -78,9 +83,13 @@ def augment(
     if isinstance(model, AugmentedModel):
         return AugmentedModel(model.base, model.engine, (*model.effects, *effects))
     if engine is None:
-        raise PlopError("A learned model needs the engine beside it.", where="augment", found="none",
-                        expected="engine=, a model of `plop identify`",
-                        fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
+        raise PlopError(
+            "A learned model needs the engine beside it.",
+            where="augment",
+            found="none",
+            expected="engine=, a model of `plop identify`",
+            fix="Run `plop identify` on the recordings it was trained on.",
+        )
     return AugmentedModel(model, engine.base if isinstance(engine, FilledEngineModel) else engine, effects)
 
 

@@ -27,8 +27,14 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings=HELP,
 )
-ingest = typer.Typer(help="Turn raw data into recordings.", no_args_is_help=True, add_completion=False,
-                     rich_markup_mode="rich", pretty_exceptions_enable=False, context_settings=HELP)  # fmt: skip
+ingest = typer.Typer(
+    help="Turn raw data into recordings.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings=HELP,
+)
 
 STAGES = "Stages, in order"
 
@@ -51,8 +57,14 @@ def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
 
         return stage_app(ref)
 
-    owner.command(name, cls=completed_by(inner), help=ref.help, context_settings=PASS_ON, rich_help_panel=STAGES,
-                  add_help_option=False)(command)  # fmt: skip
+    owner.command(
+        name,
+        cls=completed_by(inner),
+        help=ref.help,
+        context_settings=PASS_ON,
+        rich_help_panel=STAGES,
+        add_help_option=False,
+    )(command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -63,9 +75,10 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _front(
-    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True,
-                                          help="Print the version.")] = False,
-) -> None:  # fmt: skip
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
     pass
 
 
@@ -93,15 +106,23 @@ def _names_a_path(word: str) -> bool:
     known = [command.name for command in ingest.registered_commands]
     if word.startswith("-") or word in known:
         return False
-    return os.path.exists(word) or any(mark in word for mark in ("/", os.sep, "~", ".")) or not any(
-        get_close_matches(word, [name or "" for name in known]))  # fmt: skip
+    return (
+        os.path.exists(word)
+        or any(mark in word for mark in ("/", os.sep, "~", "."))
+        or not any(get_close_matches(word, [name or "" for name in known]))
+    )
 
 
 for _ref in pipeline():
     if _ref.name == "ingest":
         if not ingest.registered_commands:  # the first of them says where the group stands in the list
-            app.command("ingest", cls=completed_by(lambda: ingest, group=True), context_settings=PASS_ON,
-                        add_help_option=False, rich_help_panel=STAGES)(_ingest)  # fmt: skip
+            app.command(
+                "ingest",
+                cls=completed_by(lambda: ingest, group=True),
+                context_settings=PASS_ON,
+                add_help_option=False,
+                rich_help_panel=STAGES,
+            )(_ingest)
         _add(ingest, _ref.command.split()[1], _ref)
     else:
         _add(app, _ref.command, _ref)
@@ -155,6 +176,11 @@ def _unexpected(console: Console, error: Exception, *, debug: bool) -> int:
         return INTERRUPTED
     if debug:
         raise error
-    console.error(PlopError("Something unexpected went wrong.", found=f"{type(error).__name__}: {error}",
-                            fix="Run the command again with --debug and report what it shows."))  # fmt: skip
+    console.error(
+        PlopError(
+            "Something unexpected went wrong.",
+            found=f"{type(error).__name__}: {error}",
+            fix="Run the command again with --debug and report what it shows.",
+        )
+    )
     return 1

@@ -13,20 +13,28 @@ from plop_cli.console import Console
 AROUND = "Around the pipeline"
 WHOLE = "The whole pipeline"
 
-Workspace = Annotated[Path, typer.Option("--workspace", "-w", envvar="PLOP_WORKSPACE",
-                                         help="Folder that holds artifacts/ and plop.toml.")]  # fmt: skip
+Workspace = Annotated[
+    Path, typer.Option("--workspace", "-w", envvar="PLOP_WORKSPACE", help="Folder that holds artifacts/ and plop.toml.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
 Seed = Annotated[str, typer.Option("--seed", metavar="<int>", help="Draws what is made up.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
-Assignments = Annotated[list[str] | None, typer.Option("--set", metavar="STAGE.KEY=VALUE",
-                                                       help="Override a setting of a stage.")]  # fmt: skip
+Assignments = Annotated[
+    list[str] | None, typer.Option("--set", metavar="STAGE.KEY=VALUE", help="Override a setting of a stage.")
+]
 Address = Annotated[str, typer.Argument(help="stage@prefix, stage@latest or a name.", show_default=False)]
 HERE = Path(".")
 
 
-def demo(workspace: Workspace = Path("demo"), seed: Seed = "0", set_: Assignments = None, quiet: Quiet = False,
-         as_json: AsJson = False, debug: Debug = False) -> None:  # fmt: skip
+def demo(
+    workspace: Workspace = Path("demo"),
+    seed: Seed = "0",
+    set_: Assignments = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Simulate a small set and run every stage on it; ends with scores, a video and times."""
     from plop.artifacts.store import Store
     from plop_cli.demo import run_demo
@@ -35,9 +43,13 @@ def demo(workspace: Workspace = Path("demo"), seed: Seed = "0", set_: Assignment
 
 
 def demo_physics(
-    context: typer.Context, workspace: Workspace = Path("demo-physics"), seed: Seed = "0", quiet: Quiet = False,
-    as_json: AsJson = False, debug: Debug = False,
-) -> None:  # fmt: skip
+    context: typer.Context,
+    workspace: Workspace = Path("demo-physics"),
+    seed: Seed = "0",
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Hide an effect, seal the answer, find it, add it, watch the error fall; ends with a report."""
     from plop_cli.demo_physics import run_demo_physics
 
@@ -52,28 +64,49 @@ def _seed(text: str) -> int:
 
 def reproduce(
     data: Annotated[Path, typer.Argument(help="Folder of DiSECt recordings.", show_default=False)],
-    profile: Annotated[str, typer.Option(help="cpu: 2 cores; cpu-recordings: without episodes that an engine makes up; "
-                                              "paper: the paper's schedule, for a GPU.")] = "cpu",
+    profile: Annotated[
+        str,
+        typer.Option(
+            help="cpu: 2 cores; cpu-recordings: without episodes that an engine makes up; "
+            "paper: the paper's schedule, for a GPU."
+        ),
+    ] = "cpu",
     env: Annotated[list[str] | None, typer.Option(help="Only this environment; may be repeated.")] = None,
-    out: Annotated[Path | None, typer.Option(
-        help="Folder with results.md and results/.",
-        show_default="docs; the workspace with --env, --set or a plop.toml")] = None,
-    workspace: Workspace = Path("reproduce"), set_: Assignments = None, quiet: Quiet = False,
-    as_json: AsJson = False, debug: Debug = False,
-) -> None:  # fmt: skip
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder with results.md and results/.",
+            show_default="docs; the workspace with --env, --set or a plop.toml",
+        ),
+    ] = None,
+    workspace: Workspace = Path("reproduce"),
+    set_: Assignments = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Run all stages on the nine DiSECt environments and write the results; goes on where it stopped."""
     from plop.artifacts.store import Store
     from plop_cli.reproduce import reproduce as run
 
-    run(Store(workspace), Console(quiet=quiet, as_json=as_json), data, profile=profile, environments=env or [],
-        assignments=set_ or [], out=out)  # fmt: skip
+    run(
+        Store(workspace),
+        Console(quiet=quiet, as_json=as_json),
+        data,
+        profile=profile,
+        environments=env or [],
+        assignments=set_ or [],
+        out=out,
+    )
 
 
 def status(
     workspace: Workspace = HERE,
     everything: Annotated[bool, typer.Option("--all", help="Show older ones too.")] = False,
-    quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False,
-) -> None:  # fmt: skip
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Show the artifacts, what each was made from, and what is stale."""
     from plop.artifacts.store import Store
     from plop_cli.status import show_status
@@ -81,8 +114,14 @@ def status(
     show_status(Store(workspace), Console(quiet=quiet, as_json=as_json), everything=everything)
 
 
-def why(one: Address, two: Address, workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False,
-        debug: Debug = False) -> None:  # fmt: skip
+def why(
+    one: Address,
+    two: Address,
+    workspace: Workspace = HERE,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Name the first difference between two artifacts, from the raw data on."""
     from plop.artifacts.store import Store
     from plop_cli.status import show_difference
@@ -93,8 +132,11 @@ def why(one: Address, two: Address, workspace: Workspace = HERE, quiet: Quiet = 
 
 def verify(
     addresses: Annotated[list[str] | None, typer.Argument(help="Artifacts to check; all without.")] = None,
-    workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False,
-) -> None:  # fmt: skip
+    workspace: Workspace = HERE,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Read every payload again and compare it with what the stage wrote."""
     from plop.artifacts.store import Store
     from plop_cli.status import verify_all
@@ -106,11 +148,15 @@ def verify(
 def export(
     address: Address,
     folder: Annotated[Path, typer.Argument(help="Where to copy to.", show_default=False)],
-    kind: Annotated[str, typer.Option(help="all, splats, clouds, video, animation, recordings, states, model, "
-                                           "scores or pictures.")] = "all",
+    kind: Annotated[
+        str, typer.Option(help="all, splats, clouds, video, animation, recordings, states, model, scores or pictures.")
+    ] = "all",
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
-    workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False,
-) -> None:  # fmt: skip
+    workspace: Workspace = HERE,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
     """Copy an artifact's files out of the workspace, with its manifest."""
     from plop.artifacts.store import Store
     from plop_cli.export import export as run
@@ -123,8 +169,10 @@ def view(
     address: Address,
     episode: Annotated[str | None, typer.Option(help="Episode to show; the first without.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write an .rrd file instead of opening the viewer.")] = None,
-    workspace: Workspace = HERE, quiet: Quiet = False, debug: Debug = False,
-) -> None:  # fmt: skip
+    workspace: Workspace = HERE,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
     """Look at recordings, splats or predicted states in 3D (needs rerun-sdk)."""
     from plop.artifacts.store import Store
     from plop_cli.view import view as run

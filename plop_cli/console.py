@@ -69,8 +69,9 @@ class Console:
             numeric = all(isinstance(row.get(key), (int, float)) for row in rows)
             longest = max(len(_cell(row.get(key))) for row in rows)
             heading = str(key).replace("_", "\n") if longest < len(str(key)) else str(key)
-            table.add_column(heading, justify="right" if numeric else "left", overflow="fold",
-                             no_wrap=longest <= LONGEST_UNBROKEN)  # fmt: skip
+            table.add_column(
+                heading, justify="right" if numeric else "left", overflow="fold", no_wrap=longest <= LONGEST_UNBROKEN
+            )
         for row in rows:
             table.add_row(*[_cell(row.get(key)) for key in keys])
         _rich(stderr=False).print(table, highlight=False)
@@ -150,9 +151,15 @@ def _bar(title: str) -> Iterator[Progress]:
 
         def report(done: float, total: float, label: str = "", **figures: Any) -> None:
             speed = pace.per_s(done, total, time.monotonic())
-            bar.update(task, completed=done, total=total, description=f"{title} {label}".strip(),
-                       rate=f"{speed:.3g}/s" if speed else "", left=_left(done, total, speed),
-                       figures=_join(figures))  # fmt: skip
+            bar.update(
+                task,
+                completed=done,
+                total=total,
+                description=f"{title} {label}".strip(),
+                rate=f"{speed:.3g}/s" if speed else "",
+                left=_left(done, total, speed),
+                figures=_join(figures),
+            )
 
         yield report
 

@@ -58,9 +58,15 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
         steps("eval", "--model", model, "--recordings", "mystery", "--name", f"scores-{model}")
     steps("report", "--models", ",".join(models), "--recordings", "mystery", "--name", "report")
     console.say(f"all in {format_seconds(time.perf_counter() - started)}")
-    console.result({"verdict": found["verdict"], "answer": answer, "models": models,
-                    **_say_pictures(Store(workspace), console, models[-1]),
-                    "seconds": round(time.perf_counter() - started, 1)})  # fmt: skip
+    console.result(
+        {
+            "verdict": found["verdict"],
+            "answer": answer,
+            "models": models,
+            **_say_pictures(Store(workspace), console, models[-1]),
+            "seconds": round(time.perf_counter() - started, 1),
+        }
+    )
 
 
 def _say_pictures(store: Store, console: Console, model: str) -> dict[str, Any]:
@@ -91,11 +97,17 @@ class Steps:
         quiet = ["--quiet"] if self.console.quiet or self.console.as_json else []
         code = self.run([*words, "-w", str(self.workspace), *quiet])
         if code != 0:
-            raise PlopError("A step of the demo failed.", where=f"plop {' '.join(words)}", found=f"exit code {code}",
-                            fix="Correct what the message above says and run the demo again.")  # fmt: skip
+            raise PlopError(
+                "A step of the demo failed.",
+                where=f"plop {' '.join(words)}",
+                found=f"exit code {code}",
+                fix="Correct what the message above says and run the demo again.",
+            )
 
 
 def _answer_text(answer: dict[str, Any]) -> str:
-    effects = "; ".join(f"{name}: " + ", ".join(f"{k} = {v:.4g}" for k, v in values.items())
-                        for name, values in answer["effects"].items())  # fmt: skip
+    effects = "; ".join(
+        f"{name}: " + ", ".join(f"{k} = {v:.4g}" for k, v in values.items())
+        for name, values in answer["effects"].items()
+    )
     return f"hidden was {effects or 'nothing'} (moves the object by {1000 * answer['rms_m']:.2f} mm RMS)"

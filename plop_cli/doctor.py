@@ -66,8 +66,7 @@ def _finding(part: Part, store: Store) -> Finding:
     try:
         look = part.look(store)
     except Exception as error:  # a broken part must not hide the others, but one that is installed should work
-        return Finding(part.name, group, PROBLEM, f"{type(error).__name__}: {error}",
-                       f"install {part.name} again")  # fmt: skip
+        return Finding(part.name, group, PROBLEM, f"{type(error).__name__}: {error}", f"install {part.name} again")
     state = OK if look.there else PROBLEM if part.needed else OPTIONAL
     detail = look.detail if look.there or not part.use else f"{look.detail}: {part.use}"
     return Finding(part.name, group, state, detail, look.remedy)
@@ -77,20 +76,33 @@ def show(store: Store, console: Console) -> int:
     """Print the findings in two groups; return 1 when a needed part is missing or an installed one is broken."""
     findings = examine(store)
     for group in ("needed", "optional"):
-        console.table([{key: value for key, value in asdict(finding).items() if key != "group"}
-                       for finding in findings if finding.group == group], title=group)  # fmt: skip
+        console.table(
+            [
+                {key: value for key, value in asdict(finding).items() if key != "group"}
+                for finding in findings
+                if finding.group == group
+            ],
+            title=group,
+        )
         console.say("")
     broken = [finding.part for finding in findings if finding.state == PROBLEM]
     missing = [finding.part for finding in findings if finding.state == OPTIONAL]
-    console.say(f"needs repair: {', '.join(broken)}" if broken else "everything that plop needs is there"
-                + (f"; not there, and not needed: {', '.join(missing)}" if missing else ""))  # fmt: skip
+    console.say(
+        f"needs repair: {', '.join(broken)}"
+        if broken
+        else "everything that plop needs is there"
+        + (f"; not there, and not needed: {', '.join(missing)}" if missing else "")
+    )
     console.result([asdict(finding) for finding in findings])
     return 1 if broken else 0
 
 
 def _python(store: Store) -> Look:
-    return Look(sys.version_info >= (3, 11), platform.python_version(),
-                "" if sys.version_info >= (3, 11) else "use Python 3.11 or newer")  # fmt: skip
+    return Look(
+        sys.version_info >= (3, 11),
+        platform.python_version(),
+        "" if sys.version_info >= (3, 11) else "use Python 3.11 or newer",
+    )
 
 
 def _torch(store: Store) -> Look:
@@ -143,8 +155,9 @@ def _open3d(store: Store) -> Look:
 def _opencv(store: Store) -> Look:
     cv2 = importlib.import_module("cv2")
     if not hasattr(cv2, "calibrateHandEye"):
-        return Look(False, f"{cv2.__version__} has no calibrateHandEye",
-                    install_package("opencv-python-headless>=4.12,<5"))  # fmt: skip
+        return Look(
+            False, f"{cv2.__version__} has no calibrateHandEye", install_package("opencv-python-headless>=4.12,<5")
+        )
     return Look(True, str(cv2.__version__))
 
 

@@ -38,19 +38,30 @@ def export(store: Store, console: Console, address: str, folder: Path, *, kind: 
     if kind not in KINDS:
         raise PlopError("There is no such kind of file.", expected=", ".join(KINDS), found=kind)
     if (file := in_the_way(folder)) is not None:
-        raise PlopError("The files cannot be copied there: a file stands where the folder would be.", where=file,
-                        expected="a folder, or nothing yet", found="a file", fix="Choose another folder.")  # fmt: skip
+        raise PlopError(
+            "The files cannot be copied there: a file stands where the folder would be.",
+            where=file,
+            expected="a folder, or nothing yet",
+            found="a file",
+            fix="Choose another folder.",
+        )
     artifact = store.find(address)
     verify(artifact, store.cache)
     store.cache.save()
     names = [name for name in artifact.manifest.files if any(fnmatchcase(name, p) for p in KINDS[kind])]
     if not names:
-        raise PlopError(f"{artifact.address} holds no {kind}.", where=artifact.path,
-                        found=", ".join(sorted(artifact.manifest.files)[:8]))  # fmt: skip
+        raise PlopError(
+            f"{artifact.address} holds no {kind}.",
+            where=artifact.path,
+            found=", ".join(sorted(artifact.manifest.files)[:8]),
+        )
     taken = [name for name in [*names, MANIFEST_NAME] if (folder / name).exists()]
     if taken and not force:
-        raise PlopError("There are such files in the folder already.", where=folder / taken[0],
-                        fix="Choose another folder, or replace them with --force.")  # fmt: skip
+        raise PlopError(
+            "There are such files in the folder already.",
+            where=folder / taken[0],
+            fix="Choose another folder, or replace them with --force.",
+        )
     for name in [*names, MANIFEST_NAME]:
         _copy(artifact, name, folder)
     console.say(f"{artifact.address}: {len(names)} files and {MANIFEST_NAME} in {folder}")

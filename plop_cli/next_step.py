@@ -42,9 +42,13 @@ _MODELS = ("augment", "identify", "train")
 
 
 def next_step(
-    artifacts: Sequence[Artifact], *, stale: Mapping[Key, str], unfinished: Sequence[Key] = (),
-    damaged: Sequence[Key] = (), workspace: Path | None = None,
-) -> NextStep:  # fmt: skip
+    artifacts: Sequence[Artifact],
+    *,
+    stale: Mapping[Key, str],
+    unfinished: Sequence[Key] = (),
+    damaged: Sequence[Key] = (),
+    workspace: Path | None = None,
+) -> NextStep:
     """Choose the next command: repair, then go on with what was begun, then renew, then the next stage.
 
     Args:
@@ -56,8 +60,10 @@ def next_step(
     """
     place = _option(workspace)
     if not artifacts and not unfinished:
-        return NextStep(f"plop ingest FOLDER{place}", "begins with your recordings, and guesses their format; "
-                        "`plop demo` shows a whole run on simulated ones")  # fmt: skip
+        return NextStep(
+            f"plop ingest FOLDER{place}",
+            "begins with your recordings, and guesses their format; `plop demo` shows a whole run on simulated ones",
+        )
     several = len({artifact.manifest.environment for artifact in artifacts}) > 1
     by_stage = sorted(artifacts, key=lambda artifact: places().get(artifact.key[0], len(places())))
     for artifact in by_stage:
@@ -83,12 +89,15 @@ def _onward(artifacts: Sequence[Artifact], several: bool, place: str) -> NextSte
     if last == "filter" and "train" in stages:
         last = "train"
     if last == "calibrate" and _only_bad(stages[last]):
-        return NextStep(f"plop calibrate --handeye FOLDER{chosen}{place}",
-                        "every camera is bad: mend them first, see the verdicts")  # fmt: skip
+        return NextStep(
+            f"plop calibrate --handeye FOLDER{chosen}{place}", "every camera is bad: mend them first, see the verdicts"
+        )
     if last == "report":
         pages = sorted(path.name for path in stages[last].path.glob("*.html"))
-        return NextStep(f"plop export {stages[last].address} OUT{place}",
-                        f"all stages were run; the page is {', '.join(pages) or stages[last].path}")  # fmt: skip
+        return NextStep(
+            f"plop export {stages[last].address} OUT{place}",
+            f"all stages were run; the page is {', '.join(pages) or stages[last].path}",
+        )
     command, why = AFTER.get(last, ("--help", "lists the commands"))
     models = [artifact.address for artifact in line if artifact.key[0] in _MODELS]
     if command in _COMPARING and models:

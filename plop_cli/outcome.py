@@ -69,14 +69,26 @@ def report_plan(console: Console, planned: Plan) -> None:
     known = planned.last_seconds
     console.say(f"{address}  {'is already there' if planned.existing else f'would run; {_last(known)}'}")
     console.table([{"input": name, "from": source} for name, source in inputs.items()])
-    console.result({"address": address, "would_run": planned.existing is None, "last_seconds": known,
-                    "inputs": inputs, "config": plain(planned.config)})  # fmt: skip
+    console.result(
+        {
+            "address": address,
+            "would_run": planned.existing is None,
+            "last_seconds": known,
+            "inputs": inputs,
+            "config": plain(planned.config),
+        }
+    )
 
 
 def report_unplanned(
-    console: Console, store: Store, command: str, stage: Stage, inputs: Mapping[str, str | Path],
-    first: Mapping[str, str], config: Any,
-) -> None:  # fmt: skip
+    console: Console,
+    store: Store,
+    command: str,
+    stage: Stage,
+    inputs: Mapping[str, str | Path],
+    first: Mapping[str, str],
+    config: Any,
+) -> None:
     """Show what a run would do for which something else would run first, so that its address is not known yet.
 
     Args:
@@ -98,8 +110,16 @@ def report_unplanned(
     console.say(f"{command}  would run, and what it needs first; {_last(known)}")
     sources = there | {name: f"`plop {maker}` would run first" for name, maker in first.items()}
     console.table([{"input": name, "from": sources[name]} for name in stage.inputs if name in sources])
-    console.result({"address": None, "would_run": True, "last_seconds": known, "inputs": there,
-                    "would_run_first": dict(first), "config": plain(config)})  # fmt: skip
+    console.result(
+        {
+            "address": None,
+            "would_run": True,
+            "last_seconds": known,
+            "inputs": there,
+            "would_run_first": dict(first),
+            "config": plain(config),
+        }
+    )
 
 
 def _last(seconds: float | None) -> str:

@@ -86,8 +86,11 @@ def reproduce(
 
 def _failure(failed: Mapping[str, PlopError], count: int) -> PlopError:
     details = "\n".join(f"{name}: {error.render()}" for name, error in failed.items())
-    return PlopError(f"{len(failed)} of {count} environments failed.", found=details,
-                     fix="Run the same command again once that is mended: what is finished is kept.")  # fmt: skip
+    return PlopError(
+        f"{len(failed)} of {count} environments failed.",
+        found=details,
+        fix="Run the same command again once that is mended: what is finished is kept.",
+    )
 
 
 def commands_of(profile: Profile) -> tuple[str, ...]:
@@ -113,8 +116,10 @@ def _may_replace(console: Console, results: Mapping[str, Any], folder: Path, pro
 
     lacking = missing_in(results, folder, profile)
     if lacking:
-        console.warn(f"the results in {folder} also hold {', '.join(lacking)}, which this run lacks: they stay, "
-                     "and those of this run are in the workspace")  # fmt: skip
+        console.warn(
+            f"the results in {folder} also hold {', '.join(lacking)}, which this run lacks: they stay, "
+            "and those of this run are in the workspace"
+        )
     return not lacking
 
 
@@ -135,8 +140,12 @@ def _choose(data: Path, wanted: list[str]) -> list[str]:
     known = known_environments(list_disect(data))
     unknown = [name for name in wanted if name not in known]
     if unknown or not known:
-        raise PlopError("The folder holds no such environment.", where=data, expected=", ".join(known) or "recordings",
-                        found=", ".join(unknown) or "none")  # fmt: skip
+        raise PlopError(
+            "The folder holds no such environment.",
+            where=data,
+            expected=", ".join(known) or "recordings",
+            found=", ".join(unknown) or "none",
+        )
     return [name for name in known if not wanted or name in wanted]
 
 
@@ -148,8 +157,16 @@ def _one_environment(
     named: dict[str, Outcome] = {}
 
     def step(command: str, label: str, **extra: object) -> Outcome:
-        outcome = run_step(command, store=store, listener=Chained(console, name), layers=layers, made=made,
-                           raw=data, named=named if command == "train" else {}, extra=extra)  # fmt: skip
+        outcome = run_step(
+            command,
+            store=store,
+            listener=Chained(console, name),
+            layers=layers,
+            made=made,
+            raw=data,
+            named=named if command == "train" else {},
+            extra=extra,
+        )
         made[outcome.artifact.manifest.stage] = outcome
         done[label] = outcome
         return outcome

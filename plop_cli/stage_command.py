@@ -111,15 +111,17 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     config = _config(ref, stage, settings, values, store)
     names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
-    preparation = Preparation(store, OnTheWay(console), tuple(getattr(config, "exclude", ())),
-                              may_run=not values["dry_run"])  # fmt: skip
+    preparation = Preparation(
+        store, OnTheWay(console), tuple(getattr(config, "exclude", ())), may_run=not values["dry_run"]
+    )
     config, inputs = completed(stage, config, inputs, preparation, values["env"])
     if values["dry_run"]:
         if preparation.would_run:
             report_unplanned(console, store, ref.command, stage, inputs, preparation.would_run, config)
             return
-        planned = plan(stage, store=store, config=config, inputs=inputs, environment=values["env"],
-                       force=values["force"])  # fmt: skip
+        planned = plan(
+            stage, store=store, config=config, inputs=inputs, environment=values["env"], force=values["force"]
+        )
         report_plan(console, planned)
         return
     with console.progress(ref.command) as progress:
@@ -141,8 +143,11 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
 def _config(ref: StageRef, stage: Stage, settings: list[Setting], values: dict[str, Any], store: Store) -> Any:
     options = {s.key: values.get(_variable(s.key)) for s in settings}
     # a repeated option and one with commas mean the same
-    given = {key: ",".join(value) if isinstance(value, list) else value for key, value in options.items()
-             if value is not None and value != []}  # fmt: skip
+    given = {
+        key: ",".join(value) if isinstance(value, list) else value
+        for key, value in options.items()
+        if value is not None and value != []
+    }
     return resolve(
         stage.config,
         ref.command,
@@ -172,12 +177,12 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
         default = "none" if spec.only_named else default
         text = escape(f"{spec.help.rstrip('.')}. Address of an artifact of {source}.")
         metavar = "ADDRESS,..." if spec.many else "ADDRESS"
-        option = typer.Option(_option(name), metavar=metavar, help=text, show_default=default,
-                              rich_help_panel="Inputs")  # fmt: skip
+        option = typer.Option(_option(name), metavar=metavar, help=text, show_default=default, rich_help_panel="Inputs")
         return Annotated[str | None, option], None
     if spec.optional:
-        return Annotated[Path | None, typer.Option(_option(name), metavar="PATH", help=escape(spec.help),
-                                                   rich_help_panel="Inputs")], None  # fmt: skip
+        return Annotated[
+            Path | None, typer.Option(_option(name), metavar="PATH", help=escape(spec.help), rich_help_panel="Inputs")
+        ], None
     argument = typer.Argument(metavar=name.upper(), help=escape(spec.help), show_default=False)
     return Annotated[Path, argument], inspect.Parameter.empty
 

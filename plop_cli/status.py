@@ -36,8 +36,9 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     damage = {artifact.key: error for artifact in shown if (error := obvious_damage(artifact)) is not None}
     rows = [_row(store, artifact, reasons, damage) for artifact in sorted(shown, key=_place)]
     for environment, group in groupby(rows, key=lambda row: row["environment"]):
-        console.table([{**row, "environment": "", "state": row["state"].partition(":")[0]} for row in group],
-                      title=environment)  # fmt: skip
+        console.table(
+            [{**row, "environment": "", "state": row["state"].partition(":")[0]} for row in group], title=environment
+        )
         console.say("")
     for artifact in sorted(shown, key=_place):
         reason = reasons.get(artifact.key, "is stale")
@@ -55,15 +56,18 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     if not artifacts and not problems:
         near = ", ".join(f"-w {path}" for path in workspaces_near(store.workspace)[:3])
         console.say(f"no artifacts in {store.root}" + (f"; perhaps {near}" if near else ""))
-    step = next_step(shown, stale=reasons, unfinished=unfinished(store), damaged=list(damage),
-                     workspace=store.workspace)  # fmt: skip
+    step = next_step(
+        shown, stale=reasons, unfinished=unfinished(store), damaged=list(damage), workspace=store.workspace
+    )
     console.say(f"next: {step.command}   ({step.why})")
-    console.result({
-        "next": {"command": step.command, "why": step.why},
-        "artifacts": rows,
-        "unfinished": ["@".join(key) for key in unfinished(store)],
-        "unreadable": [error.as_dict() for error in problems.values()],
-    })  # fmt: skip
+    console.result(
+        {
+            "next": {"command": step.command, "why": step.why},
+            "artifacts": rows,
+            "unfinished": ["@".join(key) for key in unfinished(store)],
+            "unreadable": [error.as_dict() for error in problems.values()],
+        }
+    )
 
 
 def _stale(store: Store, artifacts: list[Artifact]) -> dict[Key, str]:
@@ -175,6 +179,5 @@ def verify_all(store: Store, console: Console, addresses: list[str]) -> None:
     if len(damaged) == 1:
         raise damaged[0]
     if damaged:
-        raise PlopError(f"{len(damaged)} artifacts are damaged.",
-                        found="\n".join(error.render() for error in damaged))  # fmt: skip
+        raise PlopError(f"{len(damaged)} artifacts are damaged.", found="\n".join(error.render() for error in damaged))
     console.result({"verified": [artifact.address for artifact in chosen]})

@@ -21,8 +21,11 @@ def view(store: Store, console: Console, address: str, *, episode: str | None, s
     folder = artifact.path
     names = _episodes(folder)
     if not names:
-        raise PlopError(f"{artifact.address} holds nothing to look at in 3D.", where=folder,
-                        expected="an artifact of ingest, fuse, fit-init, filter, rollout or compare")  # fmt: skip
+        raise PlopError(
+            f"{artifact.address} holds nothing to look at in 3D.",
+            where=folder,
+            expected="an artifact of ingest, fuse, fit-init, filter, rollout or compare",
+        )
     name = episode or names[0]
     if name not in names:
         raise PlopError("There is no such episode.", where=folder, expected=", ".join(names), found=name)

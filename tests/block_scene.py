@@ -36,8 +36,9 @@ def grid_gaussians(extent_m: tuple[float, float, float], spacing_m: float, colou
     quats = torch.zeros(count, 4)
     quats[:, 0] = 1
     scales = torch.full((count, 3), 0.6 * spacing_m)
-    return Gaussians(means, quats, scales, torch.full((count,), 0.95), ((colours - 0.5) / C0)[:, None],
-                     torch.arange(count))  # fmt: skip
+    return Gaussians(
+        means, quats, scales, torch.full((count,), 0.95), ((colours - 0.5) / C0)[:, None], torch.arange(count)
+    )
 
 
 def parted(block: Gaussians, frame: int) -> Gaussians:
@@ -69,8 +70,10 @@ class Parting:
 def cameras() -> list[Camera]:
     intrinsics = np.array([[60.0, 0, SIZE_PX / 2], [0, 60.0, SIZE_PX / 2], [0, 0, 1]])
     eyes = {"front": [0.02, -0.16, 0.12], "side": [0.15, 0.05, 0.13]}
-    return [Camera(name, SIZE_PX, SIZE_PX, intrinsics, look_at(np.array(eye), np.zeros(3), np.array([0.0, 0, 1])))
-            for name, eye in eyes.items()]  # fmt: skip
+    return [
+        Camera(name, SIZE_PX, SIZE_PX, intrinsics, look_at(np.array(eye), np.zeros(3), np.array([0.0, 0, 1])))
+        for name, eye in eyes.items()
+    ]
 
 
 def tool_poses(frames: int) -> np.ndarray:
@@ -98,15 +101,37 @@ def make_inputs(folder: Path, *, names: tuple[str, ...] = ("a",), frames: int = 
 
 def write_episode(path: Path, name: str, block: Gaussians, tool: Gaussians, frames: int) -> None:
     corners = np.array([[x, y, z] for x in (-0.001, 0.001) for y in (-0.025, 0.025) for z in (-0.008, 0.008)])
-    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-                      [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    faces = np.array(
+        [
+            [0, 1, 3],
+            [0, 3, 2],
+            [4, 6, 7],
+            [4, 7, 5],
+            [0, 4, 5],
+            [0, 5, 1],
+            [2, 3, 7],
+            [2, 7, 6],
+            [0, 2, 6],
+            [0, 6, 4],
+            [1, 5, 7],
+            [1, 7, 3],
+        ]
+    )
     poses = tool_poses(frames)
-    with RecordingWriter(path, name=name, source="test", environment="block", table_z_m=None,
-                         time_s=0.1 * np.arange(frames), tool_mesh=Mesh(corners, faces),
-                         world_from_tool=poses) as writer:  # fmt: skip
+    with RecordingWriter(
+        path,
+        name=name,
+        source="test",
+        environment="block",
+        table_z_m=None,
+        time_s=0.1 * np.arange(frames),
+        tool_mesh=Mesh(corners, faces),
+        world_from_tool=poses,
+    ) as writer:
         for camera in cameras():
-            writer.add_camera(camera.name, camera.intrinsics, np.tile(camera.world_from_cam, (frames, 1, 1)),
-                              SIZE_PX, SIZE_PX)  # fmt: skip
+            writer.add_camera(
+                camera.name, camera.intrinsics, np.tile(camera.world_from_cam, (frames, 1, 1)), SIZE_PX, SIZE_PX
+            )
         for frame in range(frames):
             for view in render_scene(parted(block, frame), moved_rigidly(tool, poses[frame]), cameras()):
                 writer.write_frame(view.camera.name, frame, view.rgb, view.depth_m, view.mask)

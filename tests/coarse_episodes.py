@@ -23,10 +23,16 @@ from plop.physics.shapes import Shape
 
 MATERIAL = Material(youngs_modulus_pa=1.5e4, poisson=0.4, damping_per_s=5, table_friction=0.4, tool_friction=0.3)
 SCENE = Scene(
-    name="block", episodes=8, motions=("hold", "push"), frame_rate_hz=20, spacing_m=0.008, dx_m=0.016,
-    shape=Shape("block", (0.060, 0.050, 0.040)), material=MATERIAL,
+    name="block",
+    episodes=8,
+    motions=("hold", "push"),
+    frame_rate_hz=20,
+    spacing_m=0.008,
+    dx_m=0.016,
+    shape=Shape("block", (0.060, 0.050, 0.040)),
+    material=MATERIAL,
     motion=MotionRanges(press_speed_m_s=(0.08, 0.12), hold_s=(0.1, 0.1), aside_speed_m_s=(0.1, 0.1)),
-)  # fmt: skip
+)
 BASE = EngineBase(MATERIAL, spacing_m=0.010)
 
 
@@ -50,9 +56,14 @@ def wrapped(episode: Episode) -> Episode:
 def gaussians(points: np.ndarray) -> Gaussians:
     """Put small opaque Gaussians at points."""
     count = len(points)
-    return Gaussians(torch.tensor(points, dtype=torch.float32), torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
-                     torch.full((count, 3), 0.002), torch.full((count,), 0.9), torch.zeros(count, 1, 3),
-                     torch.arange(count))  # fmt: skip
+    return Gaussians(
+        torch.tensor(points, dtype=torch.float32),
+        torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
+        torch.full((count, 3), 0.002),
+        torch.full((count,), 0.9),
+        torch.zeros(count, 1, 3),
+        torch.arange(count),
+    )
 
 
 def actions(episode: Episode) -> Actions:

@@ -46,8 +46,14 @@ def splats(points: np.ndarray, scale_m: float, seed: int) -> Gaussians:
     count = len(points)
     colours = torch.rand(count, 1, 3, generator=torch.Generator().manual_seed(seed)) - 0.5
     quats = torch.tensor([1.0, 0, 0, 0]).expand(count, 4).clone()
-    return Gaussians(torch.from_numpy(points).float(), quats, torch.full((count, 3), scale_m),
-                     torch.full((count,), 0.9), colours, torch.arange(count))  # fmt: skip
+    return Gaussians(
+        torch.from_numpy(points).float(),
+        quats,
+        torch.full((count, 3), scale_m),
+        torch.full((count,), 0.9),
+        colours,
+        torch.arange(count),
+    )
 
 
 def surface_points(count: int) -> np.ndarray:

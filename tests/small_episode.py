@@ -72,9 +72,15 @@ def write_episode(folder: Path, name: str) -> list[Gaussians]:
     tool = blade()
     mesh = Mesh(tool.vertices.double().numpy(), tool.faces.numpy())
     with RecordingWriter(
-        folder / f"{name}.h5", name=name, source="test", environment="block", table_z_m=0.0,
-        time_s=np.arange(FRAMES) * 0.04, tool_mesh=mesh, world_from_tool=poses().double().numpy(),
-    ) as writer:  # fmt: skip
+        folder / f"{name}.h5",
+        name=name,
+        source="test",
+        environment="block",
+        table_z_m=0.0,
+        time_s=np.arange(FRAMES) * 0.04,
+        tool_mesh=mesh,
+        world_from_tool=poses().double().numpy(),
+    ) as writer:
         for camera in cameras():
             fixed = np.repeat(camera.world_from_cam[None], FRAMES, 0)
             writer.add_camera(camera.name, camera.intrinsics, fixed, SIZE, SIZE)

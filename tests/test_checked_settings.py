@@ -14,16 +14,30 @@ from stages import PIPELINE
 STAGES = {ref.name: ref for ref in PIPELINE}
 PROCESSES = ["compare", "diagnose", "eval", "filter", "fit-init", "identify", "simulate", "train"]
 WRONG = [
-    ("calibrate", "check_frames", 0), ("calibrate", "refine_scan", "sometimes"),
-    ("fuse", "frame", -1), ("fuse", "method", "voxels"), ("fuse", "min_points", 0),
-    ("fit-init", "steps", -1), ("fit-init", "flatness", 0.5), ("fit-init", "filling", "foam"),
-    ("train", "track_steps", -5), ("train", "batch", 0), ("train", "horizon", 0), ("train", "width", 0),
-    ("train", "learning_rate", -1e-3), ("train", "mask_weight", float("nan")), ("train", "cells_across", 0.0),
-    ("filter", "settle", -1), ("filter", "views", 0), ("filter", "split", "validation"),
-    ("rollout", "min_inside", 2.0), ("eval", "emd_every", -1), ("eval", "lpips_net", "resnet"),
+    ("calibrate", "check_frames", 0),
+    ("calibrate", "refine_scan", "sometimes"),
+    ("fuse", "frame", -1),
+    ("fuse", "method", "voxels"),
+    ("fuse", "min_points", 0),
+    ("fit-init", "steps", -1),
+    ("fit-init", "flatness", 0.5),
+    ("fit-init", "filling", "foam"),
+    ("train", "track_steps", -5),
+    ("train", "batch", 0),
+    ("train", "horizon", 0),
+    ("train", "width", 0),
+    ("train", "learning_rate", -1e-3),
+    ("train", "mask_weight", float("nan")),
+    ("train", "cells_across", 0.0),
+    ("filter", "settle", -1),
+    ("filter", "views", 0),
+    ("filter", "split", "validation"),
+    ("rollout", "min_inside", 2.0),
+    ("eval", "emd_every", -1),
+    ("eval", "lpips_net", "resnet"),
     ("identify", "iterations", -1),
     *((name, "jobs", 0) for name in PROCESSES),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("name, setting, value", WRONG)

@@ -20,8 +20,9 @@ def sampled(seed: int, sizes: list[float], columns: int = 2) -> tuple[list[np.nd
 
 
 def fitted(designs: list[np.ndarray], residuals: list[np.ndarray]) -> Clusters:
-    return clusters(np.stack([x.T @ x for x in designs]),
-                    np.stack([x.T @ r for x, r in zip(designs, residuals, strict=True)]))  # fmt: skip
+    return clusters(
+        np.stack([x.T @ x for x in designs]), np.stack([x.T @ r for x, r in zip(designs, residuals, strict=True)])
+    )
 
 
 @pytest.mark.parametrize("sizes", [[1.0] * 5, [3.0, 2.0, 0.3, 0.1]])

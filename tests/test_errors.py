@@ -8,8 +8,18 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-FOLDERS = ("plop/physics", "plop/diagnosis", "plop/sensors", "plop/reporting", "stages/augment", "stages/compare",
-           "stages/diagnose", "stages/identify", "stages/report", "stages/simulate")  # fmt: skip
+FOLDERS = (
+    "plop/physics",
+    "plop/diagnosis",
+    "plop/sensors",
+    "plop/reporting",
+    "stages/augment",
+    "stages/compare",
+    "stages/diagnose",
+    "stages/identify",
+    "stages/report",
+    "stages/simulate",
+)
 
 
 def without_fix(source: str) -> list[int]:

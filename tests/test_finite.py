@@ -26,10 +26,18 @@ def test_no_summary_keeps_or_prints_what_is_no_number(value):
     json.dumps([summary.figures, summary.table], allow_nan=False)
 
 
-@pytest.mark.parametrize("text", [
-    "banana: 3 mm", "nan.h5 is skipped", "raw/nan/e1 holds nothing", "rollout@inf0", "info: fine", "camera nan-2",
-    "NaN",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "banana: 3 mm",
+        "nan.h5 is skipped",
+        "raw/nan/e1 holds nothing",
+        "rollout@inf0",
+        "info: fine",
+        "camera nan-2",
+        "NaN",
+    ],
+)
 def test_names_that_look_like_none_stay(text):
     assert readable(text) == text
 

@@ -47,10 +47,16 @@ def test_the_earliest_cause_leads_and_the_symptom_follows_with_its_advice():
     assert lead.where == "e1"
 
 
-@pytest.mark.parametrize("error", [
-    failed(), failed(ASIDE), failed(TORN, cause=None), failed(TORN, cause=Cause.EXTRINSICS),
-    failed(TORN, cause=Cause.CLOCK),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "error",
+    [
+        failed(),
+        failed(ASIDE),
+        failed(TORN, cause=None),
+        failed(TORN, cause=Cause.EXTRINSICS),
+        failed(TORN, cause=Cause.CLOCK),
+    ],
+)
 def test_a_warning_that_cannot_explain_a_failure_does_not_take_its_place(error):
     assert error.first_cause() is error
 

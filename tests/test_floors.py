@@ -31,8 +31,9 @@ def imports(module: str, *, annotations: bool = True) -> frozenset[str]:
     """Modules of ours that a module imports anywhere: at its top, in a function or, if wanted, for its annotations."""
     found, tree = set(), ast.parse(modules()[module].read_text())
     if not annotations:
-        tree.body = [node for node in tree.body if not (isinstance(node, ast.If)
-                                                        and ast.unparse(node.test) == "TYPE_CHECKING")]  # fmt: skip
+        tree.body = [
+            node for node in tree.body if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+        ]
     for node in ast.walk(tree):
         named = []
         if isinstance(node, ast.ImportFrom):
@@ -70,8 +71,13 @@ def circles(graph: dict[str, set[str]]) -> list[frozenset[str]]:
 @pytest.mark.parametrize("floor", FLOORS)
 def test_no_floor_imports_from_above(floor: str):
     above = FLOORS[FLOORS.index(floor) + 1 :]
-    wrong = [(module, used) for module in modules() if module.split(".")[0] == floor
-             for used in imports(module) if used.split(".")[0] in above]  # fmt: skip
+    wrong = [
+        (module, used)
+        for module in modules()
+        if module.split(".")[0] == floor
+        for used in imports(module)
+        if used.split(".")[0] in above
+    ]
     assert wrong == []
 
 
@@ -94,9 +100,11 @@ def test_circles_are_found():
 
 
 def test_the_runner_imports_no_stage_before_one_runs():
-    code = ("import sys, plop.pipeline.run, plop.pipeline.chain\n"
-            "print([name for name in sys.modules if name.startswith('stages')])\n"
-            "from plop.pipeline.registry import commands; commands()\n"
-            "print([name for name in sys.modules if name.startswith('stages')])")  # fmt: skip
+    code = (
+        "import sys, plop.pipeline.run, plop.pipeline.chain\n"
+        "print([name for name in sys.modules if name.startswith('stages')])\n"
+        "from plop.pipeline.registry import commands; commands()\n"
+        "print([name for name in sys.modules if name.startswith('stages')])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.splitlines() == ["[]", "['stages']"]

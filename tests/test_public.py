@@ -23,11 +23,34 @@ TUTORIAL = ROOT / "docs" / "tutorials" / "planner.py"
 PAGE = ROOT / "docs" / "python.md"
 
 NAMES = [
-    "Artifact", "Camera", "DynamicsModel", "Effect", "FrameErrors", "Gaussians", "InitialScene", "Material",
-    "Parameter", "ParticleState", "PlopError", "Recording", "RecordingSet", "Scene", "Store", "ToolStep", "Verdict",
-    "augment", "compare", "diagnose", "effect_type", "load_model", "read_splat", "render_scene", "rollout", "run",
+    "Artifact",
+    "Camera",
+    "DynamicsModel",
+    "Effect",
+    "FrameErrors",
+    "Gaussians",
+    "InitialScene",
+    "Material",
+    "Parameter",
+    "ParticleState",
+    "PlopError",
+    "Recording",
+    "RecordingSet",
+    "Scene",
+    "Store",
+    "ToolStep",
+    "Verdict",
+    "augment",
+    "compare",
+    "diagnose",
+    "effect_type",
+    "load_model",
+    "read_splat",
+    "render_scene",
+    "rollout",
+    "run",
     "simulate",
-]  # fmt: skip
+]
 """Taking one away breaks the programs of users; a new one is a promise."""
 
 SCENE = """
@@ -101,13 +124,16 @@ def test_run_gives_the_artifact_of_the_command(tmp_path):
     assert [artifact.key for artifact in Store(tmp_path).artifacts("fuse")] == [fused.key]
 
 
-@pytest.mark.parametrize(("command", "options", "words"), [
-    ("fuze", {}, ["Did you mean fuse?"]),
-    ("fuse", {"voxl_m": 1}, ["fuse has no setting 'voxl_m'", "voxel_m"]),
-    ("fuse", {"voxel_m": "wide"}, ["fuse.voxel_m", "number"]),
-    ("fuse", {"recordings": 3}, ["neither an artifact nor an address"]),
-    ("fuse", {"recordings": "nothing@latest"}, ["no workspace here yet"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        ("fuze", {}, ["Did you mean fuse?"]),
+        ("fuse", {"voxl_m": 1}, ["fuse has no setting 'voxl_m'", "voxel_m"]),
+        ("fuse", {"voxel_m": "wide"}, ["fuse.voxel_m", "number"]),
+        ("fuse", {"recordings": 3}, ["neither an artifact nor an address"]),
+        ("fuse", {"recordings": "nothing@latest"}, ["no workspace here yet"]),
+    ],
+)
 def test_what_cannot_be_run_is_refused_as_the_command_does(tmp_path, command, options, words):
     with pytest.raises(plop.PlopError) as caught:
         plop.run(command, tmp_path, **options)
@@ -124,8 +150,11 @@ def test_the_tutorial_imports_plop_alone():
     for text in (TUTORIAL.read_text(), six_lines()):
         found = [node for node in ast.walk(ast.parse(text)) if isinstance(node, (ast.Import, ast.ImportFrom))]
         assert [ast.unparse(node) for node in found] == ["import plop"]
-        used = {node.attr for node in ast.walk(ast.parse(text))
-                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "plop"}
+        used = {
+            node.attr
+            for node in ast.walk(ast.parse(text))
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "plop"
+        }
         assert used <= set(NAMES)
 
 

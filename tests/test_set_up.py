@@ -159,15 +159,23 @@ def test_blenders_picture_is_read_without_its_alpha(tmp_path):
     [("+cpu", "", "pip +cpu"), ("", "cpu", "uv cpu"), ("", "", "pip any"), ("", "cu128", "uv cu128")],
 )
 def test_the_cpu_build_of_torch_is_taken_wherever_it_can_be_had(tmp_path, pip_has, uv_has, expected):
-    program(tmp_path / "python", f"""case "$*" in
+    program(
+        tmp_path / "python",
+        f"""case "$*" in
         *torch==*+cpu) [ "{pip_has}" = +cpu ] || exit 1; echo "pip +cpu" >> said;;
-        *torch==*) echo "pip any" >> said;; esac""")
-    program(tmp_path / "uv", f"""case "$*" in
-        *--torch-backend={uv_has or "nothing"}\\ torch==*) echo "uv {uv_has}" >> said;; *) exit 1;; esac""")
+        *torch==*) echo "pip any" >> said;; esac""",
+    )
+    program(
+        tmp_path / "uv",
+        f"""case "$*" in
+        *--torch-backend={uv_has or "nothing"}\\ torch==*) echo "uv {uv_has}" >> said;; *) exit 1;; esac""",
+    )
     build = [uv_has] if uv_has.startswith("cu") else []
     done = subprocess.run(
         ["sh", str(ROOT / "scripts" / "install_torch.sh"), str(tmp_path / "python"), *build],
-        env={"PATH": f"{tmp_path}:/usr/bin:/bin"}, capture_output=True, text=True,
-    )  # fmt: skip
+        env={"PATH": f"{tmp_path}:/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0 and (tmp_path / "said").read_text().split("\n")[:-1] == [expected]
     assert ("CUDA" in done.stderr) == (expected == "pip any"), "never without a word"

@@ -8,8 +8,14 @@ from benchmarks.goals import GOALS, goals_table
 
 
 def test_a_goal_that_is_missed_or_not_measured_says_so():
-    lines = goals_table({"i2n_step_10000_over_300": 1.7, "plop_help_s": 0.7, "ingest_128_images_per_s": 9.0,
-                         "engine_5k_2_threads_particle_steps_per_s": 4.2e6}).splitlines()  # fmt: skip
+    lines = goals_table(
+        {
+            "i2n_step_10000_over_300": 1.7,
+            "plop_help_s": 0.7,
+            "ingest_128_images_per_s": 9.0,
+            "engine_5k_2_threads_particle_steps_per_s": 4.2e6,
+        }
+    ).splitlines()
     told = {line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:5]] for line in lines[2:]}
     assert told["a whole step of the model, 10,000 particles over 300"] == ["1.7 times", "<= 1.6 times", "**no**"]
     assert told["`plop --help`"] == ["0.7 s", "<= 0.7 s", "yes"]

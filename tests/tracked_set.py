@@ -56,8 +56,13 @@ def write_recordings(folder: Path, count: int, effects: tuple[Effect, ...] = (),
     for k in range(count):
         sequence = simulate_episode(SCENE, k, effects)
         names.append(sequence.name)
-        list(record(parts["recordings"] / "episodes" / f"{sequence.name}.h5", sequence,
-                    CameraSettings(size=80, cameras=4, supersample=1)))  # fmt: skip
+        list(
+            record(
+                parts["recordings"] / "episodes" / f"{sequence.name}.h5",
+                sequence,
+                CameraSettings(size=80, cameras=4, supersample=1),
+            )
+        )
         paths = surface_paths(sequence)
         (parts["init"] / sequence.name).mkdir(exist_ok=True)
         splat = parts["init"] / sequence.name / "object.ply"
@@ -79,7 +84,11 @@ def write_tool_splats(recordings: Path, init: Path) -> None:
 def write_engine(folder: Path, environment: str = SCENE.name) -> Input:
     """Write the engine as a model."""
     folder.mkdir(parents=True, exist_ok=True)
-    facts = {"schema": MODEL_SCHEMA, "kind": "engine", "engine": base_to_dict(BASE),
-             "training": {"environment": environment}}  # fmt: skip
+    facts = {
+        "schema": MODEL_SCHEMA,
+        "kind": "engine",
+        "engine": base_to_dict(BASE),
+        "training": {"environment": environment},
+    }
     (folder / "model.json").write_text(json.dumps(facts))
     return Input(folder)

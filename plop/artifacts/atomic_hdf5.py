@@ -83,9 +83,13 @@ class AtomicHdf5:
         self._scratch.unlink(missing_ok=True)
 
     def _explained(self, error: OSError) -> PlopError:
-        return PlopError("The file cannot be written.", where=self.path, expected="a writable disk with room",
-                         found=error.strerror or str(error),
-                         fix="Free some space or choose another folder, then run the same again.")  # fmt: skip
+        return PlopError(
+            "The file cannot be written.",
+            where=self.path,
+            expected="a writable disk with room",
+            found=error.strerror or str(error),
+            fix="Free some space or choose another folder, then run the same again.",
+        )
 
 
 class _PatientFile(io.RawIOBase):

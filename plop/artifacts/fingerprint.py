@@ -34,8 +34,11 @@ def plain(value: Any) -> Any:
 
 def deciding(config: Any) -> dict[str, Any]:
     """Take the fields that can change the result: all but those marked `metadata={"in_fingerprint": False}`."""
-    return {f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config)
-            if f.metadata.get("in_fingerprint", True)}  # fmt: skip
+    return {
+        f.name: plain(getattr(config, f.name))
+        for f in dataclasses.fields(config)
+        if f.metadata.get("in_fingerprint", True)
+    }
 
 
 def fingerprint(stage: str, version: int, config: Mapping[str, Any], contents: Mapping[str, str]) -> str:

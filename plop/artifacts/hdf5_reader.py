@@ -31,13 +31,23 @@ class Hdf5Reader:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         if not self.path.is_file():
-            raise PlopError(f"There is no such {self.noun}.", where=self.path, expected=f"an HDF5 {self.noun}",
-                            found="no file", fix=f"{self.maker}, or correct the path.")  # fmt: skip
+            raise PlopError(
+                f"There is no such {self.noun}.",
+                where=self.path,
+                expected=f"an HDF5 {self.noun}",
+                found="no file",
+                fix=f"{self.maker}, or correct the path.",
+            )
         try:
             self._file = h5py.File(self.path, "r")
         except OSError as error:
-            raise PlopError(f"The {self.noun} cannot be opened.", where=self.path, expected="a complete HDF5 file",
-                            found=str(error), fix=f"{self.maker} again.") from error  # fmt: skip
+            raise PlopError(
+                f"The {self.noun} cannot be opened.",
+                where=self.path,
+                expected="a complete HDF5 file",
+                found=str(error),
+                fix=f"{self.maker} again.",
+            ) from error
         try:
             self._check_schema()
             self._check()
@@ -49,8 +59,13 @@ class Hdf5Reader:
         schema = int(self._file.attrs.get("schema", -1))
         if schema != self.schema:
             fix = "Update plop." if schema > self.schema else f"{self.maker} again."
-            raise PlopError(f"The {self.noun} has another schema.", where=self.path,
-                            expected=f"schema {self.schema}", found=f"schema {schema}", fix=fix)  # fmt: skip
+            raise PlopError(
+                f"The {self.noun} has another schema.",
+                where=self.path,
+                expected=f"schema {self.schema}",
+                found=f"schema {schema}",
+                fix=fix,
+            )
 
     def _check(self) -> None:
         """Raise PlopError when something that every such file holds is missing."""

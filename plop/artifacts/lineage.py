@@ -20,8 +20,11 @@ LEFT_OUT = "none"
 
 def parents(artifact: Artifact) -> dict[str, Key]:
     """Give the artifacts that were read, by input name; raw inputs are left out."""
-    return {name: (str(facts["stage"]), str(facts["fingerprint"]))
-            for name, facts in artifact.manifest.inputs.items() if "fingerprint" in facts}  # fmt: skip
+    return {
+        name: (str(facts["stage"]), str(facts["fingerprint"]))
+        for name, facts in artifact.manifest.inputs.items()
+        if "fingerprint" in facts
+    }
 
 
 def made_from(made: Manifest, name: str, own: Manifest) -> bool:
@@ -47,8 +50,10 @@ def recordings_content(manifest: Manifest | None) -> list[str]:
     """
     if manifest is None:
         return []
-    return [content_digest(content_files(manifest)), *([str(manifest.inputs["recordings"]["content"])]
-                                                       if "recordings" in manifest.inputs else [])]  # fmt: skip
+    return [
+        content_digest(content_files(manifest)),
+        *([str(manifest.inputs["recordings"]["content"])] if "recordings" in manifest.inputs else []),
+    ]
 
 
 def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:
@@ -170,8 +175,11 @@ class _Succession:
         alike: dict[tuple[str, frozenset[str]], list[Artifact]] = {}
         for artifact in self._known.values():
             alike.setdefault((artifact.key[0], self._raw(artifact)), []).append(artifact)
-        return {old.key: next(new for new in reversed(group) if new is old or self._replaced(old.key, new.key))
-                for group in alike.values() for old in group}  # fmt: skip
+        return {
+            old.key: next(new for new in reversed(group) if new is old or self._replaced(old.key, new.key))
+            for group in alike.values()
+            for old in group
+        }
 
     def _replaced(self, old: Key, new: Key) -> bool:
         if old == new:

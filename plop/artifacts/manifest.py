@@ -89,12 +89,21 @@ def read_manifest(folder: Path) -> Manifest:
     try:
         manifest = Manifest(**{key: value for key, value in facts.items() if key in known})
     except TypeError as error:
-        raise PlopError("The artifact's manifest is incomplete.", where=path, found=str(error),
-                        fix=f"Make it again: {_make_again(folder)}") from error  # fmt: skip
+        raise PlopError(
+            "The artifact's manifest is incomplete.",
+            where=path,
+            found=str(error),
+            fix=f"Make it again: {_make_again(folder)}",
+        ) from error
     for name in manifest.files:
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
-            raise PlopError("The artifact's manifest names a file outside its folder.", where=path,
-                            expected="relative paths", found=name, fix="Do not use this artifact.")  # fmt: skip
+            raise PlopError(
+                "The artifact's manifest names a file outside its folder.",
+                where=path,
+                expected="relative paths",
+                found=name,
+                fix="Do not use this artifact.",
+            )
     return manifest
 
 

@@ -80,9 +80,13 @@ class Store:
         self.root = self.workspace / "artifacts"
         self._warn = warn
         if (file := in_the_way(self.root)) is not None:
-            raise PlopError("This workspace cannot be: a file stands where its folder would be.", where=file,
-                            expected="a folder, or nothing yet", found="a file",
-                            fix="Choose another workspace with -w (--workspace) or PLOP_WORKSPACE.")  # fmt: skip
+            raise PlopError(
+                "This workspace cannot be: a file stands where its folder would be.",
+                where=file,
+                expected="a folder, or nothing yet",
+                found="a file",
+                fix="Choose another workspace with -w (--workspace) or PLOP_WORKSPACE.",
+            )
         self.cache = DigestCache(self.root / ".cache" / "digests.json")
         self.journal = Journal(self.root / "journal.jsonl")
 
@@ -96,10 +100,13 @@ class Store:
             return
         there = self.workspace.is_dir()
         near = ", ".join(f"-w {path}" for path in workspaces_near(self.workspace)[:3])
-        raise PlopError("There is no workspace here yet." if there else "There is no such workspace.",
-                        where=self.workspace, expected="a folder with artifacts/ in it",
-                        found="a folder without artifacts/" if there else "nothing",
-                        fix=(f"Perhaps {near}. " if near else "") + f"{BEGIN}.")  # fmt: skip
+        raise PlopError(
+            "There is no workspace here yet." if there else "There is no such workspace.",
+            where=self.workspace,
+            expected="a folder with artifacts/ in it",
+            found="a folder without artifacts/" if there else "nothing",
+            fix=(f"Perhaps {near}. " if near else "") + f"{BEGIN}.",
+        )
 
     def shared(self, stage: str) -> Path:
         """Give the folder for pieces that runs of a stage share; it need not exist."""
@@ -163,8 +170,13 @@ class Store:
         if not self.root.is_dir():
             return []
         roots = [self.root / name for name in stages] if stages else sorted(self.root.iterdir())
-        return [folder for root in roots if _visible_folder(root)
-                for folder in sorted(root.iterdir()) if _visible_folder(folder)]  # fmt: skip
+        return [
+            folder
+            for root in roots
+            if _visible_folder(root)
+            for folder in sorted(root.iterdir())
+            if _visible_folder(folder)
+        ]
 
     def find(self, address: str) -> Artifact:
         """Resolve `train@3f9a1c`, `train@latest` or a name.
@@ -189,8 +201,12 @@ class Store:
         if len(fits) == 1:
             return Artifact(fits[0], read_manifest(fits[0]))
         if fits:
-            raise PlopError("The address fits several artifacts.", where=address, expected="a longer prefix",
-                            found=", ".join(f"{stage}@{folder.name}" for folder in fits))  # fmt: skip
+            raise PlopError(
+                "The address fits several artifacts.",
+                where=address,
+                expected="a longer prefix",
+                found=", ".join(f"{stage}@{folder.name}" for folder in fits),
+            )
         raise self._unknown(address)
 
     def _unknown(self, address: str, problem: str = "") -> PlopError:
@@ -211,8 +227,12 @@ class Store:
         try:
             return {str(k): str(v) for k, v in json.loads(path.read_text(encoding="utf-8")).items()}
         except (OSError, ValueError, AttributeError) as error:
-            raise PlopError("The names of artifacts cannot be read.", where=path, found=str(error),
-                            fix="Remove the file; artifacts stay and can be named again.") from error  # fmt: skip
+            raise PlopError(
+                "The names of artifacts cannot be read.",
+                where=path,
+                found=str(error),
+                fix="Remove the file; artifacts stay and can be named again.",
+            ) from error
 
     def set_name(self, name: str, artifact: Artifact) -> str | None:
         """Name an artifact; a name that was used before moves to the new one.
@@ -287,8 +307,11 @@ def check_name(name: str) -> None:
         PlopError: It could.
     """
     if not NAME_PATTERN.fullmatch(name) or name == "latest":
-        raise PlopError("This cannot be the name of an artifact.", where=name,
-                        expected="letters, digits, '.', '_', '+', '-'; first a letter or digit")  # fmt: skip
+        raise PlopError(
+            "This cannot be the name of an artifact.",
+            where=name,
+            expected="letters, digits, '.', '_', '+', '-'; first a letter or digit",
+        )
 
 
 def _key_of(folder: Path) -> tuple[str, str]:

@@ -54,8 +54,10 @@ def nearest(address: str, artifacts: Sequence[Known], names: Mapping[str, str]) 
     """
     by_full = {"@".join(each.key): each for each in artifacts}
     called = {full: name for name, full in names.items() if full in by_full}
-    scored = [(_likeness(address, each, called.get(full, "")), place, full)
-              for place, (full, each) in enumerate(by_full.items())]  # fmt: skip
+    scored = [
+        (_likeness(address, each, called.get(full, "")), place, full)
+        for place, (full, each) in enumerate(by_full.items())
+    ]
     best = sorted(scored, reverse=True)[:_TOLD]
     chosen = [full for score, _, full in best if score >= _LIKE] or [full for *_, full in scored[: -_LATEST - 1 : -1]]
     return [told(by_full[full], called.get(full, "")) for full in chosen]

@@ -62,7 +62,7 @@ class FrameErrors:
 
 def compare(
     states: Sequence[ParticleState], scene: InitialScene, recording: Recording, *, backend: Backend = "auto"
-) -> FrameErrors:  # fmt: skip
+) -> FrameErrors:
     """Score a rollout against the measured views, as `plop eval` does, without its slowest scores.
 
     Args:
@@ -75,9 +75,13 @@ def compare(
         PlopError: There are not as many states as frames.
     """
     if len(states) != len(recording):
-        raise PlopError("The rollout and the recording differ in length.", where=recording.path,
-                        expected=f"{len(recording)} states, one a frame", found=str(len(states)),
-                        fix="Roll out the actions of this recording.")  # fmt: skip
+        raise PlopError(
+            "The rollout and the recording differ in length.",
+            where=recording.path,
+            expected=f"{len(recording)} states, one a frame",
+            found=str(len(states)),
+            fix="Roll out the actions of this recording.",
+        )
     poses = recording.world_from_tool
     rows: list[dict[str, float | None]] = []
     for frame, state in enumerate(states):

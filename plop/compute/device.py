@@ -28,7 +28,10 @@ def chosen_device(wanted: str) -> torch.device:
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     index = int(number or os.environ.get("LOCAL_RANK", "0"))
     if index >= count:
-        raise PlopError("There is no such CUDA device.", expected=f"{wanted}, number {index}",
-                        found=f"{count} CUDA devices",
-                        fix="Give --device cpu, or leave it out; `plop doctor` tells what torch sees.")  # fmt: skip
+        raise PlopError(
+            "There is no such CUDA device.",
+            expected=f"{wanted}, number {index}",
+            found=f"{count} CUDA devices",
+            fix="Give --device cpu, or leave it out; `plop doctor` tells what torch sees.",
+        )
     return torch.device("cuda", index)

@@ -30,7 +30,7 @@ STRONGEST_RESPONSE = 1 + float(norm.ppf(0.975)) * RESPONSE_ERROR
 
 def amplitude_of(
     column: Column, value: float, error: float, freedom: float, profile: Profile | None = None
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Give a fitted amplitude with its 95 % interval, kept inside the range of the parameter.
 
     Args:
@@ -53,8 +53,13 @@ def amplitude_of(
         ends = [_at(value, factor, profile) for factor in (1 - width, 1 + width)]
         ends += [value * (1 - wrong), value * (1 + wrong)]
         low, high = (float(np.clip(end, column.low, column.high)) for end in (min(ends), max(ends)))
-    return {"value": float(np.clip(value, column.low, column.high)), "low": float(low), "high": float(high),
-            "unit": column.unit, "at_bound": bool(at_bound or value < column.low)}  # fmt: skip
+    return {
+        "value": float(np.clip(value, column.low, column.high)),
+        "low": float(low),
+        "high": float(high),
+        "unit": column.unit,
+        "at_bound": bool(at_bound or value < column.low),
+    }
 
 
 def _at(value: float, factor: float, profile: Profile | None) -> float:
@@ -67,7 +72,7 @@ def _at(value: float, factor: float, profile: Profile | None) -> float:
 
 def parameters_of(
     columns: tuple[Column, ...], fitted: Clusters, profiles: Mapping[str, Profile], alone: bool = True
-) -> dict[str, dict[str, Any]]:  # fmt: skip
+) -> dict[str, dict[str, Any]]:
     """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
     (variances, freedom), own = fitted.steadied(), slice(-len(columns), None)
     errors, found = np.sqrt(variances), {}

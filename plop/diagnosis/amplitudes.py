@@ -30,9 +30,12 @@ SLOWER = 16.0
 
 
 def of_least_error(
-    state: State, candidates: list[Candidate], begins: Mapping[str, Candidate], base: EngineBase,
+    state: State,
+    candidates: list[Candidate],
+    begins: Mapping[str, Candidate],
+    base: EngineBase,
     types: Mapping[str, EffectType],
-) -> tuple[list[Candidate], State]:  # fmt: skip
+) -> tuple[list[Candidate], State]:
     """Move the best laws, and the base's own parameters, to the amplitudes that leave least.
 
     Args:
@@ -61,8 +64,11 @@ def of_least_error(
     alone = [c for c in candidates if c.key in best and len(c.columns) == 1]
     profiles = profiles_of([_affordable(c.columns[0], base, types) for c in alone], state.measure)
     least = {c.key: np.array([profiles[c.columns[0].key].least()]) for c in alone if c.columns[0].key in profiles}
-    least |= {c.key: least_together(c.columns, best[c.key], state.left_with)
-              for c in candidates if c.key in best and c.key not in several and len(c.columns) > 1}  # fmt: skip
+    least |= {
+        c.key: least_together(c.columns, best[c.key], state.left_with)
+        for c in candidates
+        if c.key in best and c.key not in several and len(c.columns) > 1
+    }
     candidates = _moved(candidates, least)
     state = _responded(tables, candidates, list(best), everywhere=True)
     state.profiles = profiles

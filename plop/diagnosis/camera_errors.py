@@ -70,9 +70,12 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
             views = {end: scene.views(recording, frame, where, names) for end, where in places.items()}
             for k, name in enumerate(names):
                 measured = recording.view(name, frame)
-                errors = {f"{key}{end}": value for end, seen in views.items()
-                          for key, value in image_errors(seen[k], measured).items()
-                          if key != "n" or not end}  # fmt: skip
+                errors = {
+                    f"{key}{end}": value
+                    for end, seen in views.items()
+                    for key, value in image_errors(seen[k], measured).items()
+                    if key != "n" or not end
+                }
                 rows.append({"episode": field.name, "camera": name, "frame": frame, **errors})
     return rows
 

@@ -69,5 +69,16 @@ def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> D
     where = ("", "reference ")  # both sets may have an episode of the same name
     dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
     settings = [] if first is None else [(score, state.amplitudes(score)) for score in state.settings(first)]
-    return Diagnosis(verdict, scores, [*findings, base], sham, limits, state.size, dropped,
-                     state.evidence, state.control, state.misfit, settings)  # fmt: skip
+    return Diagnosis(
+        verdict,
+        scores,
+        [*findings, base],
+        sham,
+        limits,
+        state.size,
+        dropped,
+        state.evidence,
+        state.control,
+        state.misfit,
+        settings,
+    )

@@ -78,8 +78,9 @@ def contrast_of(
         tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata))
     times = family * len(tests)
     best = min(tests, key=lambda test: (test.p, -test.errors))
-    least, least_alone = (np.min([test.least(P_LARGEST / number) for test in tests], 0)
-                          for number in (times, len(tests)))  # fmt: skip
+    least, least_alone = (
+        np.min([test.least(P_LARGEST / number) for test in tests], 0) for number in (times, len(tests))
+    )
     return Contrast(best.errors, min(1.0, times * best.p), least, least_alone)
 
 
@@ -162,7 +163,7 @@ class _Side:
 
 def _profiled(
     grams: tuple[Grams, Grams], fits: tuple[Clusters, Clusters], rows: np.ndarray, own: int
-) -> tuple[_Side, _Side]:  # fmt: skip
+) -> tuple[_Side, _Side]:
     """Take out of the own columns what the base's columns explain, and of the residuals what they fit."""
     base, last = rows[:-own], rows[-own:]
     pooled = sum((each.hessian.sum(0) for each in grams), np.zeros(()))

@@ -26,10 +26,18 @@ UNSETTLED = ("NONE OF THESE", "PARTLY")
 
 
 def diagnose(
-    measured: Measured, base: EngineBase, types: Mapping[str, EffectType], run_jobs: RunJobs, *,
-    reference: Measured | None = None, effects: Iterable[str] | None = None, sensors: Sequence[str] = (),
-    shams: int = SHAMS, seed: int = 0, told: Callable[[str], None] = lambda step: None,
-) -> Diagnosis:  # fmt: skip
+    measured: Measured,
+    base: EngineBase,
+    types: Mapping[str, EffectType],
+    run_jobs: RunJobs,
+    *,
+    reference: Measured | None = None,
+    effects: Iterable[str] | None = None,
+    sensors: Sequence[str] = (),
+    shams: int = SHAMS,
+    seed: int = 0,
+    told: Callable[[str], None] = lambda step: None,
+) -> Diagnosis:
     """Find which effect the base is missing.
 
     Args:
@@ -86,17 +94,23 @@ def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candid
     tried = [name for name in dict.fromkeys(c.effect for c in candidates) if name not in failed]
     silent = "it moves nothing that was followed in these recordings"
     return replace(
-        found, verdict=found.verdict if whole and not failed else among(found.verdict, tried),
+        found,
+        verdict=found.verdict if whole and not failed else among(found.verdict, tried),
         dropped=found.dropped | {name: failed.get(name, silent) for name in unheard},
-        limits=found.limits | {name: unseen(c.columns[0]) for name, c in unheard.items()})  # fmt: skip
+        limits=found.limits | {name: unseen(c.columns[0]) for name, c in unheard.items()},
+    )
 
 
 def _failed(tables: list[Table], candidates: list[Candidate]) -> dict[str, str]:
     """Give the laws of which no setting could be run, and why."""
     troubles = {key: why for table in tables for key, why in table.dropped.items()}
     run = {c.effect for c in candidates if not any(column.key in troubles for column in c.columns)}
-    return {c.effect: troubles[column.key] for c in candidates for column in c.columns
-            if c.effect not in run and column.key in troubles}  # fmt: skip
+    return {
+        c.effect: troubles[column.key]
+        for c in candidates
+        for column in c.columns
+        if c.effect not in run and column.key in troubles
+    }
 
 
 def _check_laws(tables: list[Table], candidates: list[Candidate]) -> None:
@@ -107,8 +121,11 @@ def _check_laws(tables: list[Table], candidates: list[Candidate]) -> None:
     """
     laws, failed = {c.effect for c in candidates if c.kind != "base"}, _failed(tables, candidates)
     if laws and laws <= failed.keys():
-        raise PlopError("No law could be judged: the engine runs with none of them.", found="; ".join(failed.values()),
-                        fix="Mend the law, or give it a smaller `typical` amplitude.")  # fmt: skip
+        raise PlopError(
+            "No law could be judged: the engine runs with none of them.",
+            found="; ".join(failed.values()),
+            fix="Mend the law, or give it a smaller `typical` amplitude.",
+        )
 
 
 def _two_are_tried(verdict: Verdict) -> bool:
@@ -140,6 +157,9 @@ def check_enough(count: int, dropped: Mapping[str, str]) -> None:
     """
     if count < LEAST_EPISODES:
         why = "".join(f"; {name} is left out: {reason}" for name, reason in dropped.items())
-        raise PlopError("There are too few episodes for a verdict.", expected=f"at least {LEAST_EPISODES}",
-                        found=f"{count}{why}"[:400],
-                        fix="Record more motions; a verdict from fewer would be a guess.")  # fmt: skip
+        raise PlopError(
+            "There are too few episodes for a verdict.",
+            expected=f"at least {LEAST_EPISODES}",
+            found=f"{count}{why}"[:400],
+            fix="Record more motions; a verdict from fewer would be a guess.",
+        )

@@ -19,9 +19,7 @@ def start_particles(base: EngineBase, episode: Episode, effects: Sequence[Effect
     return filled_particles(base, (episode.vertices, episode.faces), episode.points[0], episode.table_z_m, effects)
 
 
-def predict_points(
-    base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = ()
-) -> np.ndarray:  # fmt: skip
+def predict_points(base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = ()) -> np.ndarray:
     """Run the engine through an episode.
 
     Args:

@@ -44,9 +44,13 @@ class Episode:
     def __post_init__(self) -> None:
         frames, count = len(self.times), len(self.patch)
         if self.points.shape != (frames, count, 3) or frames < 3 or not np.isfinite(self.points).all():
-            raise PlopError("An episode cannot be compared.", where=self.name,
-                            expected="at least 3 frames of finite points",
-                            found=f"points {self.points.shape}", fix="Leave this episode out.")  # fmt: skip
+            raise PlopError(
+                "An episode cannot be compared.",
+                where=self.name,
+                expected="at least 3 frames of finite points",
+                found=f"points {self.points.shape}",
+                fix="Leave this episode out.",
+            )
 
     @property
     def patches(self) -> int:
@@ -119,5 +123,14 @@ def episode_from_sequence(
     measured = exact + generator.normal(0, noise_m, exact.shape)
     tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, sequence.times, sequence.world_from_tool)
     vertices, faces = convex_surface(sequence.vertices[0, outer])
-    return Episode(name or sequence.name, np.asarray(sequence.times, float), measured, noise_m,
-                   patches_of(exact[0], exact[-1]), tool, sequence.table_z_m, vertices, faces)  # fmt: skip
+    return Episode(
+        name or sequence.name,
+        np.asarray(sequence.times, float),
+        measured,
+        noise_m,
+        patches_of(exact[0], exact[-1]),
+        tool,
+        sequence.table_z_m,
+        vertices,
+        faces,
+    )

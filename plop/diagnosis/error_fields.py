@@ -86,18 +86,34 @@ def error_field(episode: Episode, predicted: np.ndarray) -> ErrorField:
     """
     points = episode.points
     if predicted.shape != points.shape or not np.isfinite(predicted).all():
-        raise PlopError("The prediction cannot be compared.", where=episode.name,
-                        expected=f"finite points {points.shape}", found=f"points {predicted.shape}",
-                        fix="Roll the model out on these recordings.")  # fmt: skip
+        raise PlopError(
+            "The prediction cannot be compared.",
+            where=episode.name,
+            expected=f"finite points {points.shape}",
+            found=f"points {predicted.shape}",
+            fix="Roll the model out on these recordings.",
+        )
     start = float(np.abs(predicted[0] - points[0]).max())
     if start > 1e-4:
-        raise PlopError("The prediction starts somewhere else.", where=episode.name,
-                        expected="the measured points of the first frame, in metres, world frame",
-                        found=f"{1000 * start:.2g} mm away", fix="Check its units and its frame.")  # fmt: skip
+        raise PlopError(
+            "The prediction starts somewhere else.",
+            where=episode.name,
+            expected="the measured points of the first frame, in metres, world frame",
+            found=f"{1000 * start:.2g} mm away",
+            fix="Check its units and its frame.",
+        )
     body = np.stack([transform_points(kabsch(points[0], now), points[0]) for now in points])
     floor = episode.table_z_m if episode.table_z_m is not None else float(episode.vertices[:, 2].min())
-    return ErrorField(episode, predicted, _distance(predicted, points), _distance(points[:1], points),
-                      _distance(body, points), points[..., 2] - floor, view_tool(episode), _seen(episode))  # fmt: skip
+    return ErrorField(
+        episode,
+        predicted,
+        _distance(predicted, points),
+        _distance(points[:1], points),
+        _distance(body, points),
+        points[..., 2] - floor,
+        view_tool(episode),
+        _seen(episode),
+    )
 
 
 def _seen(episode: Episode) -> np.ndarray:
@@ -124,16 +140,17 @@ def tables(fields: Sequence[ErrorField]) -> dict[str, list[dict[str, Any]]]:
         "phase": _present(row_of(fields, [p == k for p in phases], {"phase": PHASES[k]}) for k in range(len(PHASES))),
         "episode_phase": _present(
             row_of([f], [p == k], {"episode": f.name, "phase": PHASES[k]})
-            for f, p in zip(fields, phases, strict=True) for k in range(len(PHASES))
+            for f, p in zip(fields, phases, strict=True)
+            for k in range(len(PHASES))
         ),
         "distance": _bands(fields, distance, DISTANCE_EDGES_M, "distance_to_tool_mm"),
         "height": _bands(fields, height, HEIGHT_EDGES_M, "height_mm"),
-    }  # fmt: skip
+    }
 
 
 def _bands(
     fields: Sequence[ErrorField], values: list[np.ndarray], edges: Sequence[float], name: str
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     return _present(
         row_of(fields, [(v >= low) & (v < high) for v in values], {name: band_text(low, high)})
         for low, high in zip(edges[:-1], edges[1:], strict=True)
@@ -171,13 +188,21 @@ def row_of(fields: Sequence[ErrorField], chosen: Sequence[np.ndarray], label: di
     # The floor of a row is that of its episodes, each as often as it has points.
     floor = np.sqrt(np.average([f.floor_m**2 for f in fields], weights=[mask.sum() for mask in after]))
     values = {
-        "rms_mm": rms(errors), "median_mm": np.median(errors), "p95_mm": np.quantile(errors, 0.95),
+        "rms_mm": rms(errors),
+        "median_mm": np.median(errors),
+        "p95_mm": np.quantile(errors, 0.95),
         "persistence_mm": rms(_chosen(fields, after, "persistence_m")),
-        "rigid_mm": rms(_chosen(fields, after, "rigid_m")), "floor_mm": floor,
-    }  # fmt: skip
+        "rigid_mm": rms(_chosen(fields, after, "rigid_m")),
+        "floor_mm": floor,
+    }
     row = {name: round(1000 * float(value), 4) for name, value in values.items()}
-    return {**label, "n": count, "episodes": sum(bool(mask.any()) for mask in after), **row,
-            "in_noise": round(float(rms(errors) / floor), 3)}  # fmt: skip
+    return {
+        **label,
+        "n": count,
+        "episodes": sum(bool(mask.any()) for mask in after),
+        **row,
+        "in_noise": round(float(rms(errors) / floor), 3),
+    }
 
 
 def _chosen(fields: Sequence[ErrorField], masks: Sequence[np.ndarray], name: str) -> np.ndarray:

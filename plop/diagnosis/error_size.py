@@ -38,7 +38,7 @@ class ErrorSize:
     @classmethod
     def of(
         cls, ours: np.ndarray, raw: float, theirs: np.ndarray, kinds: tuple[Sequence[str], Sequence[str]] = ((), ())
-    ) -> ErrorSize:  # fmt: skip
+    ) -> ErrorSize:
         """Compare the errors of the episodes [E] with those of the reference [R], which may be few or none.
 
         Args:

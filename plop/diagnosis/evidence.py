@@ -82,9 +82,16 @@ def evidence_of(episode: Episode, predictions: Sequence[np.ndarray], responses: 
 
     residual = seen * reduced(episode.points - np.mean(predictions, 0))
     scatter = _scatter([reduced(points) for points in predictions])
-    return Evidence(episode.name, frames, residual, reduced(episode.points), episode.patch_noise_m,
-                    {key: seen * reduced(value) for key, value in responses.items()},
-                    octants(episode.pooled(episode.points[0])), scatter)  # fmt: skip
+    return Evidence(
+        episode.name,
+        frames,
+        residual,
+        reduced(episode.points),
+        episode.patch_noise_m,
+        {key: seen * reduced(value) for key, value in responses.items()},
+        octants(episode.pooled(episode.points[0])),
+        scatter,
+    )
 
 
 def _scatter(predictions: Sequence[np.ndarray]) -> np.ndarray:
@@ -172,8 +179,7 @@ def whiten(evidence: Evidence, misfit: MisfitModel, columns: list[str]) -> White
     """Divide by the expected standard deviation."""
     sigma = misfit.sigma(evidence)
     rows = [(evidence.responses[key] / sigma).ravel() for key in columns]
-    return Whitened(evidence.name, (evidence.residual / sigma).ravel(), np.stack(rows),
-                    sigma.shape[:2], evidence.block)  # fmt: skip
+    return Whitened(evidence.name, (evidence.residual / sigma).ravel(), np.stack(rows), sigma.shape[:2], evidence.block)
 
 
 def corrected(evidence: Evidence, columns: list[str], values: np.ndarray) -> Evidence:

@@ -56,12 +56,27 @@ def stored_field(field: ErrorField) -> StoredField:
     episode = field.episode
     vertices, faces = fine_surface(episode.vertices, episode.faces, SURFACE_EDGE_M)
     return StoredField(
-        episode.name, episode.times, episode.points, field.predicted, field.error_m, field.persistence_m, field.rigid_m,
+        episode.name,
+        episode.times,
+        episode.points,
+        field.predicted,
+        field.error_m,
+        field.persistence_m,
+        field.rigid_m,
         field.seen,
-        field.tool.distance_m, field.height_m, field.tool.phase.astype(np.int8), episode.patch, episode.noise_m,
-        field.floor_m, vertices, faces, episode.tool.vertices, episode.tool.faces, episode.tool.world_from_tool,
+        field.tool.distance_m,
+        field.height_m,
+        field.tool.phase.astype(np.int8),
+        episode.patch,
+        episode.noise_m,
+        field.floor_m,
+        vertices,
+        faces,
+        episode.tool.vertices,
+        episode.tool.faces,
+        episode.tool.world_from_tool,
         np.nan if episode.table_z_m is None else episode.table_z_m,
-    )  # fmt: skip
+    )
 
 
 def write_field(path: Path, field: StoredField) -> None:
@@ -85,7 +100,12 @@ def read_field(path: Path) -> StoredField:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in StoredField.__dataclass_fields__}
     except (OSError, KeyError, ValueError, BadZipFile) as error:
-        raise PlopError("The error field cannot be read.", where=path, expected="a file of `plop compare`",
-                        found=str(error), fix="Run `plop compare` again.") from error  # fmt: skip
+        raise PlopError(
+            "The error field cannot be read.",
+            where=path,
+            expected="a file of `plop compare`",
+            found=str(error),
+            fix="Run `plop compare` again.",
+        ) from error
     single = {name: arrays[name].item() for name in ("noise_m", "floor_m", "table_z_m", "name")}
     return StoredField(**{**arrays, **single})

@@ -33,13 +33,31 @@ def finding_of(state: State, score: Score, shams: np.ndarray, beside: bool = Fal
     units = dict(score.candidate.shape_units)
     for name, value in columns[0].shapes:
         also = sorted({dict(other.candidate.columns[0].shapes)[name] for other in others} - {value})
-        parameters[name] = {"value": value, "low": float("-inf"), "high": float("inf"), "unit": units.get(name, ""),
-                            "at_bound": False, "chosen": True, "also": also}  # fmt: skip
+        parameters[name] = {
+            "value": value,
+            "low": float("-inf"),
+            "high": float("inf"),
+            "unit": units.get(name, ""),
+            "at_bound": False,
+            "chosen": True,
+            "also": also,
+        }
     contrast = _contrast(state, score.rows, len(columns), whole_library=beside)
-    return Finding(score.candidate.effect, score.candidate.kind, parameters, score.gain, score.gain_error,
-                   p_value(score.gain, shams), contrast, steady_gain(score.before, score.after), score.alone,
-                   _apart(state, score), state.evidence[most_helped(score.before, score.after)].name,
-                   float(score.shown.sum()), _shown_by(state, score.shown))  # fmt: skip
+    return Finding(
+        score.candidate.effect,
+        score.candidate.kind,
+        parameters,
+        score.gain,
+        score.gain_error,
+        p_value(score.gain, shams),
+        contrast,
+        steady_gain(score.before, score.after),
+        score.alone,
+        _apart(state, score),
+        state.evidence[most_helped(score.before, score.after)].name,
+        float(score.shown.sum()),
+        _shown_by(state, score.shown),
+    )
 
 
 def beyond(state: State, best: Score, shams: np.ndarray) -> tuple[Finding, float] | None:
@@ -70,8 +88,16 @@ def base_finding(state: State, shams: np.ndarray) -> Finding:
     improvement, error = gain(raw, refitted), state.screen.gain_error(np.array([], int), rows)
     contrast = _contrast(state, rows, len(rows))
     # The same kind of p as for effects: sham gains are shares of the error, too.
-    return Finding("stiffness", "base", parameters_of(tuple(columns), fitted, state.profiles), improvement, error,
-                   p_value(improvement, shams), contrast, alone=improvement)  # fmt: skip
+    return Finding(
+        "stiffness",
+        "base",
+        parameters_of(tuple(columns), fitted, state.profiles),
+        improvement,
+        error,
+        p_value(improvement, shams),
+        contrast,
+        alone=improvement,
+    )
 
 
 def _widen(state: State, parameters: dict[str, dict[str, Any]], settings: Sequence[Score]) -> None:

@@ -94,8 +94,11 @@ def outliers(episodes: list[Episode], base: EngineBase, jobs: int = 1) -> dict[s
     middle = float(np.median(rms))
     if len(episodes) < 4:
         return {}
-    return {e.name: f"the engine misses it by {r:.2f} mm RMS, the others by {middle:.2f} mm"
-            for e, r in zip(episodes, rms, strict=True) if r > OUTLIER * middle}  # fmt: skip
+    return {
+        e.name: f"the engine misses it by {r:.2f} mm RMS, the others by {middle:.2f} mm"
+        for e, r in zip(episodes, rms, strict=True)
+        if r > OUTLIER * middle
+    }
 
 
 def _mean_square(case: TrackedCase) -> float:
@@ -104,9 +107,14 @@ def _mean_square(case: TrackedCase) -> float:
 
 
 def identify(
-    episodes: list[Episode], start: EngineBase, names: tuple[str, ...], *, iterations: int, jobs: int,
+    episodes: list[Episode],
+    start: EngineBase,
+    names: tuple[str, ...],
+    *,
+    iterations: int,
+    jobs: int,
     progress: Callable[[int, int, float], None] | None = None,
-) -> tuple[EngineBase, Calibration]:  # fmt: skip
+) -> tuple[EngineBase, Calibration]:
     """Fit material parameters.
 
     Args:
@@ -121,8 +129,12 @@ def identify(
         PlopError: No episode, or the engine is unstable with the first guess.
     """
     if not episodes:
-        raise PlopError("There is no episode to fit the engine to.", expected="at least one with a track", found="none",
-                        fix="Run `plop filter` on these recordings.")  # fmt: skip
+        raise PlopError(
+            "There is no episode to fit the engine to.",
+            expected="at least one with a track",
+            found="none",
+            fix="Run `plop filter` on these recordings.",
+        )
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     found = calibrate(cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress)
     return replace(start, material=found.material), found

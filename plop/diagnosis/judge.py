@@ -30,9 +30,15 @@ def first_of(findings: list[Finding]) -> int | None:
 
 
 def judge(
-    findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], size: ErrorSize, *,
-    left: float | None, second: tuple[Finding, float] | None = None,
-) -> Verdict:  # fmt: skip
+    findings: list[Finding],
+    confounds: list[str],
+    base: Finding | None,
+    sensors: list[str],
+    size: ErrorSize,
+    *,
+    left: float | None,
+    second: tuple[Finding, float] | None = None,
+) -> Verdict:
     """Decide.
 
     Args:
@@ -46,11 +52,21 @@ def judge(
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
-    facts = {"sensors": sensors, "error": size.error, "floor": size.floor, "left": left, "excess": size.excess,
-             "excess_p": size.excess_p, "decoys": decoys, "alternatives": []}  # fmt: skip
+    facts = {
+        "sensors": sensors,
+        "error": size.error,
+        "floor": size.floor,
+        "left": left,
+        "excess": size.excess,
+        "excess_p": size.excess_p,
+        "decoys": decoys,
+        "alternatives": [],
+    }
     if sensors:
-        text = (f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
-                "it, or leave the camera out (--exclude), and diagnose again.")  # fmt: skip
+        text = (
+            f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
+            "it, or leave the camera out (--exclude), and diagnose again."
+        )
         return Verdict("SENSOR", sensors, text, facts)
     from_base = by_base(base, findings, named[0] if named else None, size, facts)
     if from_base is not None:
@@ -72,9 +88,13 @@ def judge(
 
 
 def _law(
-    best: Finding, alike: list[str], second: tuple[Finding, float] | None, left: float | None, size: ErrorSize,
+    best: Finding,
+    alike: list[str],
+    second: tuple[Finding, float] | None,
+    left: float | None,
+    size: ErrorSize,
     facts: dict[str, Any],
-) -> Verdict:  # fmt: skip
+) -> Verdict:
     """Name the best law: alone, with the one beside it, or with those that cannot be told from it.
 
     A law at the end of its range is a part at most: how much more of it there is, nobody knows.
@@ -100,9 +120,7 @@ def _law(
     return Verdict(kind, [best.name, *others], effect_text(kind, best, others, share), facts)
 
 
-def judge_pair(
-    alone: Verdict, first: Finding, second: Finding, left: float, size: ErrorSize
-) -> Verdict:  # fmt: skip
+def judge_pair(alone: Verdict, first: Finding, second: Finding, left: float, size: ErrorSize) -> Verdict:
     """Name two laws that were fitted together, where none alone settled it, or two did that were fitted one by one.
 
     Args:
@@ -122,11 +140,22 @@ def judge_pair(
         return alone
     partly = share < PAIR_SHARE
     start = "Partly" if partly else "Missing:"
-    each = (f"beside the other, the first explains {100 * first.gain:.0f} % of the held-out error, the second "
-            f"{100 * second.gain:.0f} %")  # fmt: skip
-    text = (f"{start} {first.name} and {second.name}, which were fitted together; "
-            f"{parameters_text(first)}; {parameters_text(second)}; {each}; both close {100 * min(share, 1):.0f} % "
-            f"of the explainable gap. Add {first.name}, then diagnose again.")  # fmt: skip
-    facts = {**alone.evidence, "left": left, "error": size.error, "floor": size.floor, "alternatives": [],
-             "share": 1 - left / size.error, "alone": {"kind": alone.kind, "named": alone.named}}  # fmt: skip
+    each = (
+        f"beside the other, the first explains {100 * first.gain:.0f} % of the held-out error, the second "
+        f"{100 * second.gain:.0f} %"
+    )
+    text = (
+        f"{start} {first.name} and {second.name}, which were fitted together; "
+        f"{parameters_text(first)}; {parameters_text(second)}; {each}; both close {100 * min(share, 1):.0f} % "
+        f"of the explainable gap. Add {first.name}, then diagnose again."
+    )
+    facts = {
+        **alone.evidence,
+        "left": left,
+        "error": size.error,
+        "floor": size.floor,
+        "alternatives": [],
+        "share": 1 - left / size.error,
+        "alone": {"kind": alone.kind, "named": alone.named},
+    }
     return Verdict("PARTLY" if partly else "EFFECT", [first.name, second.name], text, facts)

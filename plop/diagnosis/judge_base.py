@@ -56,8 +56,10 @@ def _base_or(
     facts = {**facts, "share": base.gain}
     law = next((f for f in rivals if f.kind == "physics"), None)
     if law is not None:
-        text = (f"{base.name} of the base, or {law.name}, which these motions cannot tell apart; "
-                f"{parameters_text(base)}; or {parameters_text(law)}.")  # fmt: skip
+        text = (
+            f"{base.name} of the base, or {law.name}, which these motions cannot tell apart; "
+            f"{parameters_text(base)}; or {parameters_text(law)}."
+        )
         return Verdict("CONFOUNDED", [base.name, law.name], text, {**facts, "alternatives": [law.name]})
     also = [f.name for f in rivals]
     facts = {**facts, "alternatives": also, "rest": rest_stands_out(size)}

@@ -18,9 +18,13 @@ StandsOut = Callable[[np.ndarray], bool]
 
 
 def detection_limits(
-    screen: Screen, scores: list[Score], shams: np.ndarray, response_rms_m: Callable[[str], float],
-    contrasts: Mapping[str, Contrast], stands_out: StandsOut = lambda _: False,
-) -> dict[str, dict[str, Any]]:  # fmt: skip
+    screen: Screen,
+    scores: list[Score],
+    shams: np.ndarray,
+    response_rms_m: Callable[[str], float],
+    contrasts: Mapping[str, Contrast],
+    stands_out: StandsOut = lambda _: False,
+) -> dict[str, dict[str, Any]]:
     """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
 
     It passes by as much as chance takes away in one of ten cases.
@@ -45,23 +49,33 @@ def detection_limits(
 
 
 def _limit(
-    screen: Screen, score: Score, threshold: float, response_rms_m: Callable[[str], float], contrast: Contrast | None,
+    screen: Screen,
+    score: Score,
+    threshold: float,
+    response_rms_m: Callable[[str], float],
+    contrast: Contrast | None,
     stands_out: StandsOut,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Give the limit of the amplitude that moves least at its own: of a pull, the direction that is seen best."""
     found = []
     for k, column in enumerate(score.candidate.columns):
         clear = (0.0, 0.0) if contrast is None else (float(contrast.least[k]), float(contrast.least_alone[k]))
         amplitude = _least_seen(screen, score, column, threshold, clear, stands_out)
         if amplitude is not None:
-            found.append({"amplitude": amplitude, "unit": column.unit, "parameter": column.amplitude,
-                          "displacement_m": amplitude * response_rms_m(column.key)})  # fmt: skip
+            found.append(
+                {
+                    "amplitude": amplitude,
+                    "unit": column.unit,
+                    "parameter": column.amplitude,
+                    "displacement_m": amplitude * response_rms_m(column.key),
+                }
+            )
     return min(found, key=lambda limit: limit["displacement_m"], default=unseen(score.candidate.columns[0]))
 
 
 def _least_seen(
     screen: Screen, score: Score, column: Column, threshold: float, clear: tuple[float, float], stands_out: StandsOut
-) -> float | None:  # fmt: skip
+) -> float | None:
     """Find the least amplitude of one column that passes; None where none in its range does.
 
     Args:

@@ -25,8 +25,10 @@ def next_motion(found: Diagnosis) -> dict[str, Any] | None:
     """
     lone = found.verdict.evidence.get("lone")
     if lone is not None:
-        text = (f"Only {lone['episode']} shows {lone['effect']}: record more motions like it, at other speeds and "
-                "places, so that it can be told from chance.")  # fmt: skip
+        text = (
+            f"Only {lone['episode']} shows {lone['effect']}: record more motions like it, at other speeds and "
+            "places, so that it can be told from chance."
+        )
         return {"episode": lone["episode"], "separation": {}, "text": text}
     return _apart(found) if found.verdict.evidence.get("alternatives") else None
 
@@ -43,10 +45,14 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
     own = next(f.parameters for f in found.findings if f.name == best.candidate.effect)
     rivals = {_setting(score): score for score, _ in found.settings}
     _, episode, pairs = _most_apart(found, best, rivals)
-    either = ", or ".join(f"{_setting(score)} with {_amplitudes(score, parameters)}"
-                          for score, parameters in ((best, own), *found.settings))  # fmt: skip
-    text = (f"These motions do not tell its setting: {either}. They differ most in that of {episode}; "
-            "record more like it, slower and faster.")  # fmt: skip
+    either = ", or ".join(
+        f"{_setting(score)} with {_amplitudes(score, parameters)}"
+        for score, parameters in ((best, own), *found.settings)
+    )
+    text = (
+        f"These motions do not tell its setting: {either}. They differ most in that of {episode}; "
+        "record more like it, slower and faster."
+    )
     return {"episode": episode, "separation": pairs, "text": text}
 
 
@@ -70,8 +76,10 @@ def _apart(found: Diagnosis) -> dict[str, Any] | None:
         return None
     best, rivals = named[0], {s.candidate.effect: s for s in named[1:]}
     separation, episode, pairs = _most_apart(found, best, rivals)
-    text = (f"The motion of {episode} tells {best.candidate.effect} from {', '.join(pairs)} best "
-            f"({separation:.1f} standard deviations); record more like it, larger or slower and faster.")  # fmt: skip
+    text = (
+        f"The motion of {episode} tells {best.candidate.effect} from {', '.join(pairs)} best "
+        f"({separation:.1f} standard deviations); record more like it, larger or slower and faster."
+    )
     return {"episode": episode, "separation": pairs, "text": text}
 
 

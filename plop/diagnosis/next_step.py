@@ -14,15 +14,19 @@ def next_step(found: Diagnosis) -> str:
     """Say what to do next; the commands are meant for the workspace in which this diagnosis is the latest."""
     verdict, motion = found.verdict, next_motion(found)
     if verdict.kind == "SENSOR":
-        return ("`plop calibrate` checks the cameras again and says how to mend them; to go on without one: "
-                "`plop diagnose --exclude CAMERA`.")  # fmt: skip
+        return (
+            "`plop calibrate` checks the cameras again and says how to mend them; to go on without one: "
+            "`plop diagnose --exclude CAMERA`."
+        )
     if motion is not None:
         return str(motion["text"])
     if verdict.kind == "NOTHING DETECTABLE":
         return _limits(found)
     if verdict.kind == "NONE OF THESE":
-        return ("`plop compare` shows where and when the model fails; write the law that you suspect as a file "
-                "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`.")  # fmt: skip
+        return (
+            "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
+            "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`."
+        )
     if verdict.kind == "CONFOUNDED":
         return f"Record motions that tell {' and '.join(verdict.named)} apart."
     settling = settling_motion(found)
@@ -42,13 +46,20 @@ def _added(kind: str, named: list[str]) -> str:
 def _limits(found: Diagnosis) -> str:
     """Say from where on effects would have been named, those that are seen most easily first."""
     laws = {score.candidate.effect for score in found.scores if score.candidate.kind == "physics"}
-    known = [(limit["displacement_m"], name, limit) for name, limit in found.limits.items()
-             if limit.get("displacement_m") is not None and name in laws]  # fmt: skip
+    known = [
+        (limit["displacement_m"], name, limit)
+        for name, limit in found.limits.items()
+        if limit.get("displacement_m") is not None and name in laws
+    ]
     ease = sorted(known, key=lambda entry: entry[:2])[:_EASIEST]
     if not ease:
         return "These motions show no effect of the library; record larger or faster ones."
     seen = ", ".join(
         f"{name} from {with_unit(short_number(abs(limit['amplitude'])), limit.get('unit'))} on "
-        f"({short_number(1000 * size)} mm)" for size, name, limit in ease)  # fmt: skip
-    return (f"What would have been named: {seen}; all limits are in the diagnosis. Larger or faster motions, or more "
-            "episodes, show weaker effects.")  # fmt: skip
+        f"({short_number(1000 * size)} mm)"
+        for size, name, limit in ease
+    )
+    return (
+        f"What would have been named: {seen}; all limits are in the diagnosis. Larger or faster motions, or more "
+        "episodes, show weaker effects."
+    )

@@ -97,17 +97,22 @@ def _beside(state: State, first: Candidate, candidates: Sequence[Candidate]) -> 
     with_first, *with_both = state.tables[0].changes(wanted)
     if with_first is None:
         return []
-    stable = {column.key: (column, change) for column, change in zip(columns, with_both, strict=True)
-              if change is not None}  # fmt: skip
+    stable = {
+        column.key: (column, change) for column, change in zip(columns, with_both, strict=True) if change is not None
+    }
     base = [c for c in candidates if c.effect in BASE_COLUMNS]
     kept = [column.key for candidate in (first, *base) for column in candidate.columns if column.key in state.keys]
     rows = []
     for k, own in enumerate(state.tables[0].responses):
-        rows.append({key: own[key] for key in kept} | {
-            key: (change[k] - with_first[k]) / column.value for key, (column, change) in stable.items()})  # fmt: skip
+        rows.append(
+            {key: own[key] for key in kept}
+            | {key: (change[k] - with_first[k]) / column.value for key, (column, change) in stable.items()}
+        )
     keys = [*kept, *stable]
-    episodes = [whiten(replace(e, residual=corrected(known, state.keys, state.known).residual), state.misfit, keys)
-                for e, known in zip(state.tables[0].evidence(rows), state.evidence, strict=True)]  # fmt: skip
+    episodes = [
+        whiten(replace(e, residual=corrected(known, state.keys, state.known).residual), state.misfit, keys)
+        for e, known in zip(state.tables[0].evidence(rows), state.evidence, strict=True)
+    ]
     usable = [c for c in (first, *base, *others) if all(column.key in keys for column in c.columns)]
     screen = Screen(episodes, keys, usable)
     return one_per_effect(_of_physics(screen, first))

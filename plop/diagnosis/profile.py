@@ -125,8 +125,12 @@ def profiles_of(columns: Sequence[Column], measure: Measure) -> dict[str, Profil
     found: dict[str, dict[float, tuple[float, float] | None]] = {column.key: {} for column in columns}
     asked = {column.key: [column.value / STEP, column.value, column.value * STEP] for column in columns}
     for _ in range(1 + FURTHER):
-        jobs = [(c, inside) for c in columns for inside in dict.fromkeys(_within(c, a) for a in asked[c.key])
-                if inside not in found[c.key]]  # fmt: skip
+        jobs = [
+            (c, inside)
+            for c in columns
+            for inside in dict.fromkeys(_within(c, a) for a in asked[c.key])
+            if inside not in found[c.key]
+        ]
         if not jobs:
             break
         for (column, amplitude), answer in zip(jobs, measure(jobs), strict=True):

@@ -28,9 +28,11 @@ class Grams:
     @classmethod
     def of(cls, episodes: list[Whitened]) -> Grams:
         """Multiply out."""
-        return cls(np.stack([e.matrix @ e.matrix.T for e in episodes]),
-                   np.stack([e.matrix @ e.residual for e in episodes]),
-                   np.array([e.residual @ e.residual for e in episodes]))  # fmt: skip
+        return cls(
+            np.stack([e.matrix @ e.matrix.T for e in episodes]),
+            np.stack([e.matrix @ e.residual for e in episodes]),
+            np.array([e.residual @ e.residual for e in episodes]),
+        )
 
     def with_residuals(self, episodes: list[Whitened]) -> Grams:
         """Multiply out other residuals of the same responses."""

@@ -80,15 +80,22 @@ class Runs:
         try:
             from distributed import Client
         except ImportError as error:
-            raise PlopError("A Dask scheduler needs the package distributed.", expected="distributed", found=str(error),
-                            fix=f"{install_extra('cluster')}; or leave --scheduler out."
-                            ) from error  # fmt: skip
+            raise PlopError(
+                "A Dask scheduler needs the package distributed.",
+                expected="distributed",
+                found=str(error),
+                fix=f"{install_extra('cluster')}; or leave --scheduler out.",
+            ) from error
         try:
             client = Client(self.scheduler, timeout="20s", set_as_default=True)
         except (OSError, TimeoutError, ValueError) as error:
-            raise PlopError("The Dask scheduler cannot be reached.", where=self.scheduler,
-                            expected="an address such as tcp://host:8786", found=str(error) or "no answer",
-                            fix="Start `dask scheduler` and workers, or leave --scheduler out.") from error  # fmt: skip
+            raise PlopError(
+                "The Dask scheduler cannot be reached.",
+                where=self.scheduler,
+                expected="an address such as tcp://host:8786",
+                found=str(error) or "no answer",
+                fix="Start `dask scheduler` and workers, or leave --scheduler out.",
+            ) from error
         try:
             with parallel_config("dask", wait_for_workers_timeout=60):
                 yield
@@ -162,7 +169,13 @@ def digest(job: Job, code: str) -> str:
     """Name a job by everything that decides its answer; `code` is that of the engine, see `code_digest`."""
     total = hashlib.sha256(f"{code}|{job.base!r}|{job.key}|{job.episode.table_z_m}".encode())
     episode = job.episode
-    for array in (episode.times, episode.points[0], episode.vertices, episode.faces, episode.tool.vertices,
-                  episode.tool.world_from_tool):  # fmt: skip
+    for array in (
+        episode.times,
+        episode.points[0],
+        episode.vertices,
+        episode.faces,
+        episode.tool.vertices,
+        episode.tool.world_from_tool,
+    ):
         total.update(np.ascontiguousarray(array, np.float64).tobytes())
     return total.hexdigest()[:32]

@@ -40,15 +40,25 @@ def check_same_object(
     facts = read_facts(innermost(model)).get("training", {})
     about = facts.get("environment") or about
     if about and about != environment:
-        raise PlopError("Model and recordings are of different objects.", where=model, expected=str(about),
-                        found=environment, fix=fix)  # fmt: skip
+        raise PlopError(
+            "Model and recordings are of different objects.",
+            where=model,
+            expected=str(about),
+            found=environment,
+            fix=fix,
+        )
     known = facts.get("size_m")
     if known is None or not episodes:
         return
     size = size_m(episodes)
     if (np.abs(size / np.asarray(known, float) - 1) > SIZE_SHARE).any():
-        raise PlopError("Model and recordings are of objects of different size.", where=model,
-                        expected=_text(np.asarray(known, float)), found=_text(size), fix=fix)  # fmt: skip
+        raise PlopError(
+            "Model and recordings are of objects of different size.",
+            where=model,
+            expected=_text(np.asarray(known, float)),
+            found=_text(size),
+            fix=fix,
+        )
 
 
 def _text(size: np.ndarray) -> str:

@@ -121,8 +121,21 @@ class Screen:
             alone = gain(self.grams.energy, held_out_energy(self.grams, self.columns(candidate)))
             values = fitted.values[-len(candidate.columns) :]
             sizes = [abs(v) * response_rms_m(c.key) for v, c in zip(values, candidate.columns, strict=True)]
-            found.append(Score(candidate, gain(before, after), self.gain_error(null, rows), before, after, null, rows,
-                               fitted, float(np.hypot.reduce(sizes)), alone, self._shown(null, rows)))  # fmt: skip
+            found.append(
+                Score(
+                    candidate,
+                    gain(before, after),
+                    self.gain_error(null, rows),
+                    before,
+                    after,
+                    null,
+                    rows,
+                    fitted,
+                    float(np.hypot.reduce(sizes)),
+                    alone,
+                    self._shown(null, rows),
+                )
+            )
         return sorted(found, key=lambda s: -s.gain)
 
     def _shown(self, less: np.ndarray, more: np.ndarray) -> np.ndarray:
@@ -155,14 +168,20 @@ class Screen:
     def held_out_blocks(self, columns: np.ndarray) -> np.ndarray:
         """Sum of squares left in each part of each episode when the columns were fitted to the others, [E, BLOCKS]."""
         values = held_out_values(self.grams, columns)
-        return np.stack([e.by_block((e.residual - v @ e.matrix[columns]) ** 2)
-                         for e, v in zip(self.episodes, values, strict=True)])  # fmt: skip
+        return np.stack(
+            [e.by_block((e.residual - v @ e.matrix[columns]) ** 2) for e, v in zip(self.episodes, values, strict=True)]
+        )
 
     def best_gain(self, grams: Grams) -> float:
         """Largest gain over the library, for shams."""
         before = self.before(grams)
-        return max((gain(before, held_out_energy(grams, np.concatenate([self.base, self.columns(c)])))
-                    for c in self.candidates), default=0.0)  # fmt: skip
+        return max(
+            (
+                gain(before, held_out_energy(grams, np.concatenate([self.base, self.columns(c)])))
+                for c in self.candidates
+            ),
+            default=0.0,
+        )
 
     def signature(self, candidate: Candidate, values: np.ndarray) -> np.ndarray:
         """Response of a candidate without what the base's parameters can do, all episodes in a row, unit length."""
@@ -171,8 +190,9 @@ class Screen:
         response = [np.tensordot(values, e.matrix[rows], 1) for e in self.episodes]
         if len(self.base):
             mix = solve(total[np.ix_(self.base, self.base)], total[np.ix_(self.base, rows)] @ values)
-            response = [r - np.tensordot(mix, e.matrix[self.base], 1)
-                        for r, e in zip(response, self.episodes, strict=True)]  # fmt: skip
+            response = [
+                r - np.tensordot(mix, e.matrix[self.base], 1) for r, e in zip(response, self.episodes, strict=True)
+            ]
         flat = np.concatenate(response)
         return flat / max(float(np.linalg.norm(flat)), 1e-30)
 

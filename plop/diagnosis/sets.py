@@ -32,15 +32,20 @@ def tracked_episodes(
     found, left_out = [], {}
     for name in names:
         try:
-            episode = episode_from_track(recordings.path(name), init / name / "object.ply", tracks / f"{name}.h5",
-                                         seed=seed)  # fmt: skip
+            episode = episode_from_track(
+                recordings.path(name), init / name / "object.ply", tracks / f"{name}.h5", seed=seed
+            )
             check_touch(episode)
             found.append(episode)
         except PlopError as error:
             left_out[name] = f"{error.problem} {error.found or ''}".strip()
     if not found:
-        raise PlopError("No episode can be compared.", where=recordings.folder, found=str(left_out)[:400],
-                        fix="Run `plop fit-init` and `plop filter` on these recordings.")  # fmt: skip
+        raise PlopError(
+            "No episode can be compared.",
+            where=recordings.folder,
+            found=str(left_out)[:400],
+            fix="Run `plop fit-init` and `plop filter` on these recordings.",
+        )
     return found, left_out
 
 
@@ -50,9 +55,14 @@ def check_touch(episode: Episode) -> None:
     Raises:
         PlopError: The tool stays away.
     """
-    nearest = min(float(tool_distance(episode.tool, frame, places).min())
-                  for frame, places in enumerate(episode.points))  # fmt: skip
+    nearest = min(
+        float(tool_distance(episode.tool, frame, places).min()) for frame, places in enumerate(episode.points)
+    )
     if nearest > NEVER_NEAR_M:
-        raise PlopError("The tool never touches the object.", where=episode.name,
-                        expected="contact in at least one frame", found=f"{1000 * nearest:.0f} mm at the nearest",
-                        fix="Leave this episode out, or check the tool's pose.")  # fmt: skip
+        raise PlopError(
+            "The tool never touches the object.",
+            where=episode.name,
+            expected="contact in at least one frame",
+            found=f"{1000 * nearest:.0f} mm at the nearest",
+            fix="Leave this episode out, or check the tool's pose.",
+        )

@@ -33,8 +33,9 @@ def begun(state: State, candidates: Sequence[Candidate]) -> dict[str, Candidate]
     found = {}
     for candidate in tried:
         column = candidate.columns[0]
-        left = {amplitude: answer[0] for amplitude in (column.value, *column.tried)
-                if (answer := next(answers)) is not None}  # fmt: skip
+        left = {
+            amplitude: answer[0] for amplitude in (column.value, *column.tried) if (answer := next(answers)) is not None
+        }
         best = min(left, key=lambda amplitude: left[amplitude], default=column.value)
         if best != column.value and left[best] < state.energy:
             found[candidate.key] = _set_to(candidate, best)
@@ -69,8 +70,11 @@ def searched(state: State, candidates: Sequence[Candidate]) -> dict[str, np.ndar
 
     Responses along the axes would not do: what lies still under a weak pull says nothing of a strong one.
     """
-    found = {c.key: looked_around(c.columns, state.left_with) for c in candidates
-             if len(c.columns) > 1 and all(column.key in state.keys for column in c.columns)}  # fmt: skip
+    found = {
+        c.key: looked_around(c.columns, state.left_with)
+        for c in candidates
+        if len(c.columns) > 1 and all(column.key in state.keys for column in c.columns)
+    }
     return {key: values for key, values in found.items() if values is not None}
 
 

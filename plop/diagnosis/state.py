@@ -44,8 +44,11 @@ class State:
         usable = [c for c in candidates if not gone & {column.key for column in c.columns}]
         self.keys = list(dict.fromkeys(column.key for c in usable for column in c.columns))
         if not self.keys:
-            raise PlopError("The engine can compute no response.", found="; ".join(gone)[:300],
-                            fix="Calibrate the engine to recordings of this object: `plop identify`.")  # fmt: skip
+            raise PlopError(
+                "The engine can compute no response.",
+                found="; ".join(gone)[:300],
+                fix="Calibrate the engine to recordings of this object: `plop identify`.",
+            )
         self.misfit = MisfitModel.of(self.control or self.evidence)
         self.known, self.floors = np.zeros(len(self.keys)), np.zeros(0)
         if self.control:
@@ -126,8 +129,9 @@ class State:
     def measure(self, wanted: Sequence[tuple[Column, float]]) -> list[tuple[float, float] | None]:
         """Run columns at some amplitudes, see `profiles_of`; the base's own parameters are refitted to what is left."""
         both = self._runs([((column, amplitude),) for column, amplitude in wanted])
-        return [None if found is None else (float(found[0] @ found[0]), float(found[1] @ found[1]) ** 0.5)
-                for found in both]  # fmt: skip
+        return [
+            None if found is None else (float(found[0] @ found[0]), float(found[1] @ found[1]) ** 0.5) for found in both
+        ]
 
     def left_with(self, wanted: Sequence[Settings]) -> list[np.ndarray | None]:
         """Give the residuals with a law at some amplitudes, see `least_together`."""
@@ -135,8 +139,10 @@ class State:
 
     def _runs(self, wanted: Sequence[Settings]) -> list[tuple[np.ndarray, np.ndarray] | None]:
         """Residual that is left and response of the engine, whitened, all episodes in a row, [D] each."""
-        return [None if change is None else self._refitted(settings[0][0].key, change)
-                for settings, change in zip(wanted, self.tables[0].changes(wanted), strict=True)]  # fmt: skip
+        return [
+            None if change is None else self._refitted(settings[0][0].key, change)
+            for settings, change in zip(wanted, self.tables[0].changes(wanted), strict=True)
+        ]
 
     def _refitted(self, key: str, change: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         evidence = self.tables[0].evidence([{key: points} for points in change])

@@ -51,8 +51,11 @@ class Table:
                 self.episodes.append(episode)
                 self.plain.append(answer.points)
         if not self.episodes:
-            raise PlopError("The engine can follow no episode.", found="; ".join(self.dropped.values())[:300],
-                            fix="Calibrate the engine to recordings of this object: `plop identify`.")  # fmt: skip
+            raise PlopError(
+                "The engine can follow no episode.",
+                found="; ".join(self.dropped.values())[:300],
+                fix="Calibrate the engine to recordings of this object: `plop identify`.",
+            )
         self.given = measured.predictions
         self.responses: list[dict[str, np.ndarray]] = [{} for _ in self.episodes]
 
@@ -68,8 +71,10 @@ class Table:
         """What the base says, by episode; an engine as base says it in each discretisation."""
         if self.given is not None:
             return [self.given[episode.name] for episode in self.episodes]
-        return [[own, *(points for points in others if points is not None)]
-                for own, others in zip(self.plain, self.elsewhere, strict=True)]  # fmt: skip
+        return [
+            [own, *(points for points in others if points is not None)]
+            for own, others in zip(self.plain, self.elsewhere, strict=True)
+        ]
 
     @cached_property
     def kinds(self) -> list[str]:
@@ -87,8 +92,12 @@ class Table:
         """
         wanted = [c for c in columns if c.key not in self.dropped]
         members = discretised(self.base) if everywhere else [self.base]
-        jobs = [Job(episode, member, ((column, column.value),))
-                for column in wanted for episode in self.episodes for member in members]  # fmt: skip
+        jobs = [
+            Job(episode, member, ((column, column.value),))
+            for column in wanted
+            for episode in self.episodes
+            for member in members
+        ]
         answers = iter(self.run_jobs(jobs))
         for column in wanted:
             own = [[next(answers) for _ in members] for _ in self.episodes]
@@ -132,8 +141,9 @@ class Table:
     def _moved(self, number: int, answers: Sequence[Answer]) -> np.ndarray:
         """What runs of an episode changed, the mean over discretisations, the engine's own first, [T, M, 3] [m]."""
         plain = [self.plain[number], *(self.elsewhere[number] if len(answers) > 1 else [])]
-        return np.mean([a.points - p for a, p in zip(answers, plain, strict=True)
-                        if a.points is not None and p is not None], 0)  # fmt: skip
+        return np.mean(
+            [a.points - p for a, p in zip(answers, plain, strict=True) if a.points is not None and p is not None], 0
+        )
 
     def changes(self, wanted: Sequence[Settings]) -> list[list[np.ndarray] | None]:
         """Compute what laws change at some amplitudes.

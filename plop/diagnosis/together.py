@@ -49,8 +49,17 @@ def least_together(
         return np.asarray(start)
     first = tried[min(known)[1]]
     inside = np.clip(first, search.low + 1e-6 * search.span, search.high - 1e-6 * search.span)
-    found = least_squares(search.residual, inside, search.jacobian, (search.low, search.high), x_scale=search.steps,
-                          max_nfev=_MOST_STEPS, ftol=_ENOUGH, xtol=_ENOUGH, gtol=None)  # fmt: skip
+    found = least_squares(
+        search.residual,
+        inside,
+        search.jacobian,
+        (search.low, search.high),
+        x_scale=search.steps,
+        max_nfev=_MOST_STEPS,
+        ftol=_ENOUGH,
+        xtol=_ENOUGH,
+        gtol=None,
+    )
     return np.asarray(found.x)
 
 
@@ -65,8 +74,10 @@ def looked_around(columns: Sequence[Column], left: Left) -> np.ndarray | None:
         Shape [C]; None where the law makes nothing better in any direction in which it was tried.
     """
     search = _Search(columns, left)
-    tried = [np.clip(_RING * direction * search.steps / _STEP, search.low, search.high)
-             for direction in directions(len(columns))]  # fmt: skip
+    tried = [
+        np.clip(_RING * direction * search.steps / _STEP, search.low, search.high)
+        for direction in directions(len(columns))
+    ]
     none, *around = search.residuals([np.zeros(len(columns)), *tried])
     known = [(float(r @ r), k) for k, r in enumerate(around) if r is not None]
     if none is None or not known or min(known)[0] >= float(none @ none):
@@ -112,5 +123,10 @@ class _Search:
         here, *moved = self.residuals([place, *(place + step for step in np.diag(steps))])
         if here is None:
             return np.zeros((len(self.residual(place)), len(steps)))
-        return np.stack([np.zeros_like(here) if there is None else (there - here) / step
-                         for there, step in zip(moved, steps, strict=True)], 1)  # fmt: skip
+        return np.stack(
+            [
+                np.zeros_like(here) if there is None else (there - here) / step
+                for there, step in zip(moved, steps, strict=True)
+            ],
+            1,
+        )

@@ -41,17 +41,31 @@ def episode_from_track(
     paths, sides = _paths(first, track_path, len(times))
     usable = np.flatnonzero(start.shown(first) & np.isfinite(paths).all((0, 2)))
     if len(usable) < LEAST_POINTS:
-        raise PlopError("Too few Gaussians lie on the measured surface.", where=track_path,
-                        expected=f"at least {LEAST_POINTS} within {1000 * ON_SURFACE_M:g} mm", found=str(len(usable)),
-                        fix="Look at the fit: `plop export` its splats; fit again with more steps.")  # fmt: skip
+        raise PlopError(
+            "Too few Gaussians lie on the measured surface.",
+            where=track_path,
+            expected=f"at least {LEAST_POINTS} within {1000 * ON_SURFACE_M:g} mm",
+            found=str(len(usable)),
+            fix="Look at the fit: `plop export` its splats; fit again with more steps.",
+        )
     generator = np.random.default_rng([seed, 73])
     chosen = np.sort(generator.choice(usable, min(points, len(usable)), replace=False))
     chosen = chosen[_settled_side(paths[:, chosen], sides[chosen])]
     vertices, faces = start.surface(paths[0, usable])
     track = paths[:, chosen]
     tool = ToolMotion(mesh.vertices, mesh.faces, times, poses.astype(float))
-    return Episode(recording_path.stem, times, track, track_noise_m(track), patches_of(track[0], track[-1]), tool,
-                   table, vertices, faces, seen_points(tool, track))  # fmt: skip
+    return Episode(
+        recording_path.stem,
+        times,
+        track,
+        track_noise_m(track),
+        patches_of(track[0], track[-1]),
+        tool,
+        table,
+        vertices,
+        faces,
+        seen_points(tool, track),
+    )
 
 
 def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -66,16 +80,24 @@ def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.nd
     with Trajectory(path) as track:
         known = track.frames("updated")
         if not known or known[-1] != frames - 1:
-            raise PlopError("The track is of another recording.", where=path, expected=f"frames up to {frames - 1}",
-                            found=f"frames up to {known[-1] if known else 'none'}",
-                            fix="Run `plop filter` on these recordings.")  # fmt: skip
+            raise PlopError(
+                "The track is of another recording.",
+                where=path,
+                expected=f"frames up to {frames - 1}",
+                found=f"frames up to {known[-1] if known else 'none'}",
+                fix="Run `plop filter` on these recordings.",
+            )
         for frame in known:
             state = track.read("updated", frame)
             ids = state.ids.numpy()
             if len(ids) and ids.max() >= count:
-                raise PlopError("The track follows other Gaussians than those of the fit.", where=path,
-                                expected=f"{count} Gaussians of the first frame", found=f"number {ids.max()}",
-                                fix="Run `plop filter` with the same --init.")  # fmt: skip
+                raise PlopError(
+                    "The track follows other Gaussians than those of the fit.",
+                    where=path,
+                    expected=f"{count} Gaussians of the first frame",
+                    found=f"number {ids.max()}",
+                    fix="Run `plop filter` with the same --init.",
+                )
             number = np.bincount(ids, minlength=count)[:, None]
             sums = np.stack([np.bincount(ids, state.means[:, c].numpy(), count) for c in range(3)], 1)
             paths[frame] = np.where(number > 0, sums / np.maximum(number, 1), np.nan)

@@ -28,8 +28,11 @@ def others_of(best: Collection[str], scores: Sequence[Score]) -> dict[str, np.nd
         scores: Of all candidates.
     """
     laws = {score.candidate.effect for score in scores if score.candidate.key in best}
-    return {score.candidate.key: score.values for score in scores
-            if score.candidate.effect in laws and score.candidate.key not in best}  # fmt: skip
+    return {
+        score.candidate.key: score.values
+        for score in scores
+        if score.candidate.effect in laws and score.candidate.key not in best
+    }
 
 
 def as_good(best: Score, scores: Sequence[Score]) -> list[Score]:

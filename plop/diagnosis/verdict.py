@@ -52,8 +52,10 @@ def unnamed(kind: str, findings: list[Finding], facts: dict[str, Any], more: str
         episode, what = lone.helps, f"{lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but"
     else:
         episode = lone.shown_by
-        what = (f"fitted to all episodes, {lone.name} takes {100 * lone.shown:.0f} % of the error away "
-                f"({parameters_text(lone)}), but")  # fmt: skip
+        what = (
+            f"fitted to all episodes, {lone.name} takes {100 * lone.shown:.0f} % of the error away "
+            f"({parameters_text(lone)}), but"
+        )
     text = f"{start}: {what} {episode} alone shows it, so that it is not named.{more}"
     return Verdict(kind, [], text, {**facts, "lone": {"effect": lone.name, "episode": episode}})
 
@@ -83,8 +85,10 @@ def nothing(facts: dict[str, Any], size: ErrorSize) -> Verdict:
 
 def among(verdict: Verdict, tried: Sequence[str]) -> Verdict:
     """Let a verdict that names nothing speak of the laws that were tried only: the library was not tried whole."""
-    texts = {_NOTHING: "None of the laws that were tried can be detected in these recordings",
-             _NONE: "Something is missing that none of the laws that were tried explains"}  # fmt: skip
+    texts = {
+        _NOTHING: "None of the laws that were tried can be detected in these recordings",
+        _NONE: "Something is missing that none of the laws that were tried explains",
+    }
     start = next((start for start in texts if verdict.text.startswith(start)), None)
     if start is None:
         return verdict

@@ -31,18 +31,24 @@ def both_text(best: Finding, more: Finding, partly: bool, share: float | None) -
     """Name two effects, the second fitted to what the first leaves; both close a `share` of the explainable gap."""
     closed = "" if share is None else f"; both close {100 * min(share, 1):.0f} % of the explainable gap"
     start = "Partly" if partly else "Missing:"
-    shares = (f"the first explains {100 * best.gain:.0f} % of the held-out error, the second {100 * more.gain:.0f} % "
-              "of what it leaves")  # fmt: skip
+    shares = (
+        f"the first explains {100 * best.gain:.0f} % of the held-out error, the second {100 * more.gain:.0f} % "
+        "of what it leaves"
+    )
     first = parameters_text(best) + _end_text(best)
-    return (f"{start} {best.name} and {more.name}; {first}; {parameters_text(more)}; {shares}{closed}. "
-            f"Add {best.name}, then diagnose again.")  # fmt: skip
+    return (
+        f"{start} {best.name} and {more.name}; {first}; {parameters_text(more)}; {shares}{closed}. "
+        f"Add {best.name}, then diagnose again."
+    )
 
 
 def partly_base_text(base: Finding, others: list[str]) -> str:
     """Name a parameter of the base that leaves much of the gap, with those that cannot be told from it."""
     either = f" (or {' or '.join(others)}, which these motions cannot tell from it)" if others else ""
-    return (f"A changed {base.name}{either} explains a part: {_base_text(base)}; much of the gap remains, and no "
-            "law of the library explains it.")  # fmt: skip
+    return (
+        f"A changed {base.name}{either} explains a part: {_base_text(base)}; much of the gap remains, and no "
+        "law of the library explains it."
+    )
 
 
 def base_text(base: Finding, also: list[str] | None = None, size: ErrorSize | None = None) -> str:
@@ -58,10 +64,12 @@ def base_text(base: Finding, also: list[str] | None = None, size: ErrorSize | No
     share = None if size is None else size.closed_by_base
     if size is None or size.floor is None or share is None or not rest_stands_out(size):
         return f"No law is missing; a parameter of the base differs: {_base_text(base)}.{alike}"
-    return (f"A parameter of the base differs: {_base_text(base)}; it closes {100 * min(share, 1):.0f} % of the "
-            f"explainable gap. What is left, {short_number(size.error / size.floor)} times the reference's squared "
-            f"error, is how the base follows another {base.name}, or what no law of the library does."
-            f"{alike}")  # fmt: skip
+    return (
+        f"A parameter of the base differs: {_base_text(base)}; it closes {100 * min(share, 1):.0f} % of the "
+        f"explainable gap. What is left, {short_number(size.error / size.floor)} times the reference's squared "
+        f"error, is how the base follows another {base.name}, or what no law of the library does."
+        f"{alike}"
+    )
 
 
 def rest_stands_out(size: ErrorSize) -> bool:
@@ -73,10 +81,12 @@ def unsure_text(finding: Finding) -> str:
     """Say which law explains most where something is missing, but too few episodes tell that it is this one."""
     contrast = finding.contrast
     assert contrast is not None
-    return (f"Something is missing. {finding.name} takes {100 * finding.gain:.0f} % of the held-out error away "
-            f"({parameters_text(finding)}), but too few episodes tell whether its amplitude is another than in the "
-            f"reference recordings ({contrast.errors:.1f} standard errors, p = {short_number(contrast.p)}), so that it "
-            "is not named. Record more episodes of these motions and diagnose again.")  # fmt: skip
+    return (
+        f"Something is missing. {finding.name} takes {100 * finding.gain:.0f} % of the held-out error away "
+        f"({parameters_text(finding)}), but too few episodes tell whether its amplitude is another than in the "
+        f"reference recordings ({contrast.errors:.1f} standard errors, p = {short_number(contrast.p)}), so that it "
+        "is not named. Record more episodes of these motions and diagnose again."
+    )
 
 
 def nearly_text(size: ErrorSize) -> str:
@@ -89,10 +99,12 @@ def nearly_text(size: ErrorSize) -> str:
         return ""
     if size.excess_p > NEARLY_P or size.error <= EXCESS_RATIO * size.floor:
         return ""
-    return (f" But the mean squared error is {short_number(size.error / size.floor)} times that of the reference "
-            f"recordings; the chance of that is p = {short_number(size.excess_p)}, and p <= {EXCESS_P:g}, or "
-            f"{EXCESS_LEAST:g} standard errors instead of {size.excess:.1f}, is asked for. Record more episodes of "
-            "these motions and diagnose again.")  # fmt: skip
+    return (
+        f" But the mean squared error is {short_number(size.error / size.floor)} times that of the reference "
+        f"recordings; the chance of that is p = {short_number(size.excess_p)}, and p <= {EXCESS_P:g}, or "
+        f"{EXCESS_LEAST:g} standard errors instead of {size.excess:.1f}, is asked for. Record more episodes of "
+        "these motions and diagnose again."
+    )
 
 
 def _base_text(base: Finding) -> str:

@@ -80,9 +80,15 @@ def _fit_turn(spread: np.ndarray, q: np.ndarray, turn: np.ndarray) -> None:
 
 @kernel
 def _expected(
-    part: int, parts: int, rows: np.ndarray, rest: np.ndarray, now: np.ndarray, side: np.ndarray,
-    neighbours: np.ndarray, out: np.ndarray,
-) -> None:  # fmt: skip
+    part: int,
+    parts: int,
+    rows: np.ndarray,
+    rest: np.ndarray,
+    now: np.ndarray,
+    side: np.ndarray,
+    neighbours: np.ndarray,
+    out: np.ndarray,
+) -> None:
     """Write for each of `rows` the place where its neighbours put it; its own where it has too few of them."""
     weight = np.empty(neighbours.shape[1])
     then, here, spread, turn, q = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(4)
@@ -92,8 +98,9 @@ def _expected(
             j = neighbours[i, k]
             weight[k] = 1.0 if side[i] * side[j] >= 0 else 0.0
             found += 1 if weight[k] > 0 else 0
-            far = max(far, (rest[j, 0] - rest[i, 0]) ** 2 + (rest[j, 1] - rest[i, 1]) ** 2
-                      + (rest[j, 2] - rest[i, 2]) ** 2)  # fmt: skip
+            far = max(
+                far, (rest[j, 0] - rest[i, 0]) ** 2 + (rest[j, 1] - rest[i, 1]) ** 2 + (rest[j, 2] - rest[i, 2]) ** 2
+            )
         if found < _LEAST:
             for c in range(3):
                 out[r, c] = now[i, c]

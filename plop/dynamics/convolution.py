@@ -36,9 +36,18 @@ class _DirectConvolution(torch.autograd.Function):
         (grad,) = gradients
         form: _ConvForm = ctx.form
         found = torch.ops.aten.convolution_backward(
-            grad.contiguous().to_mkldnn(), input.to_mkldnn(), weight, ctx.bias_sizes, form.stride, form.padding,
-            form.dilation, False, [0, 0, 0], form.groups, list(ctx.needs_input_grad[:3]),
-        )  # fmt: skip
+            grad.contiguous().to_mkldnn(),
+            input.to_mkldnn(),
+            weight,
+            ctx.bias_sizes,
+            form.stride,
+            form.padding,
+            form.dilation,
+            False,
+            [0, 0, 0],
+            form.groups,
+            list(ctx.needs_input_grad[:3]),
+        )
         return *(g.to_dense() if g is not None and g.is_mkldnn else g for g in found), None
 
 

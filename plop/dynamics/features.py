@@ -54,9 +54,16 @@ def mirrored_in_table(vectors: Tensor) -> Tensor:
 
 
 def object_features(
-    state: ParticleState, action: ToolStep, frame: StepFrame, with_tool: Tensor, place: Tensor, *, length_m: float,
-    motion_m: float, kind: FeatureSet,
-) -> Tensor:  # fmt: skip
+    state: ParticleState,
+    action: ToolStep,
+    frame: StepFrame,
+    with_tool: Tensor,
+    place: Tensor,
+    *,
+    length_m: float,
+    motion_m: float,
+    kind: FeatureSet,
+) -> Tensor:
     """Encode the object's particles.
 
     Args:

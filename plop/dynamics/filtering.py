@@ -71,9 +71,15 @@ class FilterStep:
 
 
 def run_filter(
-    model: DynamicsModel, recording: Recording, initial: Gaussians, config: UpdateConfig,
-    *, cameras: list[str] | None = None, generator: torch.Generator | None = None, score: bool = True,
-) -> Iterator[FilterStep]:  # fmt: skip
+    model: DynamicsModel,
+    recording: Recording,
+    initial: Gaussians,
+    config: UpdateConfig,
+    *,
+    cameras: list[str] | None = None,
+    generator: torch.Generator | None = None,
+    score: bool = True,
+) -> Iterator[FilterStep]:
     """Filter one episode, frame by frame.
 
     Args:
@@ -173,9 +179,14 @@ class _Displacement:
 
 
 def update(
-    predicted: ParticleState, before: Gaussians, views: list[MeasuredView], pairs: Neighbourhood,
-    length_m: float, config: UpdateConfig, tool: SolidTool | None = None,
-) -> ParticleState:  # fmt: skip
+    predicted: ParticleState,
+    before: Gaussians,
+    views: list[MeasuredView],
+    pairs: Neighbourhood,
+    length_m: float,
+    config: UpdateConfig,
+    tool: SolidTool | None = None,
+) -> ParticleState:
     """Move a predicted state towards the measured views (Eq. 4).
 
     Args:

@@ -44,9 +44,13 @@ class FirstFrame:
         views = [recording.view(name, 0) for name in recording.camera_names]
         cloud = back_project_all([v.camera for v in views], [v.depth_m for v in views], [v.object_mask for v in views])
         if len(cloud) < LEAST_POINTS:
-            raise PlopError("The first frame shows no object.", where=recording.path,
-                            expected="depth on the object's mask", found=f"{len(cloud)} points",
-                            fix="Check masks and depth: `plop calibrate`.")  # fmt: skip
+            raise PlopError(
+                "The first frame shows no object.",
+                where=recording.path,
+                expected="depth on the object's mask",
+                found=f"{len(cloud)} points",
+                fix="Check masks and depth: `plop calibrate`.",
+            )
         distance = np.linalg.norm(cloud.points - np.median(cloud.points, 0), axis=1)
         return cls(views, cloud.points[distance <= np.quantile(distance, 1 - _STRAY)], recording.table_z_m)
 

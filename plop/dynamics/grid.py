@@ -59,5 +59,4 @@ def _bounds(positions: Tensor, batch: Tensor, batches: int) -> tuple[Tensor, Ten
         return least, most
     least = positions.new_full((batches, 3), torch.inf)
     index = batch[:, None].expand(-1, 3)
-    return (least.scatter_reduce(0, index, positions, "amin"),
-            (-least).scatter_reduce(0, index, positions, "amax"))  # fmt: skip
+    return (least.scatter_reduce(0, index, positions, "amin"), (-least).scatter_reduce(0, index, positions, "amax"))

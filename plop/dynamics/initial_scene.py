@@ -51,8 +51,13 @@ class InitialScene:
         folder = Path(fitted) / recording.name
         gaussians, tool = (read_splat(folder / part).to(device) for part in ("object.ply", "tool.ply"))
         mesh = recording.tool_mesh
-        return cls(gaussians, ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device), recording.table_z_m,
-                   first_surface(recording, gaussians), tool)  # fmt: skip
+        return cls(
+            gaussians,
+            ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device),
+            recording.table_z_m,
+            first_surface(recording, gaussians),
+            tool,
+        )
 
     def action(
         self, world_from_tool: np.ndarray | Tensor, next_world_from_tool: np.ndarray | Tensor, dt_s: float
@@ -64,6 +69,8 @@ class InitialScene:
             next_world_from_tool: Pose at its end, shape [4, 4].
             dt_s: Duration [s].
         """
-        before, after = (torch.as_tensor(pose, dtype=torch.float32, device=self.gaussians.means.device)
-                         for pose in (world_from_tool, next_world_from_tool))  # fmt: skip
+        before, after = (
+            torch.as_tensor(pose, dtype=torch.float32, device=self.gaussians.means.device)
+            for pose in (world_from_tool, next_world_from_tool)
+        )
         return ToolStep(self.tool, before, after, dt_s, self.table_z_m)

@@ -38,14 +38,23 @@ class ParticleState:
 
     def select(self, index: Tensor) -> ParticleState:
         """Take a subset of the Gaussians with everything that belongs to them."""
-        return replace(self, gaussians=self.gaussians.select(index), last_translation=self.last_translation[index],
-                       last_rotation=self.last_rotation[index], side=self.side[index],
-                       rest=None if self.rest is None else self.rest.select(index))  # fmt: skip
+        return replace(
+            self,
+            gaussians=self.gaussians.select(index),
+            last_translation=self.last_translation[index],
+            last_rotation=self.last_rotation[index],
+            side=self.side[index],
+            rest=None if self.rest is None else self.rest.select(index),
+        )
 
     def detach(self) -> ParticleState:
         """Copy without gradient history."""
-        return replace(self, gaussians=self.gaussians.detach(), last_translation=self.last_translation.detach(),
-                       last_rotation=self.last_rotation.detach())  # fmt: skip
+        return replace(
+            self,
+            gaussians=self.gaussians.detach(),
+            last_translation=self.last_translation.detach(),
+            last_rotation=self.last_rotation.detach(),
+        )
 
 
 @dataclass(frozen=True)

@@ -175,9 +175,15 @@ def _axis_slopes(offset: float, w: np.ndarray, slopes: np.ndarray) -> None:
 
 @compiled
 def _fill_stencil(
-    part: int, parts: int, first: np.ndarray, weights: np.ndarray, shift: np.ndarray, shape: tuple[int, int, int],
-    nodes: np.ndarray, product: np.ndarray,
-) -> None:  # fmt: skip
+    part: int,
+    parts: int,
+    first: np.ndarray,
+    weights: np.ndarray,
+    shift: np.ndarray,
+    shape: tuple[int, int, int],
+    nodes: np.ndarray,
+    product: np.ndarray,
+) -> None:
     """Nodes beyond the grid are clamped to its border."""
     count, _, n = weights.shape
     for p in range(part * count // parts, (part + 1) * count // parts):

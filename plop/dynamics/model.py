@@ -90,9 +90,15 @@ class PlopModel(nn.Module, DynamicsModel):
             with_tool.append(rigid_displacement(means, action))
             place = frame.points_in(means)
             features = object_features(
-                state, action, frame, with_tool[b], place, length_m=self.config.length_m,
-                kind=self.config.network.features, **units,
-            )  # fmt: skip
+                state,
+                action,
+                frame,
+                with_tool[b],
+                place,
+                length_m=self.config.length_m,
+                kind=self.config.network.features,
+                **units,
+            )
             parts.append(ParticleBatch(place, features, _filled(means, b)))
             pose = action.world_from_tool.to(means)
             points = action.tool.surface_points(self.config.tool_points).to(means) @ pose[:3, :3].T + pose[:3, 3]

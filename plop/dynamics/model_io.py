@@ -36,12 +36,7 @@ def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | 
     weights = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     with whole(folder / "model.safetensors") as scratch:
         save_file(weights, scratch)
-    facts = {
-        "schema": MODEL_SCHEMA,
-        "kind": "plop",
-        "config": asdict(model.config),
-        "training": dict(training or {}),
-    }
+    facts = {"schema": MODEL_SCHEMA, "kind": "plop", "config": asdict(model.config), "training": dict(training or {})}
     write_json(folder / "model.json", facts)
 
 
@@ -64,8 +59,13 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
     try:
         model.load_state_dict(load_file(path))
     except (OSError, SafetensorError, RuntimeError) as error:
-        raise PlopError("The model's weights cannot be read.", where=path, expected="weights that fit model.json",
-                        found=str(error).splitlines()[0], fix="Run `plop train` again.") from error  # fmt: skip
+        raise PlopError(
+            "The model's weights cannot be read.",
+            where=path,
+            expected="weights that fit model.json",
+            found=str(error).splitlines()[0],
+            fix="Run `plop train` again.",
+        ) from error
     return model.to(device).eval()
 
 
@@ -75,11 +75,21 @@ def read_facts(folder: Path) -> dict[str, Any]:
     try:
         facts: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise PlopError("This is not a model.", where=path, expected="model.json of `plop train`", found=str(error),
-                        fix="Run `plop train`, or correct the address.") from error  # fmt: skip
+        raise PlopError(
+            "This is not a model.",
+            where=path,
+            expected="model.json of `plop train`",
+            found=str(error),
+            fix="Run `plop train`, or correct the address.",
+        ) from error
     if facts.get("schema") != MODEL_SCHEMA:
-        raise PlopError("The model has another schema.", where=path, expected=f"schema {MODEL_SCHEMA}",
-                        found=f"schema {facts.get('schema')}", fix="Update plop, or train again.")  # fmt: skip
+        raise PlopError(
+            "The model has another schema.",
+            where=path,
+            expected=f"schema {MODEL_SCHEMA}",
+            found=f"schema {facts.get('schema')}",
+            fix="Update plop, or train again.",
+        )
     return facts
 
 

@@ -29,9 +29,16 @@ def _rotated_error(i: int, j: int, turns: np.ndarray, now: np.ndarray, then: np.
 
 @kernel
 def _rigid(
-    first: np.ndarray, second: np.ndarray, weight: np.ndarray, turns: np.ndarray, now: np.ndarray, then: np.ndarray,
-    to_turns: np.ndarray, to_now: np.ndarray, to_then: np.ndarray,
-) -> float:  # fmt: skip
+    first: np.ndarray,
+    second: np.ndarray,
+    weight: np.ndarray,
+    turns: np.ndarray,
+    now: np.ndarray,
+    then: np.ndarray,
+    to_turns: np.ndarray,
+    to_now: np.ndarray,
+    to_then: np.ndarray,
+) -> float:
     """Sum of sqrt(w |error|^2 + TINY), and its gradients."""
     total, error = 0.0, np.empty(3)
     for p in range(len(first)):
@@ -72,9 +79,8 @@ def _alike(
 
 @kernel
 def _stretched(
-    first: np.ndarray, second: np.ndarray, weight: np.ndarray, rest: np.ndarray, means: np.ndarray,
-    to_means: np.ndarray,
-) -> float:  # fmt: skip
+    first: np.ndarray, second: np.ndarray, weight: np.ndarray, rest: np.ndarray, means: np.ndarray, to_means: np.ndarray
+) -> float:
     """Sum of sqrt(w (length - rest)^2 + TINY), and its gradient."""
     total = 0.0
     for p in range(len(first)):

@@ -72,6 +72,10 @@ def _check_state(gaussians: Gaussians, name: str, frame: int) -> None:
     for field in ("means", "quats", "scales", "opacities"):
         bad = ~torch.isfinite(getattr(gaussians, field)).reshape(len(gaussians), -1).all(1)
         if bad.any():
-            raise PlopError(f"The model predicts {field} that are not finite.", where=where,
-                            expected="finite numbers", found=f"{int(bad.sum())} of {len(bad)} Gaussians",
-                            fix="The model diverged: train with a smaller learning rate.")  # fmt: skip
+            raise PlopError(
+                f"The model predicts {field} that are not finite.",
+                where=where,
+                expected="finite numbers",
+                found=f"{int(bad.sum())} of {len(bad)} Gaussians",
+                fix="The model diverged: train with a smaller learning rate.",
+            )

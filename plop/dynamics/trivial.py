@@ -38,6 +38,10 @@ class ConstantVelocity(DynamicsModel):
         means = state.gaussians.means + shift
         side = advance_sides(state.side, means, action)
         return replace(
-            state, gaussians=state.gaussians.with_(means=means), last_translation=shift,
-            last_rotation=torch.zeros_like(state.last_rotation), side=side, has_history=True,
-        )  # fmt: skip
+            state,
+            gaussians=state.gaussians.with_(means=means),
+            last_translation=shift,
+            last_rotation=torch.zeros_like(state.last_rotation),
+            side=side,
+            has_history=True,
+        )

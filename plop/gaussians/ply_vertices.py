@@ -9,10 +9,23 @@ import numpy as np
 from plop.errors import PlopError
 
 _TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
 _FORMATS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_LIMIT = 1 << 20
 
@@ -35,16 +48,21 @@ def read_vertices(path: str | Path) -> dict[str, np.ndarray]:
     data = path.read_bytes()
     end = data.find(b"end_header", 0, _HEADER_LIMIT)
     if not data.startswith(b"ply") or end < 0:
-        raise PlopError("This is not a PLY file.", where=path, expected="a header from 'ply' to 'end_header'",
-                        found=repr(data[:16].decode("latin1")))  # fmt: skip
+        raise PlopError(
+            "This is not a PLY file.",
+            where=path,
+            expected="a header from 'ply' to 'end_header'",
+            found=repr(data[:16].decode("latin1")),
+        )
     layout, count, properties = _parse_header(path, data[:end].decode("latin1").splitlines())
     start = data.find(b"\n", end) + 1
     if layout == "ascii":
         try:
             numbers = np.array(data[start:].split()[: count * len(properties)], dtype=np.float64)
         except ValueError as error:
-            raise PlopError("The PLY file holds something that is not a number.", where=path,
-                            found=str(error)) from error  # fmt: skip
+            raise PlopError(
+                "The PLY file holds something that is not a number.", where=path, found=str(error)
+            ) from error
         _check_length(path, count * len(properties), len(numbers), "numbers")
         return dict(zip((name for name, _ in properties), numbers.reshape(count, -1).T, strict=True))
     kind = np.dtype([(name, _FORMATS[layout] + code) for name, code in properties])
@@ -70,12 +88,21 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[str, int, list[tuple[st
         if layout not in (*_FORMATS, "ascii") or count < 0 or not properties:
             raise ValueError(f"format {layout!r}, {count} vertices, {len(properties)} properties")
     except (ValueError, IndexError, KeyError) as error:
-        raise PlopError("The header of this PLY cannot be understood.", where=path,
-                        expected="a vertex element with number properties", found=str(error)) from error  # fmt: skip
+        raise PlopError(
+            "The header of this PLY cannot be understood.",
+            where=path,
+            expected="a vertex element with number properties",
+            found=str(error),
+        ) from error
     return layout, count, properties
 
 
 def _check_length(path: Path, expected: int, found: int, unit: str) -> None:
     if found < expected:
-        raise PlopError("The PLY file is truncated.", where=path, expected=f"{expected} {unit} of data",
-                        found=f"{found} {unit}", fix="Copy or write the file again.")  # fmt: skip
+        raise PlopError(
+            "The PLY file is truncated.",
+            where=path,
+            expected=f"{expected} {unit} of data",
+            found=f"{found} {unit}",
+            fix="Copy or write the file again.",
+        )

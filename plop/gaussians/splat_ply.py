@@ -37,8 +37,12 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     table = np.concatenate(list(columns.values()), axis=1).astype("<f4")
     if not np.isfinite(table).all():
         bad = next(name for name, values in columns.items() if not np.isfinite(values).all())
-        raise PlopError("Gaussians with a number that is not finite cannot be written.", where=path,
-                        expected="finite numbers, positive scales", found=f"NaN or infinity in {bad}")  # fmt: skip
+        raise PlopError(
+            "Gaussians with a number that is not finite cannot be written.",
+            where=path,
+            expected="finite numbers, positive scales",
+            found=f"NaN or infinity in {bad}",
+        )
     names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3))]
     names += [f"f_rest_{i}" for i in range(columns["f_rest"].shape[1])]
     names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
@@ -100,24 +104,51 @@ def read_splat(path: str | Path) -> Gaussians:
     path = Path(path)
     table = read_vertices(path)
     names = list(table)
-    needed = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
-              "rot_0", "rot_1", "rot_2", "rot_3"]  # fmt: skip
+    needed = [
+        "x",
+        "y",
+        "z",
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+        "opacity",
+        "scale_0",
+        "scale_1",
+        "scale_2",
+        "rot_0",
+        "rot_1",
+        "rot_2",
+        "rot_3",
+    ]
     missing = [name for name in needed if name not in table]
     if missing:
-        raise PlopError("This PLY does not hold Gaussians.", where=path, expected=", ".join(needed),
-                        found=f"no {', '.join(missing)}", fix="Give a splat PLY, not a point cloud.")  # fmt: skip
+        raise PlopError(
+            "This PLY does not hold Gaussians.",
+            where=path,
+            expected=", ".join(needed),
+            found=f"no {', '.join(missing)}",
+            fix="Give a splat PLY, not a point cloud.",
+        )
     rest = sorted((n for n in names if n.startswith("f_rest_")), key=lambda n: int(n.removeprefix("f_rest_")))
     terms = 1 + len(rest) // 3
     if len(rest) % 3 or terms not in (1, 4, 9, 16, 25):
-        raise PlopError("The colours of this splat PLY are incomplete.", where=path,
-                        expected="0, 9, 24 or 45 properties f_rest_*", found=f"{len(rest)}")  # fmt: skip
+        raise PlopError(
+            "The colours of this splat PLY are incomplete.",
+            where=path,
+            expected="0, 9, 24 or 45 properties f_rest_*",
+            found=f"{len(rest)}",
+        )
     values = {name: np.asarray(table[name], dtype=np.float64) for name in [*needed, *rest]}
     bad = [name for name, column in values.items() if not np.isfinite(column).all()]
     if bad:
         rows = int((~np.isfinite(np.stack([values[n] for n in bad])).all(0)).sum())
-        raise PlopError("The splat PLY holds numbers that are not finite.", where=path, expected="finite numbers",
-                        found=f"NaN or infinity in {', '.join(bad)} ({rows} Gaussians)",
-                        fix="Write the file again, or remove these Gaussians.")  # fmt: skip
+        raise PlopError(
+            "The splat PLY holds numbers that are not finite.",
+            where=path,
+            expected="finite numbers",
+            found=f"NaN or infinity in {', '.join(bad)} ({rows} Gaussians)",
+            fix="Write the file again, or remove these Gaussians.",
+        )
 
     def columns(*keys: str) -> torch.Tensor:
         return torch.from_numpy(np.stack([values[key] for key in keys], axis=-1))
@@ -153,8 +184,9 @@ def read_dot_splat(path: str | Path) -> Gaussians:
         raise PlopError("There is no such splat file.", where=path, expected="a .splat file", found="no file")
     data = path.read_bytes()
     if len(data) % 32:
-        raise PlopError("The splat file is truncated.", where=path, expected="a multiple of 32 bytes",
-                        found=f"{len(data)} bytes")  # fmt: skip
+        raise PlopError(
+            "The splat file is truncated.", where=path, expected="a multiple of 32 bytes", found=f"{len(data)} bytes"
+        )
     kind = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
     table = np.frombuffer(data, dtype=kind)
     colour = torch.from_numpy(table["rgba"].astype(np.float32) / 255)

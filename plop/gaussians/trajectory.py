@@ -114,12 +114,20 @@ class Trajectory(Hdf5Reader):
         if f"{group}/{frame}" not in self._file:
             frames = self.frames(group)
             known = f"frames {frames[0]} to {frames[-1]}" if frames else f"one of the groups {', '.join(self.groups)}"
-            raise PlopError("The trajectory has no such frame.", where=f"{self.path}:/{group}/{frame}",
-                            expected=known, found=f"frame {frame}")  # fmt: skip
+            raise PlopError(
+                "The trajectory has no such frame.",
+                where=f"{self.path}:/{group}/{frame}",
+                expected=known,
+                found=f"frame {frame}",
+            )
         return self._file[f"{group}/{frame}"]
 
     def _array(self, node: h5py.Group, name: str) -> np.ndarray:
         if name not in node:
-            raise PlopError("The trajectory is incomplete.", where=f"{self.path}:{node.name}/{name}",
-                            expected="this array", found=", ".join(node))  # fmt: skip
+            raise PlopError(
+                "The trajectory is incomplete.",
+                where=f"{self.path}:{node.name}/{name}",
+                expected="this array",
+                found=", ".join(node),
+            )
         return np.asarray(node[name][()])

@@ -81,8 +81,9 @@ def disagreement(source: DepthView, target: DepthView, *, gate_m: float = 0.05) 
     difference = difference[np.abs(difference) < gate_m]
     if len(difference) == 0:
         return Disagreement(0, float("nan"), float("nan"), ratio)
-    return Disagreement(len(difference), float(np.median(np.abs(difference)) * 1e3),
-                        float(np.median(difference) * 1e3), ratio)  # fmt: skip
+    return Disagreement(
+        len(difference), float(np.median(np.abs(difference)) * 1e3), float(np.median(difference) * 1e3), ratio
+    )
 
 
 def interpolate_depth(depth_m: np.ndarray, pixels: np.ndarray, gate_m: float) -> np.ndarray:
@@ -101,8 +102,9 @@ def interpolate_depth(depth_m: np.ndarray, pixels: np.ndarray, gate_m: float) ->
     inside = (x >= 0) & (y >= 0) & (x < width - 1) & (y < height - 1)
     x, y = np.where(inside, x, 0), np.where(inside, y, 0)
     column, row = x.astype(int), y.astype(int)
-    corners = np.stack([depth_m[row, column], depth_m[row, column + 1],
-                        depth_m[row + 1, column], depth_m[row + 1, column + 1]]).astype(np.float64)  # fmt: skip
+    corners = np.stack(
+        [depth_m[row, column], depth_m[row, column + 1], depth_m[row + 1, column], depth_m[row + 1, column + 1]]
+    ).astype(np.float64)
     a, b = x - column, y - row
     value = (corners * np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])).sum(0)
     good = inside & np.isfinite(corners).all(0) & (corners > 0).all(0) & (np.ptp(corners, axis=0) < gate_m)

@@ -43,17 +43,28 @@ class Board:
         if self.kind not in ("chessboard", "charuco", "marker"):
             raise PlopError("The kind of board is unknown.", expected="chessboard, charuco or marker", found=self.kind)
         if self.kind != "marker" and (self.columns < 3 or self.rows < 3):
-            raise PlopError("The board has too few squares.", expected="at least 3 x 3 squares",
-                            found=f"{self.columns} x {self.rows}")  # fmt: skip
+            raise PlopError(
+                "The board has too few squares.",
+                expected="at least 3 x 3 squares",
+                found=f"{self.columns} x {self.rows}",
+            )
         if not 0 < self.square_m < 1:
-            raise PlopError("A square of the board has an impossible size.", expected="metres, below 1",
-                            found=f"{self.square_m}", fix="Give metres, not millimetres.")  # fmt: skip
+            raise PlopError(
+                "A square of the board has an impossible size.",
+                expected="metres, below 1",
+                found=f"{self.square_m}",
+                fix="Give metres, not millimetres.",
+            )
         if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
-            raise PlopError("The markers of a ChArUco board are smaller than its squares.",
-                            expected=f"0 < marker < {self.square_m} m", found=f"{self.marker_m} m")  # fmt: skip
+            raise PlopError(
+                "The markers of a ChArUco board are smaller than its squares.",
+                expected=f"0 < marker < {self.square_m} m",
+                found=f"{self.marker_m} m",
+            )
         if self.kind != "chessboard" and not hasattr(cv2.aruco, self.dictionary):
-            raise PlopError("The ArUco dictionary is unknown.", expected="a name as OpenCV's DICT_4X4_50",
-                            found=self.dictionary)  # fmt: skip
+            raise PlopError(
+                "The ArUco dictionary is unknown.", expected="a name as OpenCV's DICT_4X4_50", found=self.dictionary
+            )
 
 
 @dataclass(frozen=True)
@@ -196,12 +207,14 @@ def board_pose(corners: Corners, matrix: np.ndarray, distortion: np.ndarray) -> 
         PlopError: No pose fits the corners.
     """
     flag = cv2.SOLVEPNP_IPPE_SQUARE if len(corners.object_points) == 4 else cv2.SOLVEPNP_IPPE
-    found, rotation, translation = cv2.solvePnP(corners.object_points, corners.image_points, matrix, distortion,
-                                                flags=flag)  # fmt: skip
+    found, rotation, translation = cv2.solvePnP(
+        corners.object_points, corners.image_points, matrix, distortion, flags=flag
+    )
     if not found:
         raise PlopError("No pose of the board fits its corners.", found=f"{len(corners.object_points)} corners")
-    rotation, translation = cv2.solvePnPRefineLM(corners.object_points, corners.image_points, matrix, distortion,
-                                                 rotation, translation)  # fmt: skip
+    rotation, translation = cv2.solvePnPRefineLM(
+        corners.object_points, corners.image_points, matrix, distortion, rotation, translation
+    )
     drawn, _ = cv2.projectPoints(corners.object_points, rotation, translation, matrix, distortion)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rotation)[0], translation.reshape(3)
@@ -217,14 +230,19 @@ def read_images(folder: Path) -> dict[str, np.ndarray]:
     """
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_KINDS) if folder.is_dir() else []
     if not paths:
-        raise PlopError("There are no images.", where=folder, expected=f"files {', '.join(IMAGE_KINDS)}",
-                        found="none" if folder.is_dir() else "no such folder")  # fmt: skip
+        raise PlopError(
+            "There are no images.",
+            where=folder,
+            expected=f"files {', '.join(IMAGE_KINDS)}",
+            found="none" if folder.is_dir() else "no such folder",
+        )
     images = {}
     for path in paths:
         image = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if image is None:
-            raise PlopError("An image cannot be read.", where=path, expected="a whole image file",
-                            fix="Copy it again or delete it.")  # fmt: skip
+            raise PlopError(
+                "An image cannot be read.", where=path, expected="a whole image file", fix="Copy it again or delete it."
+            )
         images[path.name] = image
     return images
 
@@ -242,20 +260,36 @@ def calibrate_intrinsics(images: dict[str, np.ndarray], board: Board, *, where: 
     """
     sizes = {image.shape[:2] for image in images.values()}
     if len(sizes) != 1:
-        raise PlopError("Images of one camera have different sizes.", where=where, expected="one size",
-                        found=", ".join(f"{w}x{h}" for h, w in sorted(sizes)) or "no image")  # fmt: skip
+        raise PlopError(
+            "Images of one camera have different sizes.",
+            where=where,
+            expected="one size",
+            found=", ".join(f"{w}x{h}" for h, w in sorted(sizes)) or "no image",
+        )
     board = settle_pattern(images.values(), board)
     found = {name: find_board(image, board) for name, image in images.items()}
     usable: Sequence[Corners] = [corners for corners in found.values() if corners is not None]
     if len(usable) < 3:
-        raise PlopError("The board is found in too few images.", where=where, expected="at least 3 images",
-                        found=f"{len(usable)} of {len(images)}; {what_was_tried(images.values(), board)}",
-                        fix=f"Check kind, squares ({board.columns} x {board.rows}) and dictionary of the board, "
-                            "and that the whole board is sharp.")  # fmt: skip
+        raise PlopError(
+            "The board is found in too few images.",
+            where=where,
+            expected="at least 3 images",
+            found=f"{len(usable)} of {len(images)}; {what_was_tried(images.values(), board)}",
+            fix=f"Check kind, squares ({board.columns} x {board.rows}) and dictionary of the board, "
+            "and that the whole board is sharp.",
+        )
     height, width = sizes.pop()
-    rms, matrix, distortion, _, _ = cv2.calibrateCamera([c.object_points for c in usable],
-                                                        [c.image_points for c in usable], (width, height),
-                                                        None, None)  # fmt: skip
+    rms, matrix, distortion, _, _ = cv2.calibrateCamera(
+        [c.object_points for c in usable], [c.image_points for c in usable], (width, height), None, None
+    )
     used = [name for name, corners in found.items() if corners is not None]
-    return Intrinsics(matrix, distortion.reshape(-1), float(rms), width, height, used,
-                      [name for name in images if name not in used], board)  # fmt: skip
+    return Intrinsics(
+        matrix,
+        distortion.reshape(-1),
+        float(rms),
+        width,
+        height,
+        used,
+        [name for name in images if name not in used],
+        board,
+    )

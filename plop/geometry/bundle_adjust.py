@@ -35,8 +35,14 @@ class RefinedScan:
     """Triangulated features in the world, shape [P, 3] [m]"""
 
 
-def refine_scan(images: Sequence[np.ndarray], cameras: Sequence[Camera], *, scale_from: str = "poses",
-                depths_m: Sequence[np.ndarray] | None = None, seed: int = 0) -> RefinedScan:  # fmt: skip
+def refine_scan(
+    images: Sequence[np.ndarray],
+    cameras: Sequence[Camera],
+    *,
+    scale_from: str = "poses",
+    depths_m: Sequence[np.ndarray] | None = None,
+    seed: int = 0,
+) -> RefinedScan:
     """Place the views of a scan by their images and put them back into the world at metric scale.
 
     Structure from motion (Schoenberger and Frahm 2016) with known intrinsics gives poses up to a similarity;
@@ -53,13 +59,17 @@ def refine_scan(images: Sequence[np.ndarray], cameras: Sequence[Camera], *, scal
         PlopError: Lengths differ, fewer than three views, too little texture or motion, no depth at features.
     """
     if len(images) != len(cameras) or (depths_m is not None and len(depths_m) != len(images)):
-        raise PlopError("Images, cameras and depths of a scan do not pair up.", expected=f"{len(cameras)} of each",
-                        found=f"{len(images)} images")  # fmt: skip
+        raise PlopError(
+            "Images, cameras and depths of a scan do not pair up.",
+            expected=f"{len(cameras)} of each",
+            found=f"{len(images)} images",
+        )
     if len(images) < 3:
         raise PlopError("A scan needs views.", expected="at least 3", found=f"{len(images)}")
     if scale_from not in ("poses", "depth") or (scale_from == "depth" and depths_m is None):
-        raise PlopError("The scale of a scan has no source.", expected='"poses", or "depth" with depth images',
-                        found=scale_from)  # fmt: skip
+        raise PlopError(
+            "The scale of a scan has no source.", expected='"poses", or "depth" with depth images', found=scale_from
+        )
     model = _structure_from_motion(images, cameras[0], seed)
     index = {int(image.name[:6]): image for image in model.images.values() if image.has_pose}
     own = {i: np.vstack([image.cam_from_world().inverse().matrix(), [0, 0, 0, 1]]) for i, image in index.items()}
@@ -76,12 +86,19 @@ def refine_scan(images: Sequence[np.ndarray], cameras: Sequence[Camera], *, scal
     points = np.array([p.xyz for p in model.points3D.values()]).reshape(-1, 3)
     errors = np.array([p.error for p in model.points3D.values()])
     off = np.linalg.norm(poses[order, :3, 3] - reference[:, :3, 3], axis=1)
-    return RefinedScan(poses, placed, float(np.sqrt(np.mean(errors**2))), scale, float(np.median(off) * 1e3),
-                       scale * points @ rotation.T + translation)  # fmt: skip
+    return RefinedScan(
+        poses,
+        placed,
+        float(np.sqrt(np.mean(errors**2))),
+        scale,
+        float(np.median(off) * 1e3),
+        scale * points @ rotation.T + translation,
+    )
 
 
-def align_poses(poses: np.ndarray, reference: np.ndarray, *,
-                scale: float | None = None) -> tuple[float, np.ndarray, np.ndarray]:  # fmt: skip
+def align_poses(
+    poses: np.ndarray, reference: np.ndarray, *, scale: float | None = None
+) -> tuple[float, np.ndarray, np.ndarray]:
     """Find the similarity that takes poses onto reference poses.
 
     The rotation is the mean of the relative rotations, so that even camera centres on a line suffice; scale
@@ -109,8 +126,11 @@ def align_poses(poses: np.ndarray, reference: np.ndarray, *,
         da, db = a[keep] - a[keep].mean(0), b[keep] - b[keep].mean(0)
         if scale is None:
             if (da * da).sum() < 1e-18 or (db * db).sum() < 1e-12:
-                raise PlopError("The cameras of a scan stand still: no scale follows from their poses.",
-                                expected="a moving camera", fix='Use the depth (scale_from="depth").')  # fmt: skip
+                raise PlopError(
+                    "The cameras of a scan stand still: no scale follows from their poses.",
+                    expected="a moving camera",
+                    fix='Use the depth (scale_from="depth").',
+                )
             found = float((da * db).sum() / (da * da).sum())
         shift = b[keep].mean(0) - found * a[keep].mean(0)
         distance = np.linalg.norm(found * a + shift - b, axis=1)
@@ -139,14 +159,23 @@ def _structure_from_motion(images: Sequence[np.ndarray], camera: Camera, seed: i
         for number, image in enumerate(images):
             cv2.imwrite(str(folder / "images" / f"{number:06d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         database, pictures = folder / "features.db", folder / "images"
-        pycolmap.extract_features(database, pictures, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
-                                  extraction_options=extraction, device=pycolmap.Device.cpu)  # fmt: skip
+        pycolmap.extract_features(
+            database,
+            pictures,
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=extraction,
+            device=pycolmap.Device.cpu,
+        )
         pycolmap.match_exhaustive(database, matching_options=matching, device=pycolmap.Device.cpu)
         models = pycolmap.incremental_mapping(database, pictures, folder / "model", options)
     if not models:
-        raise PlopError("The views of a scan cannot be placed by their images.", expected="textured, overlapping views",
-                        found="no reconstruction",
-                        fix="Put a textured cloth or a board beside the object, or move slower.")  # fmt: skip
+        raise PlopError(
+            "The views of a scan cannot be placed by their images.",
+            expected="textured, overlapping views",
+            found="no reconstruction",
+            fix="Put a textured cloth or a board beside the object, or move slower.",
+        )
     return max(models.values(), key=lambda model: model.num_reg_images())
 
 
@@ -165,6 +194,10 @@ def _depth_scale(model: Any, index: dict[int, Any], depths_m: Sequence[np.ndarra
         ratios.append(measured[good] / depth[good])
     joined = np.concatenate(ratios) if ratios else np.zeros(0)
     if len(joined) < 20:
-        raise PlopError("There is no depth where the scan has features.", expected="at least 20 measured features",
-                        found=f"{len(joined)}", fix='Use the robot\'s poses (scale_from="poses").')  # fmt: skip
+        raise PlopError(
+            "There is no depth where the scan has features.",
+            expected="at least 20 measured features",
+            found=f"{len(joined)}",
+            fix='Use the robot\'s poses (scale_from="poses").',
+        )
     return float(np.median(joined))

@@ -10,9 +10,22 @@ from plop.artifacts.atomic_file import whole
 from plop.errors import PlopError
 from plop.geometry.pointcloud import PointCloud
 
-_KINDS = {"float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "uchar": "u1", "uint8": "u1",
-          "char": "i1", "int8": "i1", "short": "<i2", "ushort": "<u2", "int": "<i4", "int32": "<i4",
-          "uint": "<u4", "uint32": "<u4"}  # fmt: skip
+_KINDS = {
+    "float": "<f4",
+    "float32": "<f4",
+    "double": "<f8",
+    "float64": "<f8",
+    "uchar": "u1",
+    "uint8": "u1",
+    "char": "i1",
+    "int8": "i1",
+    "short": "<i2",
+    "ushort": "<u2",
+    "int": "<i4",
+    "int32": "<i4",
+    "uint": "<u4",
+    "uint32": "<u4",
+}
 _FLOATS = ("x", "y", "z", "nx", "ny", "nz")
 _COLORS = ("red", "green", "blue")
 
@@ -47,17 +60,30 @@ def read_cloud(path: str | Path) -> PointCloud:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise PlopError("The point cloud cannot be read.", where=path, expected="a PLY file", found=str(error),
-                        fix="Run `plop fuse` first, or correct the path.") from error  # fmt: skip
+        raise PlopError(
+            "The point cloud cannot be read.",
+            where=path,
+            expected="a PLY file",
+            found=str(error),
+            fix="Run `plop fuse` first, or correct the path.",
+        ) from error
     try:
         rows = _rows(raw)
         points = np.stack([rows[k] for k in "xyz"], axis=1).astype(np.float64)
     except (ValueError, KeyError, IndexError, UnicodeDecodeError) as error:
-        raise PlopError("This is not a point cloud that can be read.", where=path, found=str(error),
-                        expected="a PLY file, ascii or binary_little_endian, with x, y, z") from error  # fmt: skip
+        raise PlopError(
+            "This is not a point cloud that can be read.",
+            where=path,
+            found=str(error),
+            expected="a PLY file, ascii or binary_little_endian, with x, y, z",
+        ) from error
     if not np.isfinite(points).all():
-        raise PlopError("The point cloud has positions that are no numbers.", where=path, expected="finite metres",
-                        found=f"{int((~np.isfinite(points)).any(1).sum())} bad points")  # fmt: skip
+        raise PlopError(
+            "The point cloud has positions that are no numbers.",
+            where=path,
+            expected="finite metres",
+            found=f"{int((~np.isfinite(points)).any(1).sum())} bad points",
+        )
     names = rows.dtype.names or ()
     normals = np.stack([rows[k] for k in _FLOATS[3:]], 1).astype(np.float64) if "nx" in names else 0 * points
     colors = np.stack([rows[k] for k in _COLORS], 1).astype(np.uint8) if "red" in names else np.full_like(points, 128)

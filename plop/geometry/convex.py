@@ -47,9 +47,11 @@ def sides_of(hull: ConvexHull) -> np.ndarray:
 
 
 def convex_surface(
-    points: np.ndarray, table_z_m: float | None = None, measured: np.ndarray | None = None,
+    points: np.ndarray,
+    table_z_m: float | None = None,
+    measured: np.ndarray | None = None,
     rim: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Wrap points in a convex surface that runs through the middle of their noise, continued down to a table.
 
     The convex hull of noisy points lies outside nearly all of them. Its faces are therefore drawn in, all by
@@ -83,9 +85,12 @@ def convex_surface(
         corners = np.asarray(HalfspaceIntersection(planes.equations, points.mean(0)).intersections)
         hull = ConvexHull(corners)
     except (QhullError, ValueError) as error:
-        raise PlopError("The object's points enclose nothing.", expected="points all around an object",
-                        found=f"{len(points)} points",
-                        fix="Check the masks of the first frame.") from error  # fmt: skip
+        raise PlopError(
+            "The object's points enclose nothing.",
+            expected="points all around an object",
+            found=f"{len(points)} points",
+            fix="Check the masks of the first frame.",
+        ) from error
     used, numbered = np.unique(hull.simplices, return_inverse=True)
     vertices, faces = corners[used].astype(np.float64), numbered.reshape(-1, 3)
     corner = vertices[faces]

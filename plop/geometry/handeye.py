@@ -21,10 +21,8 @@ HAND_EYE_METHODS = {
     "ANDREFF": cv2.CALIB_HAND_EYE_ANDREFF,
     "DANIILIDIS": cv2.CALIB_HAND_EYE_DANIILIDIS,
 }
-ROBOT_WORLD_METHODS = {
-    "SHAH": cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH,
-    "LI": cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI,
-}
+ROBOT_WORLD_METHODS = {"SHAH": cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH, "LI": cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI}
+
 
 @dataclass(frozen=True)
 class MethodScore:
@@ -52,8 +50,14 @@ class HandEye:
     """Best first."""
 
 
-def hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, *, mount: str = "wrist",
-             methods: Sequence[str] = tuple(HAND_EYE_METHODS), judged: bool = False) -> HandEye:  # fmt: skip
+def hand_eye(
+    base_from_gripper: np.ndarray,
+    cam_from_board: np.ndarray,
+    *,
+    mount: str = "wrist",
+    methods: Sequence[str] = tuple(HAND_EYE_METHODS),
+    judged: bool = False,
+) -> HandEye:
     """Calibrate a camera against the robot: solve AX = XB with several methods, keep the most consistent.
 
     A right answer puts the board, seen from every pose, at one place: in the robot's base for a wrist camera,
@@ -78,9 +82,12 @@ def hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, *, mount
     for name in methods:
         try:
             rotation, translation = cv2.calibrateHandEye(
-                list(moving[:, :3, :3]), list(moving[:, :3, 3]), list(cam_from_board[:, :3, :3]),
+                list(moving[:, :3, :3]),
+                list(moving[:, :3, 3]),
+                list(cam_from_board[:, :3, :3]),
                 list(cam_from_board[:, :3, 3]),
-                method=HAND_EYE_METHODS[name])  # fmt: skip
+                method=HAND_EYE_METHODS[name],
+            )
             answer = _pose(rotation, translation)
         except cv2.error:
             answer = np.full((4, 4), np.nan)
@@ -107,8 +114,12 @@ def robot_world(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) -> Ha
     for name, method in ROBOT_WORLD_METHODS.items():
         try:
             _, _, rotation, translation = cv2.calibrateRobotWorldHandEye(
-                list(cam_from_board[:, :3, :3]), list(cam_from_board[:, :3, 3]), list(gripper_from_base[:, :3, :3]),
-                list(gripper_from_base[:, :3, 3]), method=method)  # fmt: skip
+                list(cam_from_board[:, :3, :3]),
+                list(cam_from_board[:, :3, 3]),
+                list(gripper_from_base[:, :3, :3]),
+                list(gripper_from_base[:, :3, 3]),
+                method=method,
+            )
             answer = invert_rigid(_pose(rotation, translation))
         except cv2.error:
             answer = np.full((4, 4), np.nan)
@@ -144,9 +155,12 @@ def difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 def _refuse_bad(robot: np.ndarray, board: np.ndarray, mount: str) -> None:
     judgement = judge_hand_eye(robot, board, mount)
     if judgement.fault is not HandEyeFault.NONE:
-        raise PlopError("Hand-eye poses give no answer that may be used.", found=judgement.why(),
-                        expected="a board that stays where it is, seen from every pose",
-                        fix="Correct the poses as found says, or record them again.")  # fmt: skip
+        raise PlopError(
+            "Hand-eye poses give no answer that may be used.",
+            found=judgement.why(),
+            expected="a board that stays where it is, seen from every pose",
+            fix="Correct the poses as found says, or record them again.",
+        )
 
 
 def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
@@ -158,6 +172,9 @@ def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
 def _best(scores: list[MethodScore]) -> HandEye:
     ranked = sorted(scores, key=lambda each: each.score)
     if not np.isfinite(ranked[0].score):
-        raise PlopError("No hand-eye method found an answer.", expected="consistent robot and board poses",
-                        found=", ".join(each.method for each in scores) + " failed")  # fmt: skip
+        raise PlopError(
+            "No hand-eye method found an answer.",
+            expected="consistent robot and board poses",
+            found=", ".join(each.method for each in scores) + " failed",
+        )
     return HandEye(ranked[0].method, ranked[0].result, ranked)

@@ -44,8 +44,9 @@ class HandEyeFit:
     """Standard error of where the camera puts a point at the board's mean distance [mm]; inf: undetermined."""
 
 
-def fit_hand_eye(moving: np.ndarray, cam_from_board: np.ndarray, *, free_scale: bool = False,
-                 steps: int = STEPS) -> HandEyeFit:  # fmt: skip
+def fit_hand_eye(
+    moving: np.ndarray, cam_from_board: np.ndarray, *, free_scale: bool = False, steps: int = STEPS
+) -> HandEyeFit:
     """Solve M X C = Z.
 
     Args:
@@ -128,9 +129,12 @@ def _solve(state: _State, moving: np.ndarray, board: np.ndarray, free_scale: boo
     turn, shift = _residuals(state, moving, board)
     freedom = max(3 * len(moving) - unknowns / 2, 1)
     sizes = [max(np.sqrt((part**2).sum() / freedom), LEAST_NOISE) for part in (turn, shift)]
-    jacobian = np.concatenate([_turn_jacobian(board)[..., :unknowns].reshape(-1, unknowns) / sizes[0],
-                               _shift_jacobian(state, moving, board)[..., :unknowns].reshape(-1, unknowns)
-                               / sizes[1]])  # fmt: skip
+    jacobian = np.concatenate(
+        [
+            _turn_jacobian(board)[..., :unknowns].reshape(-1, unknowns) / sizes[0],
+            _shift_jacobian(state, moving, board)[..., :unknowns].reshape(-1, unknowns) / sizes[1],
+        ]
+    )
     residual = np.concatenate([turn.reshape(-1) / sizes[0], shift.reshape(-1) / sizes[1]])
     covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
     return -covariance @ (jacobian.T @ residual), covariance
@@ -138,8 +142,13 @@ def _solve(state: _State, moving: np.ndarray, board: np.ndarray, free_scale: boo
 
 def _moved(state: _State, step: np.ndarray) -> _State:
     turn = Rotation.from_rotvec(np.stack([step[:3], step[3:6]])).as_matrix()
-    return _State(state.cam_turn @ turn[0], state.board_turn @ turn[1], state.cam_place + step[6:9],
-                  state.board_place + step[9:12], state.scale + (step[12] if len(step) > 12 else 0.0))  # fmt: skip
+    return _State(
+        state.cam_turn @ turn[0],
+        state.board_turn @ turn[1],
+        state.cam_place + step[6:9],
+        state.board_place + step[9:12],
+        state.scale + (step[12] if len(step) > 12 else 0.0),
+    )
 
 
 def _described(state: _State, moving: np.ndarray, board: np.ndarray, free_scale: bool) -> HandEyeFit:
@@ -158,10 +167,15 @@ def _described(state: _State, moving: np.ndarray, board: np.ndarray, free_scale:
     placing = np.concatenate([by_turn, np.tile(np.eye(3), (len(board), 1, 1))], 2)
     part = covariance[np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])]
     variance = np.einsum("nij,jk,nik->n", placing, part, placing).mean()
-    return HandEyeFit(camera, place, state.scale, interval,
-                      float(np.linalg.norm(shift, axis=1).mean() * 1e3 * allowing),
-                      float(np.rad2deg(np.linalg.norm(turn, axis=1).mean()) * allowing),
-                      float(np.sqrt(max(variance, 0.0)) * 1e3))  # fmt: skip
+    return HandEyeFit(
+        camera,
+        place,
+        state.scale,
+        interval,
+        float(np.linalg.norm(shift, axis=1).mean() * 1e3 * allowing),
+        float(np.rad2deg(np.linalg.norm(turn, axis=1).mean()) * allowing),
+        float(np.sqrt(max(variance, 0.0)) * 1e3),
+    )
 
 
 def _cross(vectors: np.ndarray) -> np.ndarray:

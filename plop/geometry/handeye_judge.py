@@ -106,32 +106,43 @@ class Judgement:
         if self.fault is HandEyeFault.SCALE:
             return self.scale_text(square_mm)
         if self.fault is HandEyeFault.UNDETERMINED:
-            return (f"the motion is too small, or too much about one axis, for its noise ({_mm(self.fit.spread_mm)}, "
-                    f"{self.fit.spread_deg:.1f} deg): it leaves the camera's place open by "
-                    f"{_mm(self.fit.uncertainty_mm)} (limit {self.limit_uncertainty_mm:.0f}). Record "
-                    "more poses that turn by 20 degrees and more about two axes")  # fmt: skip
+            return (
+                f"the motion is too small, or too much about one axis, for its noise ({_mm(self.fit.spread_mm)}, "
+                f"{self.fit.spread_deg:.1f} deg): it leaves the camera's place open by "
+                f"{_mm(self.fit.uncertainty_mm)} (limit {self.limit_uncertainty_mm:.0f}). Record "
+                "more poses that turn by 20 degrees and more about two axes"
+            )
         if self.fault is HandEyeFault.NONE:
             return ""
         if self.fault is HandEyeFault.ROLES:
-            return (f"what sits on the gripper would be {self.on_gripper_m:.2f} m away from it, what stands still "
-                    f"{self.at_base_m:.2f} m from the robot's base{self._otherwise('it would be the other way round')}")
-        moves = (f"the board, which stands still, would move by {_mm(self.fit.spread_mm)} "
-                 f"and {self.fit.spread_deg:.1f} deg (limits {self.limit_mm:.1f} mm, {self.limit_deg:.1f} deg)")
+            return (
+                f"what sits on the gripper would be {self.on_gripper_m:.2f} m away from it, what stands still "
+                f"{self.at_base_m:.2f} m from the robot's base{self._otherwise('it would be the other way round')}"
+            )
+        moves = (
+            f"the board, which stands still, would move by {_mm(self.fit.spread_mm)} "
+            f"and {self.fit.spread_deg:.1f} deg (limits {self.limit_mm:.1f} mm, {self.limit_deg:.1f} deg)"
+        )
         if self.likely or self.unlikely:
             return f"{moves}{self._otherwise('it would stay where it is')}"
         if self.turns is not None:
-            return (f"{moves}; between two poses the robot turns by {self.turns[0]:.0f} deg and the board by "
-                    f"{self.turns[1]:.0f}: check that the pairs belong together, and the convention and unit of the "
-                    "rotations")  # fmt: skip
-        return (f"{moves}; robot and board turn alike, so that their positions are wrong: check units, and which frame "
-                "the positions are of")  # fmt: skip
+            return (
+                f"{moves}; between two poses the robot turns by {self.turns[0]:.0f} deg and the board by "
+                f"{self.turns[1]:.0f}: check that the pairs belong together, and the convention and unit of the "
+                "rotations"
+            )
+        return (
+            f"{moves}; robot and board turn alike, so that their positions are wrong: check units, and which frame "
+            "the positions are of"
+        )
 
     def _otherwise(self, then: str) -> str:
         """Tell the readings that would mend it, the likely ones first."""
         first, second = (self.likely, self.unlikely) if self.likely else (self.unlikely, ())
         said = f"; {then} if {', or if '.join(first)}" if first else ""
-        return said + (f" (less likely, for where camera and board would be: if {', or if '.join(second)})"
-                       if second else "")  # fmt: skip
+        return said + (
+            f" (less likely, for where camera and board would be: if {', or if '.join(second)})" if second else ""
+        )
 
     @property
     def doubtful(self) -> bool:
@@ -144,16 +155,19 @@ class Judgement:
         for factor, unit in NAMED_UNITS.items():
             for value, whose in ((factor, "board"), (1 / factor, "robot")):
                 if abs(scale / value - 1) < 0.05:
-                    return (f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): give "
-                            "both in metres")  # fmt: skip
+                    return (
+                        f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): give "
+                        "both in metres"
+                    )
         told = square_mm or 30.0
         said = f"scale {scale:.3f} ({low:.3f} to {high:.3f})"
         if square_mm:
             what = f"the board's squares are {told * scale:.1f} mm, not {told:.1f}: {said}"
         else:
             what = f"the board's size is wrong: {said}; squares told as {told:.0f} mm are {told * scale:.1f} mm"
-        return what + ("; measure the board and give its size, or take the fitted one with --fit-board-scale"
-                       if advise else "")  # fmt: skip
+        return what + (
+            "; measure the board and give its size, or take the fitted one with --fit-board-scale" if advise else ""
+        )
 
 
 def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mount: str) -> Judgement:
@@ -181,8 +195,17 @@ def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mo
         unlikely = ()
     elif not likely + unlikely and _consistent(fit, _noise_limits(board)):
         fault = HandEyeFault.UNDETERMINED  # no more than noise, but a third of what the robot moved
-    return Judgement(fault, fit, scaled, *limits, _open_limit(board), *places, likely, unlikely,
-                     _different_turns(robot, board, limits[1]))  # fmt: skip
+    return Judgement(
+        fault,
+        fit,
+        scaled,
+        *limits,
+        _open_limit(board),
+        *places,
+        likely,
+        unlikely,
+        _different_turns(robot, board, limits[1]),
+    )
 
 
 def moving_poses(robot: np.ndarray, mount: str) -> np.ndarray:
@@ -190,8 +213,9 @@ def moving_poses(robot: np.ndarray, mount: str) -> np.ndarray:
     return robot if mount == "wrist" else invert_rigid(robot)
 
 
-def consistent_readings(robot: np.ndarray, board: np.ndarray, mount: str, given: HandEyeFit | None
-                        ) -> tuple[tuple[str, ...], tuple[str, ...]]:  # fmt: skip
+def consistent_readings(
+    robot: np.ndarray, board: np.ndarray, mount: str, given: HandEyeFit | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Name the other readings that make a set consistent, clearly better than as given; likely ones, unlikely ones.
 
     Args:
@@ -229,8 +253,9 @@ def _places(fit: HandEyeFit, mount: str) -> tuple[float, float]:
     return (ends[0], ends[1]) if mount == "wrist" else (ends[1], ends[0])
 
 
-def _fault(fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float, float],
-           places: tuple[float, float]) -> HandEyeFault:  # fmt: skip
+def _fault(
+    fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float, float], places: tuple[float, float]
+) -> HandEyeFault:
     low, high = scaled.scale_interval
     off = low > 1 + RULE.scale_tolerance or high < 1 - RULE.scale_tolerance
     if off and scaled.scale > 0 and _consistent(scaled, limits):
@@ -273,8 +298,10 @@ def _value(fit: HandEyeFit, board: np.ndarray) -> float:
 def _different_turns(robot: np.ndarray, board: np.ndarray, limit_deg: float) -> tuple[float, float] | None:
     """Compare turns between the same two poses: they do not depend on frames, so that only wrong rotations differ."""
     first, second = np.triu_indices(len(robot), 1)
-    a, b = (np.rad2deg((r[first].inv() * r[second]).magnitude()) for r in
-            (Rotation.from_matrix(poses[:, :3, :3]) for poses in (robot, board)))  # fmt: skip
+    a, b = (
+        np.rad2deg((r[first].inv() * r[second]).magnitude())
+        for r in (Rotation.from_matrix(poses[:, :3, :3]) for poses in (robot, board))
+    )
     if np.sqrt(np.mean((a - b) ** 2)) <= 2 * limit_deg:
         return None
     worst = int(np.argmax(np.abs(a - b)))

@@ -19,21 +19,35 @@ def check_pose_pairs(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) 
     """Return both as float64 arrays, or raise a PlopError that says why they cannot be used."""
     robot, board = np.asarray(base_from_gripper, np.float64), np.asarray(cam_from_board, np.float64)
     if len(robot) != len(board):
-        raise PlopError("Robot poses and board poses do not pair up.", expected="as many of each",
-                        found=f"{len(robot)} robot poses, {len(board)} board poses")  # fmt: skip
+        raise PlopError(
+            "Robot poses and board poses do not pair up.",
+            expected="as many of each",
+            found=f"{len(robot)} robot poses, {len(board)} board poses",
+        )
     if len(robot) < MIN_POSES:
-        raise PlopError("There are too few poses for a hand-eye calibration.", expected=f"at least {MIN_POSES}",
-                        found=f"{len(robot)}", fix="Record 10 to 20 poses that turn about different axes.")  # fmt: skip
+        raise PlopError(
+            "There are too few poses for a hand-eye calibration.",
+            expected=f"at least {MIN_POSES}",
+            found=f"{len(robot)}",
+            fix="Record 10 to 20 poses that turn about different axes.",
+        )
     for what, poses in (("robot", robot), ("board", board)):
         if not np.isfinite(poses).all():
             bad = int(np.flatnonzero(~np.isfinite(poses).all((1, 2)))[0])
-            raise PlopError(f"A {what} pose has values that are no numbers.", where=f"pose {bad}",
-                            expected="16 finite numbers", found="NaN or infinity",
-                            fix="Leave this pair out on both sides.")  # fmt: skip
+            raise PlopError(
+                f"A {what} pose has values that are no numbers.",
+                where=f"pose {bad}",
+                expected="16 finite numbers",
+                found="NaN or infinity",
+                fix="Leave this pair out on both sides.",
+            )
         if np.abs(poses[:, :3, 3]).max() > MAX_REACH_M:
-            raise PlopError(f"The {what} poses seem to be in millimetres (or centimetres).", expected="metres",
-                            found=f"a translation of {np.abs(poses[:, :3, 3]).max():.0f}",
-                            fix="Divide the translations by 1000 (centimetres: by 100).")  # fmt: skip
+            raise PlopError(
+                f"The {what} poses seem to be in millimetres (or centimetres).",
+                expected="metres",
+                found=f"a translation of {np.abs(poses[:, :3, 3]).max():.0f}",
+                fix="Divide the translations by 1000 (centimetres: by 100).",
+            )
         check_rigid(poses, "hand-eye poses", what=what)
     turns = {what: _turns(poses[:, :3, :3]) for what, poses in (("robot", robot), ("board", board))}
     for what, other in (("robot", "board"), ("board", "robot")):
@@ -52,17 +66,26 @@ def _check_turning(what: str, vectors: np.ndarray, other: str, others: np.ndarra
     angles = np.rad2deg(np.linalg.norm(vectors, axis=1))
     most = np.rad2deg(np.linalg.norm(others, axis=1)).max()
     # the same motion turns both sides alike
-    unlike = (f", while the {other} turns by up to {most:.0f} deg: were radians read as degrees?"
-              if most > 3 * angles.max() else "")  # fmt: skip
+    unlike = (
+        f", while the {other} turns by up to {most:.0f} deg: were radians read as degrees?"
+        if most > 3 * angles.max()
+        else ""
+    )
     strong = vectors[angles > MIN_TURN_DEG]
     fix = "Record poses that turn at least 20 degrees about at least two different axes."
     if len(strong) == 0:
-        raise PlopError(f"The {what} hardly turns: hand-eye calibration is impossible.",
-                        expected=f"rotations above {MIN_TURN_DEG:.0f} deg between poses",
-                        found=f"at most {angles.max():.2f} deg (a pure translation){unlike}", fix=fix)  # fmt: skip
+        raise PlopError(
+            f"The {what} hardly turns: hand-eye calibration is impossible.",
+            expected=f"rotations above {MIN_TURN_DEG:.0f} deg between poses",
+            found=f"at most {angles.max():.2f} deg (a pure translation){unlike}",
+            fix=fix,
+        )
     axes = strong / np.linalg.norm(strong, axis=1, keepdims=True)
     apart = np.rad2deg(np.arcsin(np.clip(np.linalg.norm(np.cross(axes, axes[0]), axis=1), 0, 1))).max()
     if apart < MIN_TURN_DEG:
-        raise PlopError(f"The {what} turns about one axis only: hand-eye calibration is not determined.",
-                        expected=f"axes at least {MIN_TURN_DEG:.0f} deg apart", found=f"{apart:.2f} deg{unlike}",
-                        fix=fix)  # fmt: skip
+        raise PlopError(
+            f"The {what} turns about one axis only: hand-eye calibration is not determined.",
+            expected=f"axes at least {MIN_TURN_DEG:.0f} deg apart",
+            found=f"{apart:.2f} deg{unlike}",
+            fix=fix,
+        )

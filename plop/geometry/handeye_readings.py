@@ -17,9 +17,13 @@ from plop.geometry.rigid import invert_rigid
 
 OTHER_MOUNT = {"wrist": "fixed", "fixed": "wrist"}
 MOUNTED = {"wrist": "on the gripper", "fixed": "standing still, the board in the gripper"}
-ANGLES = {"xyz": "Euler angles x, y, z about fixed axes", "XYZ": "Euler angles x, y, z about turning axes",
-          "zyx": "Euler angles z, y, x about fixed axes", "ZYX": "Euler angles z, y, x about turning axes",
-          "rotvec": "a rotation vector"}  # fmt: skip
+ANGLES = {
+    "xyz": "Euler angles x, y, z about fixed axes",
+    "XYZ": "Euler angles x, y, z about turning axes",
+    "zyx": "Euler angles z, y, x about fixed axes",
+    "ZYX": "Euler angles z, y, x about turning axes",
+    "rotvec": "a rotation vector",
+}
 """Three numbers that mean a rotation, by scipy's names."""
 MAX_LEFT_OUT = 60
 """Sets larger than this are not tried with one pair left out: one bad pair hardly moves their answer."""
@@ -50,12 +54,17 @@ def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     """
     other = OTHER_MOUNT[mount]
     yield Reading("the robot poses are inverted (gripper_from_base)", invert_rigid(robot), board, mount)
-    yield Reading(f'the camera is mounted otherwise (mount "{other}": {MOUNTED[other]}; --handeye-mount {other})',
-                  robot, board, other)  # fmt: skip
+    yield Reading(
+        f'the camera is mounted otherwise (mount "{other}": {MOUNTED[other]}; --handeye-mount {other})',
+        robot,
+        board,
+        other,
+    )
     yield Reading("the board poses are inverted (board_from_cam)", robot, invert_rigid(board), mount)
     yield Reading("robot and board poses are both inverted", invert_rigid(robot), invert_rigid(board), mount)
-    yield Reading(f'the board poses are inverted (board_from_cam) and the mount is "{other}"', robot,
-                  invert_rigid(board), other)  # fmt: skip
+    yield Reading(
+        f'the board poses are inverted (board_from_cam) and the mount is "{other}"', robot, invert_rigid(board), other
+    )
     yield from _pairings(robot, board, mount)
     turns = [Rotation.from_matrix(poses[:, :3, :3]) for poses in (robot, board)]
     for name, changes in _rotations():
@@ -66,8 +75,9 @@ def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
             yield Reading(f"the robot's {name}", _with(robot, _picked(changed[0], turns[1], first)), board, mount)
             yield Reading(f"the board's {name}", robot, _with(board, _picked(changed[1], turns[0], first)), mount)
         if len(changes) == 1:
-            yield Reading(f"the robot's and the board's {name}", _with(robot, changed[0][0]),
-                          _with(board, changed[1][0]), mount)  # fmt: skip
+            yield Reading(
+                f"the robot's and the board's {name}", _with(robot, changed[0][0]), _with(board, changed[1][0]), mount
+            )
     if 6 <= len(robot) <= MAX_LEFT_OUT:
         for index in range(len(robot)):
             kept = np.arange(len(robot)) != index
@@ -86,10 +96,18 @@ def _pairings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     for step in (1, 2):
         if count - step >= 4:
             name = f"pose{'s' if step > 1 else ''} of the"
-            yield Reading(f"the pairing is off by {step} (the first {name} robot has no partner)", robot[step:],
-                          board[:-step], mount)  # fmt: skip
-            yield Reading(f"the pairing is off by {step} (the first {name} board has no partner)", robot[:-step],
-                          board[step:], mount)  # fmt: skip
+            yield Reading(
+                f"the pairing is off by {step} (the first {name} robot has no partner)",
+                robot[step:],
+                board[:-step],
+                mount,
+            )
+            yield Reading(
+                f"the pairing is off by {step} (the first {name} board has no partner)",
+                robot[:-step],
+                board[step:],
+                mount,
+            )
     yield Reading("one side is in reversed order", robot[::-1], board, mount)
 
 
@@ -99,15 +117,21 @@ Change = Callable[[Rotation], Rotation]
 def _rotations() -> Iterator[tuple[str, list[Change]]]:
     """Give the ways to mistake rotations, and how to undo each: two ways where a rotation has two sets of numbers."""
     yield "rotations are transposed (3x3 parts column by column)", [lambda turns: turns.inv()]
-    yield ("quaternions are w, x, y, z and were read as x, y, z, w",
-           [lambda turns: Rotation.from_quat(turns.as_quat()[:, [1, 2, 3, 0]])])  # fmt: skip
-    yield ("quaternions are x, y, z, w and were read as w, x, y, z",
-           [lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]])])  # fmt: skip
+    yield (
+        "quaternions are w, x, y, z and were read as x, y, z, w",
+        [lambda turns: Rotation.from_quat(turns.as_quat()[:, [1, 2, 3, 0]])],
+    )
+    yield (
+        "quaternions are x, y, z, w and were read as w, x, y, z",
+        [lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]])],
+    )
     for read, told in ANGLES.items():
         for meant, wanted in ANGLES.items():
             if meant != read:
-                yield (f"angles are {wanted} and were read as {told}",
-                       [_reread(read, meant, other) for other in (False, True)])  # fmt: skip
+                yield (
+                    f"angles are {wanted} and were read as {told}",
+                    [_reread(read, meant, other) for other in (False, True)],
+                )
         yield f"angles ({told}) are radians and were read as degrees", [_reread(read, read, False, 180 / np.pi)]
 
 

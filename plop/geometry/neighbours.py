@@ -24,7 +24,4 @@ def nearest(points: Tensor, count: int, *, queries: Tensor | None = None) -> tup
     wanted = min(count + own, len(data))
     distance, index = cKDTree(data).query(asked, k=list(range(1, wanted + 1)))
     skip = 1 if own else 0
-    return (
-        torch.from_numpy(distance[:, skip:]).to(points),
-        torch.from_numpy(index[:, skip:]).to(points.device),
-    )
+    return (torch.from_numpy(distance[:, skip:]).to(points), torch.from_numpy(index[:, skip:]).to(points.device))

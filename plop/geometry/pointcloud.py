@@ -58,16 +58,27 @@ def check_metres(depth_m: np.ndarray, where: str) -> None:
     if len(measured) == 0:
         return
     if measured.min() < 0:
-        raise PlopError("A depth image has negative values.", where=where, expected="metres, 0 = not measured",
-                        found=f"minimum {measured.min():.3f}", fix="Write 0 where nothing is measured.")  # fmt: skip
+        raise PlopError(
+            "A depth image has negative values.",
+            where=where,
+            expected="metres, 0 = not measured",
+            found=f"minimum {measured.min():.3f}",
+            fix="Write 0 where nothing is measured.",
+        )
     middle = float(np.median(measured))
     if middle > MILLIMETRES_ABOVE_M:
-        raise PlopError("A depth image seems to be in millimetres.", where=where, expected="metres",
-                        found=f"a median depth of {middle:.0f}", fix="Divide the depth by 1000.")  # fmt: skip
+        raise PlopError(
+            "A depth image seems to be in millimetres.",
+            where=where,
+            expected="metres",
+            found=f"a median depth of {middle:.0f}",
+            fix="Divide the depth by 1000.",
+        )
 
 
-def cloud_from_depth(camera: Camera, depth_m: np.ndarray, rgb: np.ndarray, mask: np.ndarray | None = None, *,
-                     neighbors: int = 12) -> PointCloud:  # fmt: skip
+def cloud_from_depth(
+    camera: Camera, depth_m: np.ndarray, rgb: np.ndarray, mask: np.ndarray | None = None, *, neighbors: int = 12
+) -> PointCloud:
     """Turn one depth image into world points with normals that face the camera.
 
     Args:

@@ -29,8 +29,7 @@ def is_transposed(poses: np.ndarray) -> bool:
     The 3x3 part of a transposed pose is a rotation, too: the translation in the last row tells, in one of them at
     least; where all translations are zero nothing does, and they are taken as given.
     """
-    return bool((rigid_error(poses) > TOLERANCE).any()
-                and (rigid_error(np.swapaxes(poses, 1, 2)) <= TOLERANCE).all())  # fmt: skip
+    return bool((rigid_error(poses) > TOLERANCE).any() and (rigid_error(np.swapaxes(poses, 1, 2)) <= TOLERANCE).all())
 
 
 def matrix_fault(pose: np.ndarray) -> str:

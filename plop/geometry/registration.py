@@ -60,9 +60,16 @@ class _Solver:
         return np.concatenate(parts, axis=1)
 
 
-def register(clouds: Sequence[PointCloud], *, gate_m: float, iterations: int = 30, free_pose: bool = True,
-             centers: np.ndarray | None = None, fixed: Sequence[int] = (),
-             min_overlap: float = 0.05) -> Registration:  # fmt: skip
+def register(
+    clouds: Sequence[PointCloud],
+    *,
+    gate_m: float,
+    iterations: int = 30,
+    free_pose: bool = True,
+    centers: np.ndarray | None = None,
+    fixed: Sequence[int] = (),
+    min_overlap: float = 0.05,
+) -> Registration:
     """Minimise point-to-plane distances between all overlapping pairs of clouds together.
 
     Every step solves one damped normal equation for all clouds; damping keeps what the overlap does not
@@ -88,8 +95,12 @@ def register(clouds: Sequence[PointCloud], *, gate_m: float, iterations: int = 3
         raise PlopError("Registration has nothing to solve for.", expected="free_pose or centers")
     for index, cloud in enumerate(clouds):
         if not np.isfinite(cloud.points).all():
-            raise PlopError("A cloud has positions that are no numbers.", where=f"cloud {index}",
-                            expected="finite metres", found="NaN or infinity")  # fmt: skip
+            raise PlopError(
+                "A cloud has positions that are no numbers.",
+                where=f"cloud {index}",
+                expected="finite metres",
+                found="NaN or infinity",
+            )
     count = len(clouds)
     poses, scales = np.tile(np.eye(4), (count, 1, 1)), np.ones(count)
     used = [cloud for cloud in clouds if len(cloud)]
@@ -118,8 +129,10 @@ def residual_mm(clouds: Sequence[PointCloud], pairs: Sequence[tuple[int, int]], 
     """Measure the fit: median absolute point-to-plane distance over corresponding points [mm]."""
     trees = [cKDTree(cloud.points) if len(cloud) else None for cloud in clouds]
     found = [_matches(clouds[a], clouds[b], trees[b], gate_m) for a, b in pairs]
-    values = [np.abs(((clouds[a].points[i] - clouds[b].points[j]) * clouds[b].normals[j]).sum(1))
-              for (a, b), (i, j) in zip(pairs, found, strict=True)]  # fmt: skip
+    values = [
+        np.abs(((clouds[a].points[i] - clouds[b].points[j]) * clouds[b].normals[j]).sum(1))
+        for (a, b), (i, j) in zip(pairs, found, strict=True)
+    ]
     joined = np.concatenate(values) if values else np.zeros(0)
     return float(np.median(joined) * 1e3) if len(joined) else float("nan")
 
@@ -140,8 +153,9 @@ def _overlapping(clouds: Sequence[PointCloud], gate_m: float, min_overlap: float
     return pairs
 
 
-def _matches(source: PointCloud, target: PointCloud, tree: cKDTree | None,
-             gate_m: float) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _matches(
+    source: PointCloud, target: PointCloud, tree: cKDTree | None, gate_m: float
+) -> tuple[np.ndarray, np.ndarray]:
     if tree is None or len(source) == 0:
         return np.zeros(0, int), np.zeros(0, int)
     distance, index = tree.query(source.points, distance_upper_bound=gate_m)
@@ -167,8 +181,9 @@ def _applied(solver: _Solver, poses: np.ndarray, scales: np.ndarray) -> list[Poi
     return out
 
 
-def _step(solver: _Solver, clouds: Sequence[PointCloud], poses: np.ndarray, pairs: Sequence[tuple[int, int]],
-          gate: float) -> np.ndarray:  # fmt: skip
+def _step(
+    solver: _Solver, clouds: Sequence[PointCloud], poses: np.ndarray, pairs: Sequence[tuple[int, int]], gate: float
+) -> np.ndarray:
     width, total = solver.width, solver.width * len(clouds)
     matrix, right = np.zeros((total, total)), np.zeros(total)
     trees = {b: cKDTree(clouds[b].points) for b in {b for _, b in pairs}}

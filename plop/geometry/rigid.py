@@ -46,17 +46,25 @@ def check_rigid(poses: np.ndarray, where: str, *, what: str) -> None:
     stack = poses.reshape(-1, 4, 4)
     broken = ~np.isfinite(stack).all((1, 2))
     if broken.any():
-        raise PlopError(f"A {what}'s pose has values that are no numbers.", where=where, expected="finite poses",
-                        found=f"NaN or infinity{_of_frames(broken)}",
-                        fix="Track or export the poses again, or leave the episode out.")  # fmt: skip
+        raise PlopError(
+            f"A {what}'s pose has values that are no numbers.",
+            where=where,
+            expected="finite poses",
+            found=f"NaN or infinity{_of_frames(broken)}",
+            fix="Track or export the poses again, or leave the episode out.",
+        )
     wrong = (rigid_error(stack) > TOLERANCE) | (np.linalg.det(stack[:, :3, :3]) < 0)
     if wrong.any():
         found = matrix_fault(stack[int(np.argmax(wrong))])
-        raise PlopError(f"A {what}'s pose is not a rotation and a translation.", where=where,
-                        expected="an orthonormal right-handed 3x3 part over the last row 0 0 0 1",
-                        found=f"{found}{_of_frames(wrong)}",
-                        fix="Transpose the matrices: translation in the last column." if "transposed" in found else
-                        "Write 4x4 poses without scale, translation in the last column.")  # fmt: skip
+        raise PlopError(
+            f"A {what}'s pose is not a rotation and a translation.",
+            where=where,
+            expected="an orthonormal right-handed 3x3 part over the last row 0 0 0 1",
+            found=f"{found}{_of_frames(wrong)}",
+            fix="Transpose the matrices: translation in the last column."
+            if "transposed" in found
+            else "Write 4x4 poses without scale, translation in the last column.",
+        )
 
 
 def _of_frames(wrong: np.ndarray) -> str:
@@ -124,10 +132,16 @@ def quat_to_matrix(quats: Tensor) -> Tensor:
     """Turn quaternions (wxyz, any length but zero) into rotation matrices, [..., 4] -> [..., 3, 3]."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
     rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    ]
     return torch.stack(rows, dim=-1).reshape(*quats.shape[:-1], 3, 3)
 
 

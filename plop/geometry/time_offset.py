@@ -9,8 +9,15 @@ import numpy as np
 from plop.errors import PlopError
 
 
-def offset_by_correlation(time_a_s: np.ndarray, signal_a: np.ndarray, time_b_s: np.ndarray, signal_b: np.ndarray, *,
-                          max_offset_s: float = 0.5, step_s: float = 1e-3) -> tuple[float, float]:  # fmt: skip
+def offset_by_correlation(
+    time_a_s: np.ndarray,
+    signal_a: np.ndarray,
+    time_b_s: np.ndarray,
+    signal_b: np.ndarray,
+    *,
+    max_offset_s: float = 0.5,
+    step_s: float = 1e-3,
+) -> tuple[float, float]:
     """Find how much later signal a shows the same motion than signal b.
 
     Both are resampled by linear interpolation; the offset maximises the normalised cross-correlation,
@@ -32,21 +39,32 @@ def offset_by_correlation(time_a_s: np.ndarray, signal_a: np.ndarray, time_b_s: 
     """
     for what, time, signal in (("a", time_a_s, signal_a), ("b", time_b_s, signal_b)):
         if len(time) != len(signal) or len(time) < 8:
-            raise PlopError("Two signals cannot be aligned.", where=f"signal {what}",
-                            expected="as many values as times, at least 8",
-                            found=f"{len(signal)} values, {len(time)} times")  # fmt: skip
+            raise PlopError(
+                "Two signals cannot be aligned.",
+                where=f"signal {what}",
+                expected="as many values as times, at least 8",
+                found=f"{len(signal)} values, {len(time)} times",
+            )
         if not (np.isfinite(time).all() and np.isfinite(signal).all()) or (np.diff(time) <= 0).any():
-            raise PlopError("A signal is not usable.", where=f"signal {what}",
-                            expected="finite values at increasing times")  # fmt: skip
+            raise PlopError(
+                "A signal is not usable.", where=f"signal {what}", expected="finite values at increasing times"
+            )
         if np.std(signal) < 1e-12:
-            raise PlopError("There is no motion to align.", where=f"signal {what}", expected="a changing signal",
-                            found="a constant", fix="Record a motion with starts and stops.")  # fmt: skip
+            raise PlopError(
+                "There is no motion to align.",
+                where=f"signal {what}",
+                expected="a changing signal",
+                found="a constant",
+                fix="Record a motion with starts and stops.",
+            )
     offsets = np.arange(-max_offset_s, max_offset_s + step_s / 2, step_s)
     scores = np.array([_correlation(time_a_s - o, signal_a, time_b_s, signal_b) for o in offsets])
     if not np.isfinite(scores).any():
-        raise PlopError("The two signals do not overlap in time.", expected="a common span of at least 8 samples",
-                        found=f"a: {time_a_s[0]:.3f}..{time_a_s[-1]:.3f} s, "
-                              f"b: {time_b_s[0]:.3f}..{time_b_s[-1]:.3f} s")  # fmt: skip
+        raise PlopError(
+            "The two signals do not overlap in time.",
+            expected="a common span of at least 8 samples",
+            found=f"a: {time_a_s[0]:.3f}..{time_a_s[-1]:.3f} s, b: {time_b_s[0]:.3f}..{time_b_s[-1]:.3f} s",
+        )
     best = int(np.nanargmax(scores))
     return float(offsets[best] + step_s * _vertex(-scores, best)), float(scores[best])
 
@@ -61,8 +79,9 @@ def _correlation(time_a: np.ndarray, a: np.ndarray, time_b: np.ndarray, b: np.nd
     return float(x @ y / size) if size > 0 else float("nan")
 
 
-def offset_by_search(cost: Callable[[float], float], *, max_offset_s: float,
-                     step_s: float) -> tuple[float, float] | None:  # fmt: skip
+def offset_by_search(
+    cost: Callable[[float], float], *, max_offset_s: float, step_s: float
+) -> tuple[float, float] | None:
     """Find the offset that minimises a cost, coarse to fine.
 
     Args:

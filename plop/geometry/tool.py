@@ -58,8 +58,16 @@ class ToolGeometry:
         tensors = (vertices, axes @ ((low + high) / 2), axes, (high - low) / 2, outline, sides_of(convex))
         vert, center, axis, half, line, sides = (torch.as_tensor(x, dtype=torch.float32) for x in tensors)
         faces = np.asarray(faces)
-        return cls(vert, torch.as_tensor(faces, dtype=torch.int64), center, axis, half, line, sides,
-                   _closed_volume(vertices, faces) / convex.volume)  # fmt: skip
+        return cls(
+            vert,
+            torch.as_tensor(faces, dtype=torch.int64),
+            center,
+            axis,
+            half,
+            line,
+            sides,
+            _closed_volume(vertices, faces) / convex.volume,
+        )
 
     def beside_blade(self, points_tool: Tensor) -> tuple[Tensor, Tensor]:
         """Place points of the tool's frame against a blade.

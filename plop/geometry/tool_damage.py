@@ -45,8 +45,13 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
     at_zero = (np.abs(vertices).max(1) < _NOTHING_M)[faces]
     nothing = at_zero.all(1) | (collapsed & (at_zero.sum(1) == 2))
     if at_zero.all(1).any() or nothing.sum() > 1:
-        raise _damaged(where, f"{int(nothing.sum())} of {len(faces)} triangles lie with two or three corners at "
-                       "exactly 0 0 0", vertices, faces, nothing)  # fmt: skip
+        raise _damaged(
+            where,
+            f"{int(nothing.sum())} of {len(faces)} triangles lie with two or three corners at exactly 0 0 0",
+            vertices,
+            faces,
+            nothing,
+        )
     if collapsed.all():
         raise _damaged(where, f"all {len(faces)} triangles are collapsed", vertices, faces, collapsed)
     uses = _edge_uses(joined, ~collapsed)
@@ -60,8 +65,14 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
     rest = Topology.of(joined[~stray & ~collapsed])
     mostly = len(rest.faces) >= _WHOLE_PER_STRAY * int((stray & ~lost).sum())
     if 0 < rest.free_edges <= _RIM_PER_STRAY * count + _RIM_OF_ENDS * bool(lost.any()) and mostly:
-        raise _damaged(where, f"{count} of {len(faces)} triangles are stray or collapsed, and the rest is closed but "
-                       f"for {rest.free_edges} edges", vertices, faces, stray)  # fmt: skip
+        raise _damaged(
+            where,
+            f"{count} of {len(faces)} triangles are stray or collapsed, and the rest is closed but "
+            f"for {rest.free_edges} edges",
+            vertices,
+            faces,
+            stray,
+        )
     _check_unused(vertices, faces, where)
     return _notes(joined[~collapsed], int(collapsed.sum()))
 
@@ -74,8 +85,9 @@ def _lonely(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 def _in_place(faces: np.ndarray, collapsed: np.ndarray) -> np.ndarray:
     """Collapsed faces that fill nothing: their one edge already has two other faces; bool, shape [F]."""
-    edges, counts = np.unique(np.sort(faces[~collapsed][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0,
-                              return_counts=True)  # fmt: skip
+    edges, counts = np.unique(
+        np.sort(faces[~collapsed][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
+    )
     twice = {tuple(edge) for edge in edges[counts == 2].tolist()}
     ends = zip(faces.min(1).tolist(), faces.max(1).tolist(), strict=True)
     return np.array([flat and end in twice for flat, end in zip(collapsed.tolist(), ends, strict=True)])
@@ -109,9 +121,13 @@ def _check_unused(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
     beyond = np.maximum(low - vertices, vertices - high).max(1)
     far = beyond > _UNUSED_SHARE * float((high - low).max())
     if far.any():
-        raise PlopError("The tool's mesh is damaged.", where=where, expected="vertices that belong to a triangle",
-                        found=f"{int(far.sum())} that belong to none, up to {1000 * beyond.max():.3g} mm off the tool",
-                        fix="Copy or export the mesh again; remove loose vertices.")  # fmt: skip
+        raise PlopError(
+            "The tool's mesh is damaged.",
+            where=where,
+            expected="vertices that belong to a triangle",
+            found=f"{int(far.sum())} that belong to none, up to {1000 * beyond.max():.3g} mm off the tool",
+            fix="Copy or export the mesh again; remove loose vertices.",
+        )
 
 
 def _notes(faces: np.ndarray, collapsed: int) -> list[str]:
@@ -120,8 +136,10 @@ def _notes(faces: np.ndarray, collapsed: int) -> list[str]:
         notes.append(f"{collapsed} collapsed triangles leave no hole and do no harm")
     if not topology.is_closed:
         crowded = f", {topology.crowded_edges} with more than two" if topology.crowded_edges else ""
-        notes.append(f"the surface is not closed ({topology.free_edges} edges with one triangle{crowded}): the tool is "
-                     "taken for a sheet or a hollow, not for a solid")  # fmt: skip
+        notes.append(
+            f"the surface is not closed ({topology.free_edges} edges with one triangle{crowded}): the tool is "
+            "taken for a sheet or a hollow, not for a solid"
+        )
     elif not topology.orientable or topology.turned.any():
         notes.append("neighbouring triangles do not agree on an outside")
     return notes
@@ -130,7 +148,11 @@ def _notes(faces: np.ndarray, collapsed: int) -> list[str]:
 def _damaged(where: str, found: str, vertices: np.ndarray, faces: np.ndarray, which: np.ndarray) -> PlopError:
     first = int(np.argmax(which))
     corners = ", ".join(f"({' '.join(f'{value:.4g}' for value in corner)})" for corner in vertices[faces[first]])
-    return PlopError("The tool's mesh is damaged.", where=where, expected="triangles that make one surface",
-                     found=f"{found}; the first is triangle {first}: {corners}",
-                     fix="Part of the file was lost: copy or export the mesh again (in Blender: Clean Up, Delete Loose "
-                         "and Degenerate Dissolve).")  # fmt: skip
+    return PlopError(
+        "The tool's mesh is damaged.",
+        where=where,
+        expected="triangles that make one surface",
+        found=f"{found}; the first is triangle {first}: {corners}",
+        fix="Part of the file was lost: copy or export the mesh again (in Blender: Clean Up, Delete Loose "
+        "and Degenerate Dissolve).",
+    )

@@ -32,7 +32,10 @@ def check_tool_reach(tool_vertices: np.ndarray, world_from_tool: np.ndarray, sce
     nearest = float(np.linalg.norm(outside, axis=-1).min())
     farthest = max(FAR * size, LEAST_FAR_M)
     if nearest > farthest:
-        raise PlopError("The tool is far from everything else at all frames.", where=where,
-                        expected=f"metres: a tool within {farthest:.3g} m of a scene of {size:.3g} m",
-                        found=f"{nearest:.4g} m away at its nearest",
-                        fix="Translations in millimetres? Divide them by 1000, or correct the frame.")  # fmt: skip
+        raise PlopError(
+            "The tool is far from everything else at all frames.",
+            where=where,
+            expected=f"metres: a tool within {farthest:.3g} m of a scene of {size:.3g} m",
+            found=f"{nearest:.4g} m away at its nearest",
+            fix="Translations in millimetres? Divide them by 1000, or correct the frame.",
+        )

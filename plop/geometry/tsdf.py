@@ -25,8 +25,9 @@ class DepthFrame:
     """[H, W, 3] uint8"""
 
 
-def build_volume(frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0,
-                 blocks: int = 4000) -> Any:  # fmt: skip
+def build_volume(
+    frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0, blocks: int = 4000
+) -> Any:
     """Integrate frames into a voxel block grid (Curless and Levoy 1996; blocks hashed as by Niessner et al. 2013).
 
     Args:
@@ -47,8 +48,15 @@ def build_volume(frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: f
         raise PlopError("There is nothing to fuse.", expected="at least one image with measured depth", found="none")
     core = o3d.core
     widths: Any = ((1), (1), (3))
-    grid = o3d.t.geometry.VoxelBlockGrid(("tsdf", "weight", "color"), (core.float32, core.float32, core.float32),
-                                         widths, voxel_m, 8, blocks, core.Device("CPU:0"))  # fmt: skip
+    grid = o3d.t.geometry.VoxelBlockGrid(
+        ("tsdf", "weight", "color"),
+        (core.float32, core.float32, core.float32),
+        widths,
+        voxel_m,
+        8,
+        blocks,
+        core.Device("CPU:0"),
+    )
     for frame in frames:
         depth = o3d.t.geometry.Image(core.Tensor.from_numpy(np.ascontiguousarray(frame.depth_m, dtype=np.float32)))
         color = o3d.t.geometry.Image(core.Tensor.from_numpy(np.ascontiguousarray(frame.rgb, dtype=np.float32) / 255.0))
@@ -60,8 +68,14 @@ def build_volume(frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: f
     return grid
 
 
-def fuse_tsdf(frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0,
-              min_weight: float = 1.0) -> PointCloud:  # fmt: skip
+def fuse_tsdf(
+    frames: Sequence[DepthFrame],
+    voxel_m: float,
+    *,
+    max_depth_m: float = 10.0,
+    band: float = 4.0,
+    min_weight: float = 1.0,
+) -> PointCloud:
     """Fuse posed RGB-D images and take the zero crossings as an oriented cloud.
 
     Args:
@@ -81,8 +95,12 @@ def fuse_tsdf(frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: floa
     found = grid.extract_point_cloud(weight_threshold=min_weight - 0.5)
     points = found.point.positions.numpy().astype(np.float64)
     if len(points) == 0:
-        raise PlopError("No surface came out of the fusion.", expected="zero crossings", found="none",
-                        fix="Use a larger voxel_m, or check poses and units of depth (metres).")  # fmt: skip
+        raise PlopError(
+            "No surface came out of the fusion.",
+            expected="zero crossings",
+            found="none",
+            fix="Use a larger voxel_m, or check poses and units of depth (metres).",
+        )
     normals = found.point.normals.numpy().astype(np.float64)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     colors = np.clip(np.round(255 * found.point.colors.numpy()), 0, 255).astype(np.uint8)

@@ -88,12 +88,20 @@ class Lpips(nn.Module):
 def alexnet_features() -> tuple[nn.Sequential, tuple[int, ...]]:
     """Build AlexNet's feature stack with torch's layer numbers, and the layers to tap."""
     stack = nn.Sequential(
-        nn.Conv2d(3, 64, 11, stride=4, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2),
-        nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2),
-        nn.Conv2d(192, 384, 3, padding=1), nn.ReLU(),
-        nn.Conv2d(384, 256, 3, padding=1), nn.ReLU(),
-        nn.Conv2d(256, 256, 3, padding=1), nn.ReLU(), nn.MaxPool2d(3, 2),
-    )  # fmt: skip
+        nn.Conv2d(3, 64, 11, stride=4, padding=2),
+        nn.ReLU(),
+        nn.MaxPool2d(3, 2),
+        nn.Conv2d(64, 192, 5, padding=2),
+        nn.ReLU(),
+        nn.MaxPool2d(3, 2),
+        nn.Conv2d(192, 384, 3, padding=1),
+        nn.ReLU(),
+        nn.Conv2d(384, 256, 3, padding=1),
+        nn.ReLU(),
+        nn.Conv2d(256, 256, 3, padding=1),
+        nn.ReLU(),
+        nn.MaxPool2d(3, 2),
+    )
     return stack, (1, 4, 7, 9, 11)
 
 
@@ -128,8 +136,13 @@ def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | 
     path = Path(backbone_file) if backbone_file else hub_folder() / BACKBONE_FILES[backbone]
     if not path.is_file():
         if backbone_file:
-            raise PlopError("There is no LPIPS backbone at this path.", where=path, expected=BACKBONE_FILES[backbone],
-                            found="no file", fix="Correct the path, or leave it empty.")  # fmt: skip
+            raise PlopError(
+                "There is no LPIPS backbone at this path.",
+                where=path,
+                expected=BACKBONE_FILES[backbone],
+                found="no file",
+                fix="Correct the path, or leave it empty.",
+            )
         also = "" if _head_file(backbone) else f", and {_NO_HEADS}"
         return Unavailable(f"no backbone file {path.name} in torch's hub folder{also}")
     heads = _head_file(backbone)
@@ -156,8 +169,13 @@ def _tensors(path: Path, backbone: Backbone, fix: str) -> dict[str, Tensor]:
 
 
 def _unfit(path: Path, backbone: Backbone, error: Exception, fix: str) -> PlopError:
-    return PlopError("The LPIPS weights cannot be loaded.", where=path, expected=f"weights of {backbone}, named "
-                     "as in torch's model hub", found=_found(error), fix=fix)  # fmt: skip
+    return PlopError(
+        "The LPIPS weights cannot be loaded.",
+        where=path,
+        expected=f"weights of {backbone}, named as in torch's model hub",
+        found=_found(error),
+        fix=fix,
+    )
 
 
 def _found(error: Exception) -> str:

@@ -21,9 +21,17 @@ from plop.errors import PlopError
 from plop.metrics.bootstrap import bootstrap_interval
 from plop.metrics.frame import HIGHER_IS_BETTER, mean_defined
 
-COLUMNS = {"cd_mm": ("CD [mm]", 2), "emd_mm": ("EMD [mm]", 2), "hd_mm": ("HD [mm]", 1), "ssim": ("SSIM", 3),
-           "psnr_db": ("PSNR [dB]", 2), "lpips": ("LPIPS", 3), "j_score": ("J", 3), "f_score": ("F", 3),
-           "truth_rms_mm": ("nodes [mm]", 2)}  # fmt: skip
+COLUMNS = {
+    "cd_mm": ("CD [mm]", 2),
+    "emd_mm": ("EMD [mm]", 2),
+    "hd_mm": ("HD [mm]", 1),
+    "ssim": ("SSIM", 3),
+    "psnr_db": ("PSNR [dB]", 2),
+    "lpips": ("LPIPS", 3),
+    "j_score": ("J", 3),
+    "f_score": ("F", 3),
+    "truth_rms_mm": ("nodes [mm]", 2),
+}
 """Columns of a printed table: heading and digits."""
 _BEGIN, _END = "<!-- {name}:begin -->", "<!-- {name}:end -->"
 
@@ -31,9 +39,13 @@ Scores = Mapping[str, Path | Sequence[Path]]
 
 
 def collect(
-    scores: Scores, *, chosen: Callable[[str], bool] | None = None, command: str = "",
-    versions: Mapping[str, str] | None = None, seeds: Sequence[int] = (),
-) -> dict[str, Any]:  # fmt: skip
+    scores: Scores,
+    *,
+    chosen: Callable[[str], bool] | None = None,
+    command: str = "",
+    versions: Mapping[str, str] | None = None,
+    seeds: Sequence[int] = (),
+) -> dict[str, Any]:
     """Gather the scores of several environments.
 
     Args:
@@ -72,8 +84,11 @@ def to_markdown(results: Mapping[str, Any], *, part: str = "episode") -> str:
     Returns:
         A Markdown table; a dash is undefined or unavailable.
     """
-    rows = [(name, method, entry if part == "episode" else entry[part])
-            for name, methods in results["environments"].items() for method, entry in methods.items()]  # fmt: skip
+    rows = [
+        (name, method, entry if part == "episode" else entry[part])
+        for name, methods in results["environments"].items()
+        for method, entry in methods.items()
+    ]
     shown = [metric for metric in COLUMNS if any(row[2].get(metric) for row in rows)]
     lines = ["| " + " | ".join(["environment", "method", "n", *(COLUMNS[metric][0] for metric in shown)]) + " |"]
     lines.append("|---|---|---|" + "---|" * len(shown))
@@ -113,8 +128,11 @@ def replace_between_markers(page: str, name: str, text: str) -> str:
     """Put text between the markers of this name in a page; raises a PlopError without them."""
     begin, end = _BEGIN.format(name=name), _END.format(name=name)
     if page.count(begin) != 1 or page.count(end) != 1 or page.index(begin) > page.index(end):
-        raise PlopError("The page has no place for this table.", expected=f"{begin} ... {end}, once",
-                        found=f"{page.count(begin)} and {page.count(end)} of them")  # fmt: skip
+        raise PlopError(
+            "The page has no place for this table.",
+            expected=f"{begin} ... {end}, once",
+            found=f"{page.count(begin)} and {page.count(end)} of them",
+        )
     return page[: page.index(begin) + len(begin)] + f"\n{text}\n" + page[page.index(end) :]
 
 
@@ -126,8 +144,9 @@ def _read(path: Path) -> dict[str, Any]:
         found = f"keys {', '.join(report)}"
     except (OSError, ValueError, AttributeError) as error:
         found = str(error)
-    raise PlopError("These are not scores.", where=path, expected="scores.json of `plop eval`", found=found,
-                    fix="Run `plop eval`.")  # fmt: skip
+    raise PlopError(
+        "These are not scores.", where=path, expected="scores.json of `plop eval`", found=found, fix="Run `plop eval`."
+    )
 
 
 def _names(reports: list[dict[str, Any]]) -> list[str]:
@@ -146,9 +165,7 @@ def _environment(reports: list[dict[str, Any]], names: list[str]) -> dict[str, A
 
 
 def _interval(reports: list[dict[str, Any]], names: list[str], method: str, part: str, metric: str) -> dict | None:
-    values = [
-        mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names
-    ]  # fmt: skip
+    values = [mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names]
     found = bootstrap_interval(values, seed=reports[0].get("seed", 0))
     return None if found is None else asdict(found)
 

@@ -64,8 +64,12 @@ class AugmentedModel(DynamicsModel):
         after = Twins(acted, plain, stepped.inner)
         means = stepped.gaussians.means
         moved = _at_descendants(twins.acted, after.difference - twins.difference, stepped).to(means)
-        return replace(stepped, gaussians=stepped.gaussians.with_(means=means + moved),
-                       last_translation=stepped.last_translation + moved, inner=after)  # fmt: skip
+        return replace(
+            stepped,
+            gaussians=stepped.gaussians.with_(means=means + moved),
+            last_translation=stepped.last_translation + moved,
+            inner=after,
+        )
 
 
 def _at_descendants(acted: ParticleState, added: Tensor, stepped: ParticleState) -> Tensor:
@@ -84,8 +88,9 @@ def _at_descendants(acted: ParticleState, added: Tensor, stepped: ParticleState)
     if len(np.unique(known)) == len(known) and (known[row] == wanted).all():
         return added.cpu()[torch.from_numpy(row)]
     places = acted.gaussians.means.detach().cpu().double().numpy()
-    return torch.from_numpy(_interpolated(places, added.cpu().double().numpy(), stepped.gaussians.means,
-                                          acted.side, stepped.side))  # fmt: skip
+    return torch.from_numpy(
+        _interpolated(places, added.cpu().double().numpy(), stepped.gaussians.means, acted.side, stepped.side)
+    )
 
 
 def _interpolated(places: np.ndarray, values: np.ndarray, means: Tensor, sides: Tensor, wanted: Tensor) -> np.ndarray:

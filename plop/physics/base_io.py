@@ -28,6 +28,10 @@ def base_from_dict(table: Mapping[str, Any]) -> EngineBase:
         law = ElasticLaw[str(material.pop("law")).upper()]
         return EngineBase(Material(law=law, **material), **values)
     except (KeyError, TypeError, AttributeError) as error:
-        raise PlopError("The engine's settings cannot be read.", where="engine",
-                        expected="material, spacing_m, settled", found=str(error),
-                        fix="Run `plop identify` again.") from error  # fmt: skip
+        raise PlopError(
+            "The engine's settings cannot be read.",
+            where="engine",
+            expected="material, spacing_m, settled",
+            found=str(error),
+            fix="Run `plop identify` again.",
+        ) from error

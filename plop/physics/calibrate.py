@@ -124,18 +124,22 @@ def calibrate(
     """
     unknown = [name for name in names if name not in PARAMETERS]
     if unknown or not names or not cases:
-        raise PlopError("Nothing to calibrate.", where=", ".join(unknown) or "cases and names",
-                        expected=f"episodes, and some of {', '.join(PARAMETERS)}",
-                        found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
-                        fix="Give one episode and one of these parameters at least.")  # fmt: skip
+        raise PlopError(
+            "Nothing to calibrate.",
+            where=", ".join(unknown) or "cases and names",
+            expected=f"episodes, and some of {', '.join(PARAMETERS)}",
+            found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
+            fix="Give one episode and one of these parameters at least.",
+        )
     return _Fit(cases, start, [PARAMETERS[name] for name in names], config, jobs).run(iterations, progress)
 
 
 class _Fit:
     """The running fit; coordinates are `Parameter.encode` of the values."""
 
-    def __init__(self, cases: Sequence[Case], start: Material, parameters: list[Parameter], config: EngineConfig,
-                 jobs: int) -> None:  # fmt: skip
+    def __init__(
+        self, cases: Sequence[Case], start: Material, parameters: list[Parameter], config: EngineConfig, jobs: int
+    ) -> None:
         self.cases, self.start, self.parameters, self.config, self.jobs = cases, start, parameters, config, jobs
         self.rollouts = 0
 
@@ -183,8 +187,9 @@ class _Fit:
         moved = self.residuals(points)
         return [[(m - r) / s for m, r in zip(row, residual, strict=True)] for row, s in zip(moved, steps, strict=True)]
 
-    def step(self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]], damping: float
-             ) -> tuple[np.ndarray, list[np.ndarray], float] | None:  # fmt: skip
+    def step(
+        self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]], damping: float
+    ) -> tuple[np.ndarray, list[np.ndarray], float] | None:
         """Take one damped step that lowers the cost; None when there is none."""
         hessian, gradient = _normal_equations(jacobian, residual)
         low = np.array([p.encode(p.low) if p.low > 0 or not p.logarithmic else -np.inf for p in self.parameters])
@@ -201,8 +206,9 @@ class _Fit:
             damping = max(10 * damping, 0.1)
         return None
 
-    def intervals(self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]]
-                  ) -> dict[str, Estimate]:  # fmt: skip
+    def intervals(
+        self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]]
+    ) -> dict[str, Estimate]:
         """Give 95 % intervals; a parameter at its bound, or one the data do not feel, gets an infinite one."""
         values = [p.decode(c) for p, c in zip(self.parameters, here, strict=True)]
         bound = np.array([v <= p.low or v >= p.high for v, p in zip(values, self.parameters, strict=True)])
@@ -214,10 +220,14 @@ class _Fit:
         if len(free) and np.linalg.eigvalsh(normal[np.ix_(free, free)])[0] > 1e-6:
             told = clusters(*_blocks([jacobian[k] for k in free], residual))
             width[free] = student.ppf(0.975, told.freedom) * np.sqrt(np.diag(told.spread))
-        ends = [(-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
-                for p, c, w in zip(self.parameters, here, width, strict=True)]  # fmt: skip
-        return {p.name: Estimate(v, low, high, p.unit, bool(b))
-                for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)}  # fmt: skip
+        ends = [
+            (-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
+            for p, c, w in zip(self.parameters, here, width, strict=True)
+        ]
+        return {
+            p.name: Estimate(v, low, high, p.unit, bool(b))
+            for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)
+        }
 
 
 def _residual(case: Case, material: Material, config: EngineConfig) -> np.ndarray:

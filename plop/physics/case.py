@@ -64,9 +64,12 @@ def case_from_sequence(sequence: MeshSequence, spacing_m: float) -> Case:
         radii.append(radius)
         sides.append(np.full(len(filled), side))
     none = np.zeros(len(rest))
-    particles = Particles(np.concatenate([*positions, rest]), np.concatenate([*volumes, none]),
-                          sides=np.concatenate([*sides, part_sides[parts]]),
-                          radii=np.concatenate([*radii, none]))  # fmt: skip
+    particles = Particles(
+        np.concatenate([*positions, rest]),
+        np.concatenate([*volumes, none]),
+        sides=np.concatenate([*sides, part_sides[parts]]),
+        radii=np.concatenate([*radii, none]),
+    )
     begun = begun_at_rest(sequence)
     tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, begun.times, begun.world_from_tool)
     return Case(sequence.name, particles, tool, begun.times, begun.vertices[1:], sequence.table_z_m)

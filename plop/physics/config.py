@@ -48,6 +48,10 @@ class EngineConfig:
         }
         for name, good in checks.items():
             if not good:
-                raise PlopError("An engine setting is out of range.", where=name, found=str(getattr(self, name)),
-                                expected="a positive number; courant in (0, 1], band_cells in 1..8",
-                                fix="docs/engine.md lists every setting with its default.")  # fmt: skip
+                raise PlopError(
+                    "An engine setting is out of range.",
+                    where=name,
+                    found=str(getattr(self, name)),
+                    expected="a positive number; courant in (0, 1], band_cells in 1..8",
+                    fix="docs/engine.md lists every setting with its default.",
+                )

@@ -20,8 +20,15 @@ from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
 
 BLOCK_M = np.array([0.080, 0.050, 0.040])
 """Length, width and height of the block [m]; it stands on the table z = 0 around the origin."""
-MATERIAL = Material(youngs_modulus_pa=1.5e4, poisson=0.42, density_kg_m3=1050.0, damping_per_s=2.0,
-                    table_friction=0.5, tool_friction=0.3, toughness_j_m2=2.0)  # fmt: skip
+MATERIAL = Material(
+    youngs_modulus_pa=1.5e4,
+    poisson=0.42,
+    density_kg_m3=1050.0,
+    damping_per_s=2.0,
+    table_friction=0.5,
+    tool_friction=0.3,
+    toughness_j_m2=2.0,
+)
 DEMO_TRAIN, DEMO_TEST = 4, 2
 _SPACING_M = 0.004
 _FRAMES = 22

@@ -32,9 +32,13 @@ def determinant(a, b, c, d, e, f, g, h, i):
 @njit(fastmath=True)
 def _left_cauchy_green(a, b, c, d, e, f, g, h, i):
     return (
-        a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i,
-        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
-    )  # fmt: skip
+        a * a + b * b + c * c,
+        d * d + e * e + f * f,
+        g * g + h * h + i * i,
+        a * d + b * e + c * f,
+        a * g + b * h + c * i,
+        d * g + e * h + f * i,
+    )
 
 
 @njit(fastmath=True)

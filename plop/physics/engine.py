@@ -35,9 +35,13 @@ class Engine:
     """Particles and grid of one run; `plop.physics.solver.simulate` is the way in."""
 
     def __init__(
-        self, particles: Particles, material: Material, tool: ToolMotion | None, config: EngineConfig,
+        self,
+        particles: Particles,
+        material: Material,
+        tool: ToolMotion | None,
+        config: EngineConfig,
         effects: Sequence[Effect] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.effects = [effect for effect in effects if not effect.absent]
         for effect in self.effects:
             material, config = hooks.changed(effect, "material", material), hooks.changed(effect, "config", config)
@@ -46,8 +50,10 @@ class Engine:
         self.mass = (self.volume * material.density_kg_m3).astype(np.float32)
         self.memory = self._memories(particles)
         self.pose, self.impulse = np.zeros((6, 3), np.float32), np.zeros((2, 3))
-        self._hooks = {hook: [effect for effect in self.effects if overrides(effect, hook)]
-                       for hook in ("before", "stress", "after")}  # fmt: skip
+        self._hooks = {
+            hook: [effect for effect in self.effects if overrides(effect, hook)]
+            for hook in ("before", "stress", "after")
+        }
         self.extra = np.zeros((len(self.x) if self._hooks["stress"] else 0, 6), np.float32)
         self.steps, self.halvings = 0, 0
         self._travelled, self._room = np.inf, 0
@@ -62,10 +68,15 @@ class Engine:
         sides = np.zeros(count) if particles.sides is None else np.asarray(particles.sides)
         passed = np.zeros(count, bool) if particles.passed is None else np.asarray(particles.passed, bool)
         state = (
-            np.asarray(particles.positions, np.float32), _given(particles.velocities, np.zeros((count, 3))),
-            _given(particles.affine, np.zeros((count, 3, 3))), _given(particles.F, np.tile(np.eye(3), (count, 1, 1))),
-            (sides < 0).astype(np.int64), sides != 0, passed, np.arange(count),
-        )  # fmt: skip
+            np.asarray(particles.positions, np.float32),
+            _given(particles.velocities, np.zeros((count, 3))),
+            _given(particles.affine, np.zeros((count, 3, 3))),
+            _given(particles.F, np.tile(np.eye(3), (count, 1, 1))),
+            (sides < 0).astype(np.int64),
+            sides != 0,
+            passed,
+            np.arange(count),
+        )
         own = volume > 0
         self.x, self.v, self.c, self.f, self.side, self.fixed, self.cut, self.number = (part[own] for part in state)
         self.tracers = Tracers(*(part[~own] for part in state))
@@ -88,10 +99,16 @@ class Engine:
         self._kind = int(ToolKind.NONE if self._shape is None else self._shape.kind)
         self._faces = np.zeros((1, 4), np.float32) if self._shape is None else self._shape.faces
         self._thickness = np.zeros(4, np.float32) if self._shape is None else self._shape.thickness
-        self._elastic = (int(material.law), np.float32(material.shear_pa), np.float32(material.lame_pa),
-                         np.float32(material.viscosity_pa_s))  # fmt: skip
-        self._friction = np.array([material.table_friction, material.tool_friction, material.cut_friction,
-                                   material.table_slip_m_s], np.float32)  # fmt: skip
+        self._elastic = (
+            int(material.law),
+            np.float32(material.shear_pa),
+            np.float32(material.lame_pa),
+            np.float32(material.viscosity_pa_s),
+        )
+        self._friction = np.array(
+            [material.table_friction, material.tool_friction, material.cut_friction, material.table_slip_m_s],
+            np.float32,
+        )
         self._gravity = np.array(config.gravity_m_s2, np.float32)
         table = -np.inf if config.table_z_m is None else config.table_z_m + 1e-6
         self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)
@@ -117,7 +134,9 @@ class Engine:
         """Copy what `advance` changes."""
         memory = {key: value.copy() for key, value in self.memory.items()}
         return {name: getattr(self, name).copy() for name in _PER_PARTICLE} | {
-            "memory": memory, "tracers": self.tracers.save()}  # fmt: skip
+            "memory": memory,
+            "tracers": self.tracers.save(),
+        }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go back to a saved state."""
@@ -154,32 +173,107 @@ class Engine:
         decay = np.float32(np.exp(-self.material.damping_per_s * dt))
         if self._kind == ToolKind.BLADE:
             band = np.float32(self.config.band_cells * self._dx)
-            tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, pose, self._faces,
-                                    self._thickness, band, self._bounds)  # fmt: skip
+            tool_contact.mark_sides(
+                self.x,
+                self.side,
+                self.cut,
+                self.fixed,
+                self.radius,
+                pose,
+                self._faces,
+                self._thickness,
+                band,
+                self._bounds,
+            )
             self.tracers.mark_sides(pose, self._faces, self._thickness, band)
         if self._kind != ToolKind.NONE:
-            tool_contact.push_tool(self.x, self.v, self.mass, self.radius, self.side, self.cut, self._bounds,
-                                   *self.tool_now, self._friction[1], self._modulus, self._density, self._dx, step,
-                                   self._pushes)  # fmt: skip
+            tool_contact.push_tool(
+                self.x,
+                self.v,
+                self.mass,
+                self.radius,
+                self.side,
+                self.cut,
+                self._bounds,
+                *self.tool_now,
+                self._friction[1],
+                self._modulus,
+                self._density,
+                self._dx,
+                step,
+                self._pushes,
+            )
             self.impulse[1] += self._pushes.sum(0, dtype=np.float64)
         self._act("before", dt)
         if self._hooks["stress"]:
             self.extra[:] = 0
             self._act("stress", dt)
-        transfer.stress_p2g(self.x, self.v, self.c, self.f, self.mass, self.volume, self.side, self.cut, self._bounds,
-                            self._planes, self._origin, self._dims, self._inv_dx, step, decay, *self._elastic,
-                            self.extra, self._chunk_grid, self._chunk_uncut)  # fmt: skip
+        transfer.stress_p2g(
+            self.x,
+            self.v,
+            self.c,
+            self.f,
+            self.mass,
+            self.volume,
+            self.side,
+            self.cut,
+            self._bounds,
+            self._planes,
+            self._origin,
+            self._dims,
+            self._inv_dx,
+            step,
+            decay,
+            *self._elastic,
+            self.extra,
+            self._chunk_grid,
+            self._chunk_uncut,
+        )
         transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
         if self._shape is not None and self._kind == ToolKind.BLADE and self.material.toughness_j_m2 > 0:
             self.impulse[1] += toughness.resist_cut(
-                self._grid, self._uncut, self._origin, self._dims, self._inv_dx, step, pose, self._shape.edges,
-                np.float32(self.material.toughness_j_m2), self._density)  # fmt: skip
+                self._grid,
+                self._uncut,
+                self._origin,
+                self._dims,
+                self._inv_dx,
+                step,
+                pose,
+                self._shape.edges,
+                np.float32(self.material.toughness_j_m2),
+                self._density,
+            )
         tool_contact.table_gaps(self.x, self.radius, self._origin, self._dims, self._inv_dx, self._table, self._gaps)
-        grid.grid_velocities(self._grid, self._uncut, self._origin, self._dims, self._dx, step, self._gravity,
-                             self._table, self.config.table_cone == "pyramid", self._friction, self._density,
-                             self._gaps, self._velocity, self._impulses)  # fmt: skip
-        transfer.g2p(self.x, self.v, self.c, self.f, self.side, self._bounds, self._origin, self._dims, self._inv_dx,
-                     step, self._velocity, self._report)  # fmt: skip
+        grid.grid_velocities(
+            self._grid,
+            self._uncut,
+            self._origin,
+            self._dims,
+            self._dx,
+            step,
+            self._gravity,
+            self._table,
+            self.config.table_cone == "pyramid",
+            self._friction,
+            self._density,
+            self._gaps,
+            self._velocity,
+            self._impulses,
+        )
+        transfer.g2p(
+            self.x,
+            self.v,
+            self.c,
+            self.f,
+            self.side,
+            self._bounds,
+            self._origin,
+            self._dims,
+            self._inv_dx,
+            step,
+            self._velocity,
+            self._report,
+        )
         self.tracers.carry(self._origin, self._dims, self._inv_dx, step, self._velocity)
         self._act("after", dt)
         self.steps += 1
@@ -223,8 +317,9 @@ class Engine:
         self.memory = {key: np.ascontiguousarray(value[order]) for key, value in self.memory.items()}
         self._bounds = np.linspace(0, len(self.x), chunks + 1).astype(np.int64)
         parts = [column[a:b] for a, b in zip(self._bounds[:-1], self._bounds[1:], strict=True)]
-        self._planes = np.array([[max(part[0] - 2, 0), min(part[-1] + 4, self._dims[0])] if len(part) else [0, 0]
-                                 for part in parts])  # fmt: skip
+        self._planes = np.array(
+            [[max(part[0] - 2, 0), min(part[-1] + 4, self._dims[0])] if len(part) else [0, 0] for part in parts]
+        )
         self._travelled = 0.0
         if nodes > self._room:
             self._allocate(nodes * 5 // 4)
@@ -255,8 +350,9 @@ class Engine:
         sides = np.where(cut | self._whole("fixed"), 1 - 2 * self._whole("side"), 0)
         volume, radius = self._scattered(self.volume), self._scattered(self.radius)
         memory = {key: self._scattered(value) for key, value in self.memory.items()}
-        return Particles(self._whole("x"), volume, self._whole("v"), self._whole("f"), sides, radius,
-                         self._whole("c"), cut, memory)  # fmt: skip
+        return Particles(
+            self._whole("x"), volume, self._whole("v"), self._whole("f"), sides, radius, self._whole("c"), cut, memory
+        )
 
     def _whole(self, name: str) -> np.ndarray:
         """One array of particles and tracers, in the caller's order."""

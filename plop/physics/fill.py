@@ -16,7 +16,7 @@ _LEAST_SHARE = 0.04
 
 def fill_surface(
     vertices: np.ndarray, faces: np.ndarray, spacing_m: float, *, samples: int = 4
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fill a closed surface with particles on a lattice, the outer ones on the surface itself.
 
     Nodes of the lattice within half a cell of the surface, inside or outside, are moved onto it. Every particle gets
@@ -38,13 +38,19 @@ def fill_surface(
     counts = np.maximum(1, np.round((high - low) / spacing_m)).astype(int)
     step = (high - low) / counts
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
-                        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)))  # fmt: skip
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
+    )
     points = _box_points(low + step / (2 * samples), step / samples, counts * samples)
     points = points[scene.compute_occupancy(_tensor(points), nsamples=3).numpy() > 0.5]
     if not len(points):
-        raise PlopError("The surface encloses no particle.", expected=f"a closed surface thicker than {spacing_m:g} m",
-                        found=f"a box of {(high - low).round(4).tolist()} m", fix="Lower the spacing.")  # fmt: skip
+        raise PlopError(
+            "The surface encloses no particle.",
+            expected=f"a closed surface thicker than {spacing_m:g} m",
+            found=f"a box of {(high - low).round(4).tolist()} m",
+            fix="Lower the spacing.",
+        )
     nodes = _box_points(low, step, counts + 1)
     depth = -scene.compute_signed_distance(_tensor(nodes), nsamples=3).numpy()
     half = 0.5 * float(step.min())

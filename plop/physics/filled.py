@@ -58,9 +58,12 @@ def _filling(vertices: bytes, faces: bytes, spacing_m: float) -> tuple[np.ndarra
 
 
 def filled_particles(
-    base: EngineBase, surface: tuple[np.ndarray, np.ndarray], points: np.ndarray, table_z_m: float | None,
+    base: EngineBase,
+    surface: tuple[np.ndarray, np.ndarray],
+    points: np.ndarray,
+    table_z_m: float | None,
     effects: Sequence[Effect] = (),
-) -> Particles:  # fmt: skip
+) -> Particles:
     """Fill a closed surface with particles; one tracer for each given point comes last.
 
     A settled object is under stress already. The stress is found by letting it sag, putting it back to where

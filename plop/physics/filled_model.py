@@ -63,8 +63,9 @@ class FilledEngineModel(DynamicsModel):
         particles = self._particles(state, action)
         motion = tool_motion(action)
         config = replace(self.base.config, table_z_m=action.table_z_m)
-        run = simulate(particles, self.base.material, motion, np.array([0.0, action.dt_s]), config,
-                       effects=self.effects)  # fmt: skip
+        run = simulate(
+            particles, self.base.material, motion, np.array([0.0, action.dt_s]), config, effects=self.effects
+        )
         own = slice(len(particles) - len(gaussians), None)
         # displacements, not places: a settled object stands a little deeper in the grid than it was seen
         places = gaussians.means.detach().cpu().double().numpy() + (run.positions[-1] - run.positions[0])[own]
@@ -112,8 +113,12 @@ class FilledEngineModel(DynamicsModel):
 def tool_motion(action: ToolStep) -> ToolMotion:
     """Give one step's action as the engine's tool motion, starting at time 0."""
     poses = torch.stack([action.world_from_tool, action.next_world_from_tool]).detach().cpu().double().numpy()
-    return ToolMotion(action.tool.vertices.cpu().double().numpy(), action.tool.faces.cpu().numpy(),
-                      np.array([0.0, action.dt_s]), poses)  # fmt: skip
+    return ToolMotion(
+        action.tool.vertices.cpu().double().numpy(),
+        action.tool.faces.cpu().numpy(),
+        np.array([0.0, action.dt_s]),
+        poses,
+    )
 
 
 def same_normal(motion: ToolMotion, action: ToolStep) -> int:

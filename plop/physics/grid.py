@@ -87,8 +87,9 @@ def field_velocities(grid, node, plane, row, bonded, full, friction):
 
 
 @kernel(parallel=True)
-def grid_velocities(grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, friction, density, gaps, velocity,
-                    impulses):  # fmt: skip
+def grid_velocities(
+    grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, friction, density, gaps, velocity, impulses
+):
     """Turn momentum into velocity.
 
     Takes:

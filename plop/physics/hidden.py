@@ -21,9 +21,15 @@ _RANDOM_SNR = (0.5, 2.0)
 
 
 def choose(
-    scene: Scene, wishes: Sequence[Wish], *, snr: float, noise_floor_m: float, effects: dict[str, EffectType],
-    progress: Callable[[float], None] = lambda share: None, jobs: int = 1,
-) -> list[Effect]:  # fmt: skip
+    scene: Scene,
+    wishes: Sequence[Wish],
+    *,
+    snr: float,
+    noise_floor_m: float,
+    effects: dict[str, EffectType],
+    progress: Callable[[float], None] = lambda share: None,
+    jobs: int = 1,
+) -> list[Effect]:
     """Draw what is to be drawn and scale amplitudes to the wanted signal.
 
     Without `snr`, given amplitudes stay as they are, and effects that are drawn get a signal between 0.5 and 2.
@@ -62,9 +68,13 @@ def choose(
 
 
 def _drawn(
-    response: Response, random: np.random.Generator, taken: set[str], snr: float, noise_floor_m: float,
+    response: Response,
+    random: np.random.Generator,
+    taken: set[str],
+    snr: float,
+    noise_floor_m: float,
     effects: dict[str, EffectType],
-) -> Effect:  # fmt: skip
+) -> Effect:
     """Draw an effect that can give the signal; the draw goes on until one can."""
     names = sorted(name for name, effect in effects.items() if effect.kind == "physics" and name not in taken)
     wanted = snr or float(np.exp(random.uniform(*np.log(_RANDOM_SNR))))
@@ -74,10 +84,13 @@ def _drawn(
         found = scaled_to(response, Wish(effect, dict(variant) | _direction(effect, random)), wanted * noise_floor_m)
         if found is not None:
             return found
-    raise PlopError("No effect can be hidden here.", where="--hide random",
-                    expected=f"an effect that moves the object by {wanted * noise_floor_m * 1000:.2g} mm",
-                    found=f"a signal below {wanted:.1f} times the noise floor from all",
-                    fix="Lower --snr, or take motions that load the object more.")  # fmt: skip
+    raise PlopError(
+        "No effect can be hidden here.",
+        where="--hide random",
+        expected=f"an effect that moves the object by {wanted * noise_floor_m * 1000:.2g} mm",
+        found=f"a signal below {wanted:.1f} times the noise floor from all",
+        fix="Lower --snr, or take motions that load the object more.",
+    )
 
 
 def _direction(effect: EffectType, random: np.random.Generator) -> dict[str, float]:
@@ -98,6 +111,10 @@ def _too_weak(response: Response, wish: Wish, snr: float, noise_floor_m: float) 
     strongest = wish.scaled(response.affordable(wish))
     rms = stable_rms(response, strongest)
     reached = "an unstable run" if rms is None else f"SNR {rms / noise_floor_m:.2g}"
-    return PlopError("The effect cannot give the wanted signal in these motions.", where=f"--hide {wish.effect.name}",
-                     expected=f"SNR {snr:g}", found=f"{reached} at {strongest}, the largest that can be computed",
-                     fix="Lower --snr, or take motions in which the effect acts.")  # fmt: skip
+    return PlopError(
+        "The effect cannot give the wanted signal in these motions.",
+        where=f"--hide {wish.effect.name}",
+        expected=f"SNR {snr:g}",
+        found=f"{reached} at {strongest}, the largest that can be computed",
+        fix="Lower --snr, or take motions in which the effect acts.",
+    )

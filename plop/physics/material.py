@@ -67,9 +67,13 @@ class Material:
         for name, (low, high, unit) in _RANGES.items():
             value = getattr(self, name)
             if not (np.isfinite(value) and low <= value <= high):
-                raise PlopError("A material parameter is out of range.", where=name,
-                                expected=f"{low:g} to {high:g} {unit}", found=f"{value:g}",
-                                fix="Check the unit: lengths are metres, stresses pascals.")  # fmt: skip
+                raise PlopError(
+                    "A material parameter is out of range.",
+                    where=name,
+                    expected=f"{low:g} to {high:g} {unit}",
+                    found=f"{value:g}",
+                    fix="Check the unit: lengths are metres, stresses pascals.",
+                )
 
     @property
     def shear_pa(self) -> float:

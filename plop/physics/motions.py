@@ -57,15 +57,27 @@ class MotionRanges:
     """Speed of a sideways push [m/s]."""
 
     def __post_init__(self) -> None:
-        limits = {"press_speed_m_s": (1e-3, 1.0), "press_depth_m": (-0.1, 0.1), "press_offset_m": (-0.25, 0.25),
-                  "hold_s": (0.0, 10.0), "cut_speed_m_s": (1e-3, 1.0), "cut_offset_m": (-0.25, 0.25),
-                  "yaw_deg": (-60.0, 60.0), "aside_m": (0.0, 0.2), "aside_speed_m_s": (1e-3, 1.0)}  # fmt: skip
+        limits = {
+            "press_speed_m_s": (1e-3, 1.0),
+            "press_depth_m": (-0.1, 0.1),
+            "press_offset_m": (-0.25, 0.25),
+            "hold_s": (0.0, 10.0),
+            "cut_speed_m_s": (1e-3, 1.0),
+            "cut_offset_m": (-0.25, 0.25),
+            "yaw_deg": (-60.0, 60.0),
+            "aside_m": (0.0, 0.2),
+            "aside_speed_m_s": (1e-3, 1.0),
+        }
         for name, (low, high) in limits.items():
             pair = getattr(self, name)
             if len(pair) != 2 or not low <= pair[0] <= pair[1] <= high:
-                raise PlopError("A range of the motions cannot be used.", where=f"motion.{name}", found=str(pair),
-                                expected=f"(least, most) within {low:g} to {high:g}",
-                                fix="Check the unit: metres, seconds, degrees.")  # fmt: skip
+                raise PlopError(
+                    "A range of the motions cannot be used.",
+                    where=f"motion.{name}",
+                    found=str(pair),
+                    expected=f"(least, most) within {low:g} to {high:g}",
+                    fix="Check the unit: metres, seconds, degrees.",
+                )
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,11 @@ def one_of(name: str, known: Iterable[str], what: str, *, where: str) -> str:
     names = list(known)
     if name not in names:
         near = get_close_matches(str(name), names, 1)
-        raise PlopError(f"There is no such {what}.", where=where, expected=", ".join(names), found=str(name),
-                        fix=f"Did you mean {near[0]}?" if near else f"Choose one of the {what}s above.")  # fmt: skip
+        raise PlopError(
+            f"There is no such {what}.",
+            where=where,
+            expected=", ".join(names),
+            found=str(name),
+            fix=f"Did you mean {near[0]}?" if near else f"Choose one of the {what}s above.",
+        )
     return name

@@ -38,23 +38,40 @@ class Particles:
     def __post_init__(self) -> None:
         positions, volumes = np.asarray(self.positions), np.asarray(self.volumes)
         if positions.ndim != 2 or positions.shape[1] != 3 or volumes.shape != (len(positions),) or not len(positions):
-            raise PlopError("The particles cannot be used.", where="particles", expected="shapes [N, 3] and [N]",
-                            found=f"{positions.shape}, {volumes.shape}",
-                            fix="Give one place and volume each.")  # fmt: skip
+            raise PlopError(
+                "The particles cannot be used.",
+                where="particles",
+                expected="shapes [N, 3] and [N]",
+                found=f"{positions.shape}, {volumes.shape}",
+                fix="Give one place and volume each.",
+            )
         usable = np.isfinite(volumes).all() and (volumes >= 0).all() and volumes.any()
         if not np.isfinite(positions).all() or not usable:
-            raise PlopError("The particles cannot be used.", where="particles", found="others",
-                            expected="finite positions and volumes, none negative, not all 0",
-                            fix="Look for NaN in what they were made from.")  # fmt: skip
+            raise PlopError(
+                "The particles cannot be used.",
+                where="particles",
+                found="others",
+                expected="finite positions and volumes, none negative, not all 0",
+                fix="Look for NaN in what they were made from.",
+            )
         if np.ptp(positions, axis=0).max() > 10:
-            raise PlopError("The object is too large.", where="particles", expected="metres, at most 10 m across",
-                            found=f"{np.ptp(positions, axis=0).max():g}", fix="Are these millimetres?")  # fmt: skip
+            raise PlopError(
+                "The object is too large.",
+                where="particles",
+                expected="metres, at most 10 m across",
+                found=f"{np.ptp(positions, axis=0).max():g}",
+                fix="Are these millimetres?",
+            )
         for name in ("velocities", "F", "sides", "radii", "affine", "passed"):
             value = getattr(self, name)
             if value is not None and (len(value) != len(positions) or not np.isfinite(value).all()):
-                raise PlopError("The particles cannot be used.", where=f"particles.{name}",
-                                expected=f"{len(positions)} finite rows", found=f"{len(value)} rows",
-                                fix="Give one row for each particle, or leave it out.")  # fmt: skip
+                raise PlopError(
+                    "The particles cannot be used.",
+                    where=f"particles.{name}",
+                    expected=f"{len(positions)} finite rows",
+                    found=f"{len(value)} rows",
+                    fix="Give one row for each particle, or leave it out.",
+                )
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -67,6 +84,13 @@ class Particles:
 
         memory = None if self.memory is None else {name: values[index] for name, values in self.memory.items()}
         return Particles(
-            self.positions[index], self.volumes[index], taken(self.velocities), taken(self.F), taken(self.sides),
-            taken(self.radii), taken(self.affine), taken(self.passed), memory,
-        )  # fmt: skip
+            self.positions[index],
+            self.volumes[index],
+            taken(self.velocities),
+            taken(self.F),
+            taken(self.sides),
+            taken(self.radii),
+            taken(self.affine),
+            taken(self.passed),
+            memory,
+        )

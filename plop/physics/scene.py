@@ -66,19 +66,28 @@ class Scene:
             one_of(kind, MOTIONS, "motion", where="motions")
         thinnest = min(self.shape.size_m)
         checks = {
-            "name": (bool(self.name) and self.name.replace("-", "").replace("_", "").isalnum(),
-                     "letters, digits, - and _"),
+            "name": (
+                bool(self.name) and self.name.replace("-", "").replace("_", "").isalnum(),
+                "letters, digits, - and _",
+            ),
             "episodes": (1 <= self.episodes <= 999, "1 to 999"),
             "motions": (len(self.motions) > 0, "at least one"),
             "frame_rate_hz": (1 <= self.frame_rate_hz <= 500, "1 to 500 Hz"),
-            "spacing_m": (thinnest / 60 <= self.spacing_m <= thinnest / 3,
-                          f"{thinnest / 60:.2g} to {thinnest / 3:.2g} m for this object"),
+            "spacing_m": (
+                thinnest / 60 <= self.spacing_m <= thinnest / 3,
+                f"{thinnest / 60:.2g} to {thinnest / 3:.2g} m for this object",
+            ),
             "dx_m": (1.2 <= self.dx_m / self.spacing_m <= 4, "1.2 to 4 times spacing_m"),
-        }  # fmt: skip
+        }
         for name, (good, expected) in checks.items():
             if not good:
-                raise PlopError("The scene cannot be simulated.", where=name, expected=expected,
-                                found=str(getattr(self, name)), fix="Lengths are metres, times seconds.")  # fmt: skip
+                raise PlopError(
+                    "The scene cannot be simulated.",
+                    where=name,
+                    expected=expected,
+                    found=str(getattr(self, name)),
+                    fix="Lengths are metres, times seconds.",
+                )
 
     @classmethod
     def read(cls, path: str | Path) -> Scene:
@@ -91,13 +100,19 @@ class Scene:
         try:
             table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError) as error:
-            raise PlopError("The scene cannot be read.", where=path, expected="a TOML file", found=str(error),
-                            fix=f"Shipped scenes: {', '.join(shipped_scenes())}.") from error  # fmt: skip
+            raise PlopError(
+                "The scene cannot be read.",
+                where=path,
+                expected="a TOML file",
+                found=str(error),
+                fix=f"Shipped scenes: {', '.join(shipped_scenes())}.",
+            ) from error
         try:
             return cls.from_dict(table)
         except PlopError as error:
-            raise PlopError(error.problem, where=f"{path}: {error.where}", expected=error.expected,
-                            found=error.found, fix=error.fix) from error  # fmt: skip
+            raise PlopError(
+                error.problem, where=f"{path}: {error.where}", expected=error.expected, found=error.found, fix=error.fix
+            ) from error
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Scene:
@@ -147,16 +162,24 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
         PlopError: The tool never touches the object, the cut leaves it, or the run is unstable.
     """
     plan = scene.motion_plan(k)
-    body = (halved_body(scene.shape, scene.spacing_m, plan.x_m, plan.yaw_rad) if plan.kind in CUTS
-            else whole_body(scene.shape, scene.spacing_m))  # fmt: skip
+    body = (
+        halved_body(scene.shape, scene.spacing_m, plan.x_m, plan.yaw_rad)
+        if plan.kind in CUTS
+        else whole_body(scene.shape, scene.spacing_m)
+    )
     motion = tool_motion(plan, scene.shape, scene.frame_rate_hz)
     config = EngineConfig(dx_m=scene.dx_m)
     try:
         start = settled(body.particles, scene.material, config, effects) if scene.settle else body.particles
         run = simulate(start, scene.material, motion, motion.times, config, effects=effects)
     except PlopError as error:
-        raise PlopError(error.problem, where=f"{scene.episode_name(k)} ({plan.kind}): {error.where}",
-                        expected=error.expected, found=error.found, fix=error.fix) from error  # fmt: skip
+        raise PlopError(
+            error.problem,
+            where=f"{scene.episode_name(k)} ({plan.kind}): {error.where}",
+            expected=error.expected,
+            found=error.found,
+            fix=error.fix,
+        ) from error
     weight_n = 9.81 * scene.material.density_kg_m3 * float(body.particles.volumes.sum())
     if np.abs(run.tool_force).max() < _TOUCH * weight_n:
         heights = np.ptp(body.particles.positions[:, 2]), np.ptp(run.positions[..., 2], axis=1).min()
@@ -177,15 +200,20 @@ def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *
     if left_m < _STANDS * height_m or 0 < plan.depth_m < height_m - left_m:
         material = scene.material
         return PlopError(
-            "The object collapses under its own weight, so that the tool never touches it.", where=where,
+            "The object collapses under its own weight, so that the tool never touches it.",
+            where=where,
             expected=f"an object that stays about {1000 * height_m:.0f} mm high",
             found=f"{1000 * left_m:.0f} mm high, with youngs_modulus_pa = {material.youngs_modulus_pa:g} and "
-                  f"density_kg_m3 = {material.density_kg_m3:g}",
+            f"density_kg_m3 = {material.density_kg_m3:g}",
             fix="Give a stiffer or lighter material in the scene's [material]; stiffness is in Pa, density in kg/m^3.",
-        )  # fmt: skip
-    return PlopError("The tool never touches the object.", where=where, expected="a motion that reaches the object",
-                     found=_moved(plan),
-                     fix="Change the ranges in the scene's [motion], or the kind of motion.")  # fmt: skip
+        )
+    return PlopError(
+        "The tool never touches the object.",
+        where=where,
+        expected="a motion that reaches the object",
+        found=_moved(plan),
+        fix="Change the ranges in the scene's [motion], or the kind of motion.",
+    )
 
 
 def settled(particles: Particles, material: Material, config: EngineConfig, effects: Sequence[Effect]) -> Particles:
@@ -207,5 +235,9 @@ def _moved(plan: MotionPlan) -> str:
 
 def _facts(scene: Scene, plan: MotionPlan) -> dict[str, Any]:
     stated = {key: float(value) for key, value in vars(scene.material).items() if key != "law"}
-    return {"plan": dict(vars(plan)), "material": {**stated, "law": scene.material.law.name.lower()},
-            "spacing_m": scene.spacing_m, "dx_m": scene.dx_m}  # fmt: skip
+    return {
+        "plan": dict(vars(plan)),
+        "material": {**stated, "law": scene.material.law.name.lower()},
+        "spacing_m": scene.spacing_m,
+        "dx_m": scene.dx_m,
+    }

@@ -49,7 +49,11 @@ def open_answer(path: str | Path) -> dict[str, Any]:
         if not isinstance(answer, dict):
             raise TypeError("not a table")
     except (OSError, ValueError, KeyError, TypeError, binascii.Error) as error:
-        raise PlopError("There is no sealed answer to open.", where=file,
-                        expected="answer/sealed.json of `plop simulate`", found=str(error),
-                        fix="Name the folder of a simulate artifact.") from error  # fmt: skip
+        raise PlopError(
+            "There is no sealed answer to open.",
+            where=file,
+            expected="answer/sealed.json of `plop simulate`",
+            found=str(error),
+            fix="Name the folder of a simulate artifact.",
+        ) from error
     return answer

@@ -35,19 +35,32 @@ class Shape:
     def __post_init__(self) -> None:
         one_of(self.kind, SHAPES, "shape", where="shape.kind")
         if len(self.size_m) != 3:
-            raise PlopError("A shape's size has three numbers.", where="shape.size_m", found=str(self.size_m),
-                            expected="length, width and height in metres",
-                            fix="Write size_m = [0.08, 0.05, 0.04], say.")  # fmt: skip
+            raise PlopError(
+                "A shape's size has three numbers.",
+                where="shape.size_m",
+                found=str(self.size_m),
+                expected="length, width and height in metres",
+                fix="Write size_m = [0.08, 0.05, 0.04], say.",
+            )
         for value in self.size_m:
             if not _LEAST_M <= value <= _MOST_M:
                 guess = f"Is that millimetres? Then write {value / 1000:g}." if value > _MOST_M else "Check the unit."
-                raise PlopError("The object has an implausible size.", where="shape.size_m",
-                                expected=f"{_LEAST_M:g} to {_MOST_M:g} m", found=f"{value:g} m", fix=guess)  # fmt: skip
+                raise PlopError(
+                    "The object has an implausible size.",
+                    where="shape.size_m",
+                    expected=f"{_LEAST_M:g} to {_MOST_M:g} m",
+                    found=f"{value:g} m",
+                    fix=guess,
+                )
         equal = {"block": 1, "sphere": 3, "cylinder": 2}[self.kind]
         if len(set(self.size_m[:equal])) > 1:
-            raise PlopError(f"The sizes do not make a {self.kind}.", where="shape.size_m", found=str(self.size_m),
-                            expected=f"the first {equal} numbers equal",
-                            fix="Give radius_m (and height_m of a cylinder) instead of size_m.")  # fmt: skip
+            raise PlopError(
+                f"The sizes do not make a {self.kind}.",
+                where="shape.size_m",
+                found=str(self.size_m),
+                expected=f"the first {equal} numbers equal",
+                fix="Give radius_m (and height_m of a cylinder) instead of size_m.",
+            )
 
     @property
     def height_m(self) -> float:
@@ -95,9 +108,13 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
     half = shape.size_m[0] / 2
     away = abs(offset_m) + (np.tan(abs(yaw_rad)) * shape.size_m[1] / 2 if shape.kind == "block" else 0.0)
     if half - away < 2 * spacing_m:
-        raise PlopError("The cut leaves the object.", where="motion.cut_offset_m, motion.yaw_deg",
-                        expected=f"a cut at most {half - 2 * spacing_m:.3g} m from the middle",
-                        found=f"{away:.3g} m", fix="Narrow these two ranges in the scene's [motion].")  # fmt: skip
+        raise PlopError(
+            "The cut leaves the object.",
+            where="motion.cut_offset_m, motion.yaw_deg",
+            expected=f"a cut at most {half - 2 * spacing_m:.3g} m from the middle",
+            found=f"{away:.3g} m",
+            fix="Narrow these two ranges in the scene's [motion].",
+        )
     grids, points, sides = [], [], []
     for sign in (-1, 1):
         grid = lattice(_counts(shape, half - sign * offset_m, spacing_m))
@@ -139,8 +156,14 @@ def _placed(shape: Shape, cube: np.ndarray, offset_m: float, yaw_rad: float) -> 
 def _ball_of_cube(cube: np.ndarray) -> np.ndarray:
     """Map the cube [-1, 1]^3 smoothly onto the unit ball (Nowell 2005)."""
     first, second, third = cube.T**2
-    scale = np.stack([1 - second / 2 - third / 2 + second * third / 3, 1 - third / 2 - first / 2 + third * first / 3,
-                      1 - first / 2 - second / 2 + first * second / 3], 1)  # fmt: skip
+    scale = np.stack(
+        [
+            1 - second / 2 - third / 2 + second * third / 3,
+            1 - third / 2 - first / 2 + third * first / 3,
+            1 - first / 2 - second / 2 + first * second / 3,
+        ],
+        1,
+    )
     return cube * np.sqrt(scale)
 
 
@@ -159,8 +182,9 @@ def _body(grids: list[Lattice], points: list[np.ndarray], sides: list[int]) -> B
     volumes = [_node_volumes(grid, part) for grid, part in zip(grids, points, strict=True)]
     surface, numbered = surface_vertices(faces)
     # nodes lie on the surface itself, so that no material reaches beyond them
-    particles = Particles(np.concatenate(points), np.concatenate(volumes), sides=np.repeat(sides, counts),
-                          radii=np.zeros(sum(counts)))  # fmt: skip
+    particles = Particles(
+        np.concatenate(points), np.concatenate(volumes), sides=np.repeat(sides, counts), radii=np.zeros(sum(counts))
+    )
     return Body(particles, surface, numbered, cut)
 
 
@@ -168,8 +192,12 @@ def _node_volumes(grid: Lattice, points: np.ndarray) -> np.ndarray:
     """Give each node an eighth of every cell around it, [N] [m^3]; adds up to the lattice's volume."""
     shape = tuple(len(np.unique(column.round(12))) for column in grid.parameters.T)
     node = points.reshape(*shape, 3)
-    corner = [node[i:shape[0] - 1 + i, j:shape[1] - 1 + j, k:shape[2] - 1 + k]
-              for i in (0, 1) for j in (0, 1) for k in (0, 1)]  # fmt: skip
+    corner = [
+        node[i : shape[0] - 1 + i, j : shape[1] - 1 + j, k : shape[2] - 1 + k]
+        for i in (0, 1)
+        for j in (0, 1)
+        for k in (0, 1)
+    ]
     diagonal, cells = corner[7] - corner[0], np.zeros(tuple(n - 1 for n in shape))
     for a, b in ((4, 6), (6, 2), (2, 3), (3, 1), (1, 5), (5, 4)):
         cells += np.einsum("...i,...i", np.cross(corner[a] - corner[0], corner[b] - corner[0]), diagonal) / 6

@@ -73,8 +73,13 @@ def simulate(
     """
     times, config = np.asarray(times, np.float64), config or EngineConfig()
     if times.ndim != 1 or len(times) < 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise PlopError("The times cannot be used.", where="times", expected="strictly increasing seconds",
-                        found=f"shape {times.shape}", fix="Sort them and leave out what is there twice.")  # fmt: skip
+        raise PlopError(
+            "The times cannot be used.",
+            where="times",
+            expected="strictly increasing seconds",
+            found=f"shape {times.shape}",
+            fix="Sort them and leave out what is there twice.",
+        )
     before = get_num_threads()
     set_num_threads(min(config.threads, before))
     try:
@@ -84,9 +89,11 @@ def simulate(
 
 
 def _simulate(
-    engine: Engine, times: np.ndarray, on_frame: Callable[[Engine, int], None] | None,
+    engine: Engine,
+    times: np.ndarray,
+    on_frame: Callable[[Engine, int], None] | None,
     progress: Callable[[int, int], None] | None,
-) -> EngineTrajectory:  # fmt: skip
+) -> EngineTrajectory:
     frames, forces = [engine.snapshot()], [np.zeros((2, 3))]
     for k, (start, end) in enumerate(zip(times[:-1], times[1:], strict=True)):
         forces.append(advance_safely(engine, float(start), float(end)))
@@ -97,8 +104,18 @@ def _simulate(
             progress(k + 1, len(times) - 1)
     positions, gradients, sides = (np.stack(part) for part in zip(*frames, strict=True))
     force = np.stack(forces)
-    return EngineTrajectory(times, positions, gradients, sides, force[:, 0], force[:, 1], engine.state(), engine.steps,
-                            engine.longest_step_s, engine.halvings)  # fmt: skip
+    return EngineTrajectory(
+        times,
+        positions,
+        gradients,
+        sides,
+        force[:, 0],
+        force[:, 1],
+        engine.state(),
+        engine.steps,
+        engine.longest_step_s,
+        engine.halvings,
+    )
 
 
 def advance_safely(engine: Engine, start_s: float, end_s: float) -> np.ndarray:
@@ -134,12 +151,17 @@ def _unstable(engine: Engine, time_s: float, reason: UnstableStepError) -> PlopE
     elif material.viscosity_pa_s > material.youngs_modulus_pa * engine.longest_step_s:
         parameter = "viscosity_pa_s"
     if parameter.startswith("effect "):
-        fix = ("Choose a smaller amplitude; in an effect of your own, look at its hooks: `slowest_step_s` tells the "
-               "engine to take shorter steps.")  # fmt: skip
-    return PlopError("The engine's run is unstable.", where=f"{parameter}, t = {time_s:.4f} s",
-                     expected="particles that move less than half a cell in a step and keep their volume",
-                     found=f"{reason}; the time step was {engine.longest_step_s:.2g} s" + _acting(engine),
-                     fix=fix)  # fmt: skip
+        fix = (
+            "Choose a smaller amplitude; in an effect of your own, look at its hooks: `slowest_step_s` tells the "
+            "engine to take shorter steps."
+        )
+    return PlopError(
+        "The engine's run is unstable.",
+        where=f"{parameter}, t = {time_s:.4f} s",
+        expected="particles that move less than half a cell in a step and keep their volume",
+        found=f"{reason}; the time step was {engine.longest_step_s:.2g} s" + _acting(engine),
+        fix=fix,
+    )
 
 
 def _acting(engine: Engine) -> str:

@@ -35,7 +35,7 @@ def stable_step_s(material: Material, config: EngineConfig, speed_m_s: float = 0
 
 def run_step_s(
     material: Material, config: EngineConfig, speed_m_s: float, limits: Mapping[str, float], particles: int
-) -> float:  # fmt: skip
+) -> float:
     """Choose the time step that a run begins with [s].
 
     Args:
@@ -58,25 +58,32 @@ def run_step_s(
         where = f"effect {min(limits, key=lambda effect: limits[effect])}"
         fix = "Choose a smaller amplitude; in an effect of your own, look at `slowest_step_s`."
     minutes = max(1.0, particles * _PARTICLE_STEP_S / step / 60)
-    raise PlopError("The run would take far too many time steps.", where=where,
-                    expected=f"time steps of {LEAST_STEP_S:g} s or more",
-                    found=f"{step:.2g} s: {1e-6 / step:.1f} million steps, about {minutes:.0f} min, for each second of "
-                          "motion", fix=fix)  # fmt: skip
+    raise PlopError(
+        "The run would take far too many time steps.",
+        where=where,
+        expected=f"time steps of {LEAST_STEP_S:g} s or more",
+        found=f"{step:.2g} s: {1e-6 / step:.1f} million steps, about {minutes:.0f} min, for each second of motion",
+        fix=fix,
+    )
 
 
 def _shortest(material: Material, config: EngineConfig, speed_m_s: float) -> tuple[str, str]:
     """Name what makes the step of the material so short, and the value up to which it would be long enough."""
     viscosity = _VISCOUS * config.dx_m**2 * material.density_kg_m3 / LEAST_STEP_S
     if material.viscosity_pa_s > viscosity:
-        return (f"viscosity_pa_s = {material.viscosity_pa_s:g}",
-                f"On a grid of {1000 * config.dx_m:.3g} mm the engine takes up to {viscosity:.2g} Pa s.")  # fmt: skip
+        return (
+            f"viscosity_pa_s = {material.viscosity_pa_s:g}",
+            f"On a grid of {1000 * config.dx_m:.3g} mm the engine takes up to {viscosity:.2g} Pa s.",
+        )
     fastest = config.courant * config.dx_m / LEAST_STEP_S
     if speed_m_s > material.wave_speed_m_s:
         return f"tool, {speed_m_s:.3g} m/s", "Check that its poses are in metres and its times in seconds."
     modulus = material.youngs_modulus_pa * (fastest / material.wave_speed_m_s) ** 2
-    return (f"youngs_modulus_pa = {material.youngs_modulus_pa:g}",
-            f"On a grid of {1000 * config.dx_m:.3g} mm the engine takes up to {modulus:.2g} Pa, and more on a coarser "
-            "one; check that stiffness is in Pa and density in kg/m^3.")  # fmt: skip
+    return (
+        f"youngs_modulus_pa = {material.youngs_modulus_pa:g}",
+        f"On a grid of {1000 * config.dx_m:.3g} mm the engine takes up to {modulus:.2g} Pa, and more on a coarser "
+        "one; check that stiffness is in Pa and density in kg/m^3.",
+    )
 
 
 def wave_step_s(extra_pa: float, material: Material, config: EngineConfig) -> float:

@@ -101,8 +101,9 @@ def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
 
 
 @kernel(parallel=True)
-def push_tool(x, v, mass, radius, side, cut, bounds, kind, pose, faces, thickness, friction, modulus, density, dx, dt,
-              impulses):  # fmt: skip
+def push_tool(
+    x, v, mass, radius, side, cut, bounds, kind, pose, faces, thickness, friction, modulus, density, dx, dt, impulses
+):
     """Push particles that reach into the tool out of it, and rub them along with it.
 
     The push is a stiff, damped spring over each particle's share of the surface; the tangential impulse obeys

@@ -66,8 +66,14 @@ class ToolShape:
         normal = np.stack([ahead[:, 1], -ahead[:, 0]], 1) / np.linalg.norm(ahead, axis=1, keepdims=True)
         half = np.concatenate([np.zeros((len(outline), 1)), normal, (normal * outline).sum(1)[:, None]], 1)
         thickness = _fit_thickness(local)
-        return cls(ToolKind.BLADE, center, axes, half.astype(np.float32), thickness.astype(np.float32),
-                   _thin_edges(outline, thickness).astype(np.float32))  # fmt: skip
+        return cls(
+            ToolKind.BLADE,
+            center,
+            axes,
+            half.astype(np.float32),
+            thickness.astype(np.float32),
+            _thin_edges(outline, thickness).astype(np.float32),
+        )
 
 
 def _kind_of(geometry: ToolGeometry) -> ToolKind:
@@ -121,10 +127,13 @@ class ToolMotion:
     def __post_init__(self) -> None:
         times, poses = np.asarray(self.times), np.asarray(self.world_from_tool)
         if poses.shape != (len(times), 4, 4) or not np.isfinite(poses).all() or (np.diff(times) <= 0).any():
-            raise PlopError("The tool's motion cannot be used.", where="world_from_tool",
-                            expected="one finite 4x4 pose for each strictly increasing time",
-                            found=f"poses {poses.shape}, {len(times)} times",
-                            fix="Look for repeated times and poses of NaN in the recording.")  # fmt: skip
+            raise PlopError(
+                "The tool's motion cannot be used.",
+                where="world_from_tool",
+                expected="one finite 4x4 pose for each strictly increasing time",
+                found=f"poses {poses.shape}, {len(times)} times",
+                fix="Look for repeated times and poses of NaN in the recording.",
+            )
 
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Interpolate pose and velocity: straight for the origin, at constant spin for the rotation.

@@ -28,13 +28,18 @@ def cylinder_mesh(radius_m: float, height_m: float, corners: int = 24) -> Mesh:
     """Build an upright cylinder that stands on z = 0, as a prism over a regular polygon."""
     angle = 2 * np.pi * np.arange(corners) / corners
     ring = radius_m * np.stack([np.cos(angle), np.sin(angle)], 1)
-    vertices = np.concatenate([np.c_[ring, np.zeros(corners)], np.c_[ring, np.full(corners, height_m)],
-                               [[0, 0, 0], [0, 0, height_m]]])  # fmt: skip
+    vertices = np.concatenate(
+        [np.c_[ring, np.zeros(corners)], np.c_[ring, np.full(corners, height_m)], [[0, 0, 0], [0, 0, height_m]]]
+    )
     low = np.arange(corners)
     following = np.roll(low, -1)
     bottom, top = np.full(corners, 2 * corners), np.full(corners, 2 * corners + 1)
-    faces = np.concatenate([
-        np.stack([low, following, following + corners], 1), np.stack([low, following + corners, low + corners], 1),
-        np.stack([bottom, following, low], 1), np.stack([top, low + corners, following + corners], 1),
-    ])  # fmt: skip
+    faces = np.concatenate(
+        [
+            np.stack([low, following, following + corners], 1),
+            np.stack([low, following + corners, low + corners], 1),
+            np.stack([bottom, following, low], 1),
+            np.stack([top, low + corners, following + corners], 1),
+        ]
+    )
     return vertices, faces

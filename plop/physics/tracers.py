@@ -17,9 +17,16 @@ class Tracers:
     """
 
     def __init__(
-        self, x: np.ndarray, v: np.ndarray, c: np.ndarray, f: np.ndarray, side: np.ndarray, fixed: np.ndarray,
-        cut: np.ndarray, number: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        c: np.ndarray,
+        f: np.ndarray,
+        side: np.ndarray,
+        fixed: np.ndarray,
+        cut: np.ndarray,
+        number: np.ndarray,
+    ) -> None:
         self.x, self.v, self.c, self.f = x, v, c, f
         self.side, self.fixed, self.cut, self.number = side, fixed, cut, number
         self.radius = np.zeros(len(x), np.float32)
@@ -49,13 +56,15 @@ class Tracers:
 
     def mark_sides(self, pose: np.ndarray, faces: np.ndarray, thickness: np.ndarray, band: np.float32) -> None:
         """See `plop.physics.tool_contact.mark_sides`."""
-        tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, pose, faces, thickness, band,
-                                self._bounds)  # fmt: skip
+        tool_contact.mark_sides(
+            self.x, self.side, self.cut, self.fixed, self.radius, pose, faces, thickness, band, self._bounds
+        )
 
     def carry(
         self, origin: np.ndarray, dims: np.ndarray, inv_dx: np.float32, step: np.float32, velocity: np.ndarray
     ) -> None:
         """Move with the grid, see `plop.physics.transfer.carry`."""
-        transfer.carry(self.x, self.v, self.c, self.f, self.side, self._bounds, origin, dims, inv_dx, step, velocity,
-                       self._report)  # fmt: skip
+        transfer.carry(
+            self.x, self.v, self.c, self.f, self.side, self._bounds, origin, dims, inv_dx, step, velocity, self._report
+        )
         self.speed_squared = float(self._report.max())

@@ -114,8 +114,30 @@ def move(x, v, c, f, p, dt, inv_dx, vx, vy, vz, b00, b01, b02, b10, b11, b12, b2
 
 
 @kernel(parallel=True)
-def stress_p2g(x, v, c, f, mass, volume, side, cut, bounds, planes, origin, dims, inv_dx, dt, decay, law, mu, lam, eta,
-               extra, chunk_grid, chunk_uncut):  # fmt: skip
+def stress_p2g(
+    x,
+    v,
+    c,
+    f,
+    mass,
+    volume,
+    side,
+    cut,
+    bounds,
+    planes,
+    origin,
+    dims,
+    inv_dx,
+    dt,
+    decay,
+    law,
+    mu,
+    lam,
+    eta,
+    extra,
+    chunk_grid,
+    chunk_uncut,
+):
     """Scatter mass and momentum, the stress' impulse included.
 
     Takes:

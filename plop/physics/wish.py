@@ -76,9 +76,13 @@ def parse_hidden(texts: Sequence[str], effects: dict[str, EffectType] | None = N
         try:
             wish.values[parameter or effect.amplitudes[0].name] = float(number)
         except ValueError:
-            raise PlopError("A hidden effect cannot be read.", where=text, found=repr(number),
-                            expected="EFFECT=AMPLITUDE or EFFECT.PARAMETER=VALUE with a number",
-                            fix=f"For example {name}={effect.amplitudes[0].typical:g}.") from None  # fmt: skip
+            raise PlopError(
+                "A hidden effect cannot be read.",
+                where=text,
+                found=repr(number),
+                expected="EFFECT=AMPLITUDE or EFFECT.PARAMETER=VALUE with a number",
+                fix=f"For example {name}={effect.amplitudes[0].typical:g}.",
+            ) from None
     for wish in named.values():
         wish.scaled(1.0)
     return [*named.values(), *drawn]

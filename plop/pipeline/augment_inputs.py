@@ -32,8 +32,11 @@ def augment_inputs(
     """
     found = {name: address for name, address in given.items() if name != FIT}
     if FIT in given and "diagnosis" in given:
-        raise PlopError("Both --fit and --diagnosis are named.", found=f"{given[FIT]}, {given['diagnosis']}",
-                        fix="Name the recordings to fit to, or the diagnosis that has done it.")  # fmt: skip
+        raise PlopError(
+            "Both --fit and --diagnosis are named.",
+            found=f"{given[FIT]}, {given['diagnosis']}",
+            fix="Name the recordings to fit to, or the diagnosis that has done it.",
+        )
     if config.remove or "diagnosis" in given or (config.value and FIT not in given):
         return found
     store = preparation.store
@@ -41,8 +44,9 @@ def augment_inputs(
     found["model"] = model.address
     recordings = store.find(str(given[FIT])) if FIT in given else None
     wanted = {"model": model.key} | ({} if recordings is None else {"recordings": recordings.key})
-    fitting = [a for a in store.artifacts("diagnose")
-               if wanted.items() <= parents(a).items() and _has_fitted(a, config.effect)]  # fmt: skip
+    fitting = [
+        a for a in store.artifacts("diagnose") if wanted.items() <= parents(a).items() and _has_fitted(a, config.effect)
+    ]
     if fitting:
         found["diagnosis"] = fitting[-1].address
     elif recordings is not None and not preparation.may_run:

@@ -83,9 +83,13 @@ def check_layers(layers: Layers, chain: Sequence[str]) -> None:
     """
     given = layers[-1][1]
     for command in given.keys() - set(chain):
-        raise PlopError("--set names a stage that does not run here.", where=f"--set {command.replace(' ', '.')}...",
-                        expected=", ".join(name.replace(" ", ".") for name in chain),
-                        found=", ".join(given[command]), fix="Correct the stage, or leave it out.")  # fmt: skip
+        raise PlopError(
+            "--set names a stage that does not run here.",
+            where=f"--set {command.replace(' ', '.')}...",
+            expected=", ".join(name.replace(" ", ".") for name in chain),
+            found=", ".join(given[command]),
+            fix="Correct the stage, or leave it out.",
+        )
     for command in chain:
         stage = stage_ref(command).load()
         config = _resolved(stage, command, layers)

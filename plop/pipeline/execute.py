@@ -134,8 +134,17 @@ def plan(
     mark = fingerprint(command, stage.version, deciding(config), contents)
     environments = dict.fromkeys(a.manifest.environment for a in resolved.artifacts.values())
     existing = None if force else store.get(stage.name, mark)
-    return Plan(stage, config, resolved, contents, mark, ", ".join(e for e in environments if e),
-                command, existing, store.journal.last_seconds(stage.name))  # fmt: skip
+    return Plan(
+        stage,
+        config,
+        resolved,
+        contents,
+        mark,
+        ", ".join(e for e in environments if e),
+        command,
+        existing,
+        store.journal.last_seconds(stage.name),
+    )
 
 
 def raw_content(store: Store, stage: Stage, path: Path, config: Any) -> str:
@@ -249,9 +258,17 @@ def _explained(error: OSError | RuntimeError, store: Store) -> PlopError | None:
     code = getattr(error, "errno", None)
     text = str(error)
     if code in (errno.ENOSPC, errno.EDQUOT) or "No space left on device" in text or "errno = 28" in text:
-        return PlopError("The disk is full.", where=store.root, found=text,
-                         fix="Free some space and run the same command again: finished pieces are kept.")  # fmt: skip
+        return PlopError(
+            "The disk is full.",
+            where=store.root,
+            found=text,
+            fix="Free some space and run the same command again: finished pieces are kept.",
+        )
     if code in (errno.EACCES, errno.EPERM, errno.EROFS):
-        return PlopError("The workspace cannot be written.", where=getattr(error, "filename", None) or store.root,
-                         found=text, fix="Choose another workspace with -w, or change its permissions.")  # fmt: skip
+        return PlopError(
+            "The workspace cannot be written.",
+            where=getattr(error, "filename", None) or store.root,
+            found=text,
+            fix="Choose another workspace with -w, or change its permissions.",
+        )
     return None

@@ -122,10 +122,13 @@ def _default(
         others = ", ".join(b.address for b in chosen.values())
         if (reason := store.passed_over(*spec.stages)) is not None:
             raise _cannot_be_used(stage, name, reason)
-        raise PlopError(f"No {name} for `{stage.name}` comes from the same recordings as {others}.", where=store.root,
-                        found=", ".join(a.address for a in fitting[-4:]),
-                        fix=f"Run {' or '.join(f'`plop {s}`' for s in spec.stages)} for these recordings, "
-                            f"or choose with --{name} ADDRESS.")  # fmt: skip
+        raise PlopError(
+            f"No {name} for `{stage.name}` comes from the same recordings as {others}.",
+            where=store.root,
+            found=", ".join(a.address for a in fitting[-4:]),
+            fix=f"Run {' or '.join(f'`plop {s}`' for s in spec.stages)} for these recordings, "
+            f"or choose with --{name} ADDRESS.",
+        )
     latest = same_line[-1]
     derived = [a for a in same_line if latest.key in closures[a.key]]
     return max(derived, key=lambda a: places().get(a.manifest.stage, 0))
@@ -152,8 +155,13 @@ def _nothing_fits(store: Store, stage: Stage, name: str, spec: InputSpec, wanted
 
 
 def _cannot_be_used(stage: Stage, name: str, reason: PlopError) -> PlopError:
-    return PlopError(f"`{stage.name}` needs the input {name!r}, and what is there cannot be used. {reason.problem}",
-                     where=reason.where, expected=reason.expected, found=reason.found, fix=reason.fix)  # fmt: skip
+    return PlopError(
+        f"`{stage.name}` needs the input {name!r}, and what is there cannot be used. {reason.problem}",
+        where=reason.where,
+        expected=reason.expected,
+        found=reason.found,
+        fix=reason.fix,
+    )
 
 
 def _ambiguous(stage: Stage, name: str, fitting: list[Artifact]) -> PlopError:

@@ -86,8 +86,11 @@ class Preparation:
 
     def check_inputs(self, stage: Stage, found: Mapping[str, str | Path], config: Any) -> None:
         """Let the stage refuse what is there before anything is made from it."""
-        named = {name: fitting(self.store, stage, name, spec, str(found[name])) for name, spec in stage.inputs.items()
-                 if found.get(name, LEFT_OUT) != LEFT_OUT and spec.stages}  # fmt: skip
+        named = {
+            name: fitting(self.store, stage, name, spec, str(found[name]))
+            for name, spec in stage.inputs.items()
+            if found.get(name, LEFT_OUT) != LEFT_OUT and spec.stages
+        }
         if stage.check_inputs is not None:
             stage.check_inputs({name: Input(a.path, a.manifest) for name, a in named.items()}, config)
 
@@ -205,21 +208,33 @@ class Preparation:
                 raise WouldRun(command)
             return there
         with self.listener.progress(command) as progress:
-            outcome = execute(stage, store=self.store, config=config, inputs=inputs, progress=progress,
-                              on_wait=lambda pid: self.listener.waits(command, pid), on_start=self.listener.starts)
+            outcome = execute(
+                stage,
+                store=self.store,
+                config=config,
+                inputs=inputs,
+                progress=progress,
+                on_wait=lambda pid: self.listener.waits(command, pid),
+                on_start=self.listener.starts,
+            )
         self.listener.finished(command, outcome)
         return outcome.artifact
 
     def only(self, stages: tuple[str, ...], environment: str | None, what: str) -> Artifact:
         """Take the latest artifact when there is no doubt which is meant."""
         pool = [a for a in self.store.artifacts(*stages) if environment in (None, a.manifest.environment)]
-        if len({a.manifest.environment for a in pool}) != 1 or (what == "recordings" and len(pool) > 1
-                                                               and len({a.key[0] for a in pool}) == 1):  # fmt: skip
+        if len({a.manifest.environment for a in pool}) != 1 or (
+            what == "recordings" and len(pool) > 1 and len({a.key[0] for a in pool}) == 1
+        ):
             if not pool and (reason := self.store.passed_over(*stages)) is not None:
                 raise reason
-            raise PlopError(f"Which {what}?", where=self.store.root, expected=f"--{what} NAME",
-                            found=", ".join(a.address for a in pool) or f"no {what} in this workspace",
-                            fix="`plop status` lists what there is.")  # fmt: skip
+            raise PlopError(
+                f"Which {what}?",
+                where=self.store.root,
+                expected=f"--{what} NAME",
+                found=", ".join(a.address for a in pool) or f"no {what} in this workspace",
+                fix="`plop status` lists what there is.",
+            )
         self.store.warn_passed_over(*stages, taken=pool[-1])
         return pool[-1]
 

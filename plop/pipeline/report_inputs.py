@@ -15,7 +15,7 @@ from plop.pipeline.stage import Stage
 
 def report_inputs(
     preparation: Preparation, stage: Stage, given: Mapping[str, str | Path], config: Any
-) -> dict[str, str | Path]:  # fmt: skip
+) -> dict[str, str | Path]:
     """Complete the inputs of `report` from the models and the recordings.
 
     Args:
@@ -32,15 +32,23 @@ def report_inputs(
         return found
     named = [address for part in str(found.get("models", "")).split(",") if (address := part.strip())]
     if not named or "recordings" not in found:
-        raise PlopError("What shall be reported?", expected="--models NAME[,NAME...] and --recordings NAME",
-                        found=", ".join(f"--{key}" for key in found) or "neither",
-                        fix="`plop status` lists what there is.")  # fmt: skip
+        raise PlopError(
+            "What shall be reported?",
+            expected="--models NAME[,NAME...] and --recordings NAME",
+            found=", ".join(f"--{key}" for key in found) or "neither",
+            fix="`plop status` lists what there is.",
+        )
     store = preparation.store
     recordings = store.find(str(found["recordings"]))
     models = [store.find(address) for address in named]
     if len({model.key for model in models}) < len(models):
-        raise PlopError("One model is named twice.", where="--models", expected="different models, the base first",
-                        found=str(found["models"]), fix="Name each model once.")  # fmt: skip
+        raise PlopError(
+            "One model is named twice.",
+            where="--models",
+            expected="different models, the base first",
+            found=str(found["models"]),
+            fix="Name each model once.",
+        )
     preparation.check_inputs(stage, {"recordings": recordings.address}, config)
     preparation.reach(found, "init", "fit-init", lambda: preparation.derived("fit-init", recordings, None).address)
 

@@ -65,17 +65,29 @@ def run(
     with trusting(trust_effects):
         config, inputs = completed(stage, config, inputs, preparation, env)
         with listener.progress(command) as progress:
-            outcome = execute(stage, store=store, config=config, inputs=inputs, environment=env, name=name,
-                              force=force, progress=progress, on_start=listener.starts,
-                              on_wait=lambda process: listener.waits(command, process))  # fmt: skip
+            outcome = execute(
+                stage,
+                store=store,
+                config=config,
+                inputs=inputs,
+                environment=env,
+                name=name,
+                force=force,
+                progress=progress,
+                on_start=listener.starts,
+                on_wait=lambda process: listener.waits(command, process),
+            )
     listener.finished(command, outcome)
     return outcome.artifact
 
 
 def _parted(stage: Stage, given: Mapping[str, Any]) -> tuple[dict[str, str | Path], dict[str, Any]]:
     """Part options into inputs of the stage, several artifacts with commas between, and flat settings."""
-    names = {*stage.inputs, *(["model"] if takes_model_instead(stage) else []),
-             *([FIT] if stage.name == "augment" else [])}  # fmt: skip
+    names = {
+        *stage.inputs,
+        *(["model"] if takes_model_instead(stage) else []),
+        *([FIT] if stage.name == "augment" else []),
+    }
     inputs = {key: _address(value) for key, value in given.items() if key in names}
     return inputs, dict(flat_values({key: value for key, value in given.items() if key not in names}))
 
@@ -87,8 +99,13 @@ def _address(given: Any) -> str | Path:
         return ",".join(str(_address(one)) for one in given)
     if isinstance(given, (str, Path)):
         return given
-    raise PlopError("An input is neither an artifact nor an address.", where="plop.run", found=repr(given),
-                    expected="an artifact, its address or a path", fix="`plop status` lists them.")  # fmt: skip
+    raise PlopError(
+        "An input is neither an artifact nor an address.",
+        where="plop.run",
+        found=repr(given),
+        expected="an artifact, its address or a path",
+        fix="`plop status` lists them.",
+    )
 
 
 def check_workspace(store: Store, stage: Stage) -> None:
@@ -125,8 +142,11 @@ def completed(
     if wants_preparation(stage, inputs):
         if stage.name == "report" and "models" in inputs and not config.labels:
             config = replace(config, labels=labels_of_models(str(inputs["models"])))
-        inputs = (report_inputs(preparation, stage, inputs, config) if stage.name == "report"
-                  else preparation.inputs(stage, inputs, environment, config))  # fmt: skip
+        inputs = (
+            report_inputs(preparation, stage, inputs, config)
+            if stage.name == "report"
+            else preparation.inputs(stage, inputs, environment, config)
+        )
     if stage.name == "augment":
         inputs = augment_inputs(preparation, inputs, config, environment)
     return config, inputs

@@ -20,9 +20,13 @@ def convert(value: Any, kind: Any, *, key: str, where: str) -> Any:
     try:
         return _convert(value, kind)
     except (ValueError, TypeError, KeyError, OverflowError) as error:
-        raise PlopError("A setting has a value of the wrong kind.", where=f"{where}: {key}",
-                        expected=describe(kind), found=repr(value),
-                        fix="`--help` of the command tells every setting with its default.") from error  # fmt: skip
+        raise PlopError(
+            "A setting has a value of the wrong kind.",
+            where=f"{where}: {key}",
+            expected=describe(kind),
+            found=repr(value),
+            fix="`--help` of the command tells every setting with its default.",
+        ) from error
 
 
 def _convert(value: Any, kind: Any) -> Any:

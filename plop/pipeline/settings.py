@@ -46,8 +46,9 @@ def settings_of(config: type) -> list[Setting]:
                 value = _dig(default, inner.key)
                 found.append(dataclasses.replace(inner, key=f"{field.name}.{inner.key}", default=value))
         else:
-            found.append(Setting(field.name, kind, default, texts.get(field.name, ""),
-                                 bool(field.metadata.get("names_program"))))  # fmt: skip
+            found.append(
+                Setting(field.name, kind, default, texts.get(field.name, ""), bool(field.metadata.get("names_program")))
+            )
     return found
 
 
@@ -76,8 +77,12 @@ def _field_docstrings(config: type) -> dict[str, str]:
             continue
         assert isinstance(body, ast.ClassDef)
         for field, text in zip(body.body, body.body[1:], strict=False):
-            if (isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-                    and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):  # fmt: skip
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+            ):
                 found[field.target.id] = " ".join(str(text.value.value).split())
     return found
 
@@ -100,9 +105,13 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
             if key not in known:
                 raise unknown_key(key, known, where=source, owner=stage)
             if known[key].names_program and source == SETTINGS_FILE:
-                raise PlopError("A settings file names a program to run.", where=f"{source}: {stage}.{key}",
-                                expected="programs named on the command line only: a workspace may be a stranger's",
-                                found=str(value), fix=f"Remove the line, and give --{key} yourself.")  # fmt: skip
+                raise PlopError(
+                    "A settings file names a program to run.",
+                    where=f"{source}: {stage}.{key}",
+                    expected="programs named on the command line only: a workspace may be a stranger's",
+                    found=str(value),
+                    fix=f"Remove the line, and give --{key} yourself.",
+                )
             values[key] = checked(value, known[key].kind, key=f"{stage}.{key}", where=source)
     try:
         return _build(config, values)
@@ -124,11 +133,21 @@ def checked(value: Any, kind: Any, *, key: str, where: str) -> Any:
     """
     found = convert(value, kind, key=key, where=where)
     if not all(math.isfinite(number) for number in _numbers(found)):
-        raise PlopError("A setting is not finite.", where=f"{where}: {key}", expected="a finite number",
-                        found=str(value), fix="Give a number, or leave it out for the default.")  # fmt: skip
+        raise PlopError(
+            "A setting is not finite.",
+            where=f"{where}: {key}",
+            expected="a finite number",
+            found=str(value),
+            fix="Give a number, or leave it out for the default.",
+        )
     if key.rpartition(".")[2] == "seed" and found < 0:
-        raise PlopError("A seed is negative.", where=f"{where}: {key}", expected="0 or more", found=str(value),
-                        fix="Choose any other whole number.")  # fmt: skip
+        raise PlopError(
+            "A seed is negative.",
+            where=f"{where}: {key}",
+            expected="0 or more",
+            found=str(value),
+            fix="Choose any other whole number.",
+        )
     return found
 
 

@@ -27,8 +27,13 @@ def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, A
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
-        raise PlopError("The settings file cannot be read.", where=path, expected="TOML", found=str(error),
-                        fix="Correct that line; docs/start.md shows such a file.") from error  # fmt: skip
+        raise PlopError(
+            "The settings file cannot be read.",
+            where=path,
+            expected="TOML",
+            found=str(error),
+            fix="Correct that line; docs/start.md shows such a file.",
+        ) from error
     return settings_by_command(tables, commands, where=str(path))
 
 
@@ -78,9 +83,13 @@ def parse_assignments(assignments: list[str], commands: list[str], own: str | No
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals:
-            raise PlopError("--set takes key=value.", where=text, found=text,
-                            expected="KEY=VALUE" if own else "STAGE.KEY=VALUE",
-                            fix=f"For example --set {own or 'train'}.seed=1.")  # fmt: skip
+            raise PlopError(
+                "--set takes key=value.",
+                where=text,
+                found=text,
+                expected="KEY=VALUE" if own else "STAGE.KEY=VALUE",
+                fix=f"For example --set {own or 'train'}.seed=1.",
+            )
         prefixes = {command.replace(" ", ".") + ".": command for command in commands}
         owner = next((prefix for prefix in prefixes if key.startswith(prefix)), None)
         if owner is None and own is None:
@@ -102,6 +111,9 @@ def own_assignments(assignments: list[str], command: str, commands: list[str]) -
     """
     found = parse_assignments(assignments, commands, command)
     for other in found.keys() - {command}:
-        raise PlopError(f"--set names settings of `plop {other}`, which have no effect on `plop {command}`.",
-                        found=", ".join(found[other]), fix=f"Give them there, or in {SETTINGS_FILE}.")  # fmt: skip
+        raise PlopError(
+            f"--set names settings of `plop {other}`, which have no effect on `plop {command}`.",
+            found=", ".join(found[other]),
+            fix=f"Give them there, or in {SETTINGS_FILE}.",
+        )
     return found.get(command, {})

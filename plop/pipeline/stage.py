@@ -102,8 +102,10 @@ class Summary:
         warnings = [readable(text) if isinstance(text, str) else text for text in self.warnings]
         if lost:
             warnings.append(f"{', '.join(lost)}: {UNKNOWN}, the result was not a finite number")
-        table = [{key: readable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
-                 for row in json_ready(self.table)]  # fmt: skip
+        table = [
+            {key: readable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
+            for row in json_ready(self.table)
+        ]
         for name, value in (("figures", figures), ("table", table), ("warnings", warnings)):
             object.__setattr__(self, name, value)
 

@@ -44,6 +44,10 @@ def check_camera(recording: Recording, wanted: str = "") -> None:
     """
     names = recording.camera_names
     if not names or (wanted and wanted not in names):
-        raise PlopError("There is no such camera.", where=recording.path, expected=", ".join(names) or "any camera",
-                        found=wanted or "no camera in the recording",
-                        fix="Choose one of these, or leave the camera open.")  # fmt: skip
+        raise PlopError(
+            "There is no such camera.",
+            where=recording.path,
+            expected=", ".join(names) or "any camera",
+            found=wanted or "no camera in the recording",
+            fix="Choose one of these, or leave the camera open.",
+        )

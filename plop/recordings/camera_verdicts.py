@@ -19,8 +19,11 @@ def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
         folder: Payload of a set of recordings; one that calibrate did not write holds no verdicts.
         episode: Its name.
     """
-    return {str(row.get("camera")): str(row.get("fix", "")) for row in _verdicts(folder).get(episode, ())
-            if not row.get("usable", True)}  # fmt: skip
+    return {
+        str(row.get("camera")): str(row.get("fix", ""))
+        for row in _verdicts(folder).get(episode, ())
+        if not row.get("usable", True)
+    }
 
 
 def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
@@ -32,8 +35,11 @@ def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
     Returns:
         Per such episode what to say, with the advice for its first camera; nothing where there are no verdicts.
     """
-    return {name: _said(rows) for name, rows in _verdicts(folder).items()
-            if rows and all(row.get("verdict") == BAD for row in rows)}  # fmt: skip
+    return {
+        name: _said(rows)
+        for name, rows in _verdicts(folder).items()
+        if rows and all(row.get("verdict") == BAD for row in rows)
+    }
 
 
 def _verdicts(folder: Path) -> dict[str, list[dict[str, Any]]]:
@@ -47,5 +53,8 @@ def _verdicts(folder: Path) -> dict[str, list[dict[str, Any]]]:
 def _said(verdicts: list[dict[str, Any]]) -> Noticed:
     fix = str(verdicts[0].get("fix", ""))
     count = "its only camera" if len(verdicts) == 1 else f"all {len(verdicts)} cameras of it"
-    return Noticed(f"`plop calibrate` calls {count} bad ({verdicts[0].get('camera')}: {fix})", Cause.EXTRINSICS,
-                   f"Mend the cameras first: {fix}.")  # fmt: skip
+    return Noticed(
+        f"`plop calibrate` calls {count} bad ({verdicts[0].get('camera')}: {fix})",
+        Cause.EXTRINSICS,
+        f"Mend the cameras first: {fix}.",
+    )

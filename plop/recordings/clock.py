@@ -74,8 +74,13 @@ class Clock:
         return np.where(self.known, (np.where(self.known, self.ns, origin_ns) - origin_ns) / 1e9, np.nan)
 
 
-def read_clock(values: np.ndarray | Sequence[Any], *, documented: TimeUnit, where: str,
-               own_start_step_s: tuple[float, float] = OWN_START_STEP_S) -> Clock | None:  # fmt: skip
+def read_clock(
+    values: np.ndarray | Sequence[Any],
+    *,
+    documented: TimeUnit,
+    where: str,
+    own_start_step_s: tuple[float, float] = OWN_START_STEP_S,
+) -> Clock | None:
     """Find the unit of a column of stamps and give them in nanoseconds.
 
     Args:
@@ -100,15 +105,18 @@ def read_clock(values: np.ndarray | Sequence[Any], *, documented: TimeUnit, wher
     with np.errstate(invalid="ignore"):
         astray = known & (np.abs(exact - np.median(exact[known])) > ASTRAY_S * 1e9 / unit.value)
     if astray.any():
-        notes.append(f"{where}: {int(astray.sum())} of {len(known)} stamps lie days from the others and are left out, "
-                     f"the first in row {int(np.argmax(astray))}")  # fmt: skip
+        notes.append(
+            f"{where}: {int(astray.sum())} of {len(known)} stamps lie days from the others and are left out, "
+            f"the first in row {int(np.argmax(astray))}"
+        )
     ns = _nanoseconds(exact, known & ~astray, unit)
     back = np.flatnonzero(np.diff(ns[ns != UNKNOWN]) < 0)
     if len(back):
         rows = np.flatnonzero(ns != UNKNOWN)
         shift = (ns[rows[back[0]]] - ns[rows[back[0] + 1]]) / 1e9
-        notes.append(f"{where}: the clock goes back {len(back)} times, first by {shift:.3g} s at row "
-                     f"{rows[back[0] + 1]}")  # fmt: skip
+        notes.append(
+            f"{where}: the clock goes back {len(back)} times, first by {shift:.3g} s at row {rows[back[0] + 1]}"
+        )
     return Clock(ns, unit, since_1970, where, tuple(notes))
 
 
@@ -125,16 +133,22 @@ def check_together(clocks: Mapping[str, Clock]) -> None:
     for name in names[1:]:
         one, other = clocks[names[0]], clocks[name]
         if one.since_1970 != other.since_1970:
-            raise PlopError("Two clocks of a recording count from different starts.", where=other.where,
-                            expected="the same start for all clocks",
-                            found=f"{name} counts {_start(other)}, {names[0]} {_start(one)} ({one.where})",
-                            fix="Write all stamps from one clock.")  # fmt: skip
+            raise PlopError(
+                "Two clocks of a recording count from different starts.",
+                where=other.where,
+                expected="the same start for all clocks",
+                found=f"{name} counts {_start(other)}, {names[0]} {_start(one)} ({one.where})",
+                fix="Write all stamps from one clock.",
+            )
         spans = [float(np.ptp(clock.ns[clock.known])) / 1e9 for clock in (one, other)]
         if min(spans) > 0 and max(spans) > 30 * min(spans):
-            raise PlopError("Two clocks of a recording run at different rates.", where=other.where,
-                            expected="the same unit for all clocks, or the unit that the format documents",
-                            found=f"{names[0]} lasts {spans[0]:.4g} s and {name} {spans[1]:.4g} s",
-                            fix=f"Correct the unit of {name} or of {names[0]} ({one.where}).")  # fmt: skip
+            raise PlopError(
+                "Two clocks of a recording run at different rates.",
+                where=other.where,
+                expected="the same unit for all clocks, or the unit that the format documents",
+                found=f"{names[0]} lasts {spans[0]:.4g} s and {name} {spans[1]:.4g} s",
+                fix=f"Correct the unit of {name} or of {names[0]} ({one.where}).",
+            )
 
 
 def _start(clock: Clock) -> str:
@@ -145,8 +159,13 @@ def _exact(values: np.ndarray | Sequence[Any], where: str) -> tuple[np.ndarray, 
     """Give the numbers without loss, int64 or float64, and which are known."""
     array = np.asarray(values) if isinstance(values, np.ndarray) else _from_list(values, where)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
-        raise PlopError("Time stamps cannot be read.", where=where, expected="a list of numbers",
-                        found=f"{array.dtype}, shape {array.shape}", fix="Write one number per row.")  # fmt: skip
+        raise PlopError(
+            "Time stamps cannot be read.",
+            where=where,
+            expected="a list of numbers",
+            found=f"{array.dtype}, shape {array.shape}",
+            fix="Write one number per row.",
+        )
     if array.dtype.kind == "f":
         known = np.isfinite(array) & (array >= 0)
         exact: np.ndarray = np.where(known, array, 0).astype(np.float64)
@@ -175,8 +194,13 @@ def _from_list(values: Sequence[Any], where: str) -> np.ndarray:
             if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
                 raise ValueError
         except ValueError:
-            raise PlopError("A time stamp is no number.", where=f"{where}: entry {row}", expected="a number",
-                            found=str(value)[:40], fix="Write one number per frame.") from None  # fmt: skip
+            raise PlopError(
+                "A time stamp is no number.",
+                where=f"{where}: entry {row}",
+                expected="a number",
+                found=str(value)[:40],
+                fix="Write one number per frame.",
+            ) from None
         numbers.append(-1 if value is None else value)
     whole = all(isinstance(number, int) and abs(number) < 2**63 for number in numbers)
     return np.array(numbers, dtype=np.int64 if whole else np.float64)
@@ -204,13 +228,18 @@ def _unit(
     read = sized[0] if sized else documented
     lasts = float(np.ptp(exact[known])) * read.value / 1e9
     right = [unit for unit in TimeUnit if STEP_S[0] <= fits[unit] <= STEP_S[1]]
-    advice = ", or ".join(f"in {unit.plural} it would last {_long(lasts * unit.value / read.value)} "
-                          f"({1 / fits[unit]:.3g} rows a second)" for unit in camera or right)  # fmt: skip
-    raise PlopError("A recording cannot be as short or as long as its clock says.", where=where,
-                    expected=f"rows {own_start_step_s[0]:.3g} to {own_start_step_s[1]:g} s apart",
-                    found=f"in {read.plural}{', as the size of its stamps says,' if sized else ''} it lasts "
-                          f"{_long(lasts)}, rows {fits[read]:.3g} s apart" + (f"; {advice}" if advice else ""),
-                    fix=f"Write the stamps in {documented.plural}.")  # fmt: skip
+    advice = ", or ".join(
+        f"in {unit.plural} it would last {_long(lasts * unit.value / read.value)} ({1 / fits[unit]:.3g} rows a second)"
+        for unit in camera or right
+    )
+    raise PlopError(
+        "A recording cannot be as short or as long as its clock says.",
+        where=where,
+        expected=f"rows {own_start_step_s[0]:.3g} to {own_start_step_s[1]:g} s apart",
+        found=f"in {read.plural}{', as the size of its stamps says,' if sized else ''} it lasts "
+        f"{_long(lasts)}, rows {fits[read]:.3g} s apart" + (f"; {advice}" if advice else ""),
+        fix=f"Write the stamps in {documented.plural}.",
+    )
 
 
 def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: str) -> float:
@@ -224,20 +253,33 @@ def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: st
     ahead, behind = int((steps > 0).sum()), int((steps < 0).sum())
     if not ahead or behind > ahead:
         what = "backwards" if behind else f"not at all ({exact[rows[0]]:.10g} in every row)"
-        raise PlopError("A clock does not run.", where=where, expected="stamps that increase", found=f"it runs {what}",
-                        fix="Sort the rows by time." if behind else "Store when each row was recorded.")  # fmt: skip
+        raise PlopError(
+            "A clock does not run.",
+            where=where,
+            expected="stamps that increase",
+            found=f"it runs {what}",
+            fix="Sort the rows by time." if behind else "Store when each row was recorded.",
+        )
     step = float(np.median(steps[steps > 0] / np.diff(rows)[steps > 0]))
     coarse = next((unit for unit in sized if step * unit.value / 1e9 >= 0.5), None)
     if coarse is not None and ahead < len(steps) / 2:
-        raise PlopError("A clock is too coarse for its rows.", where=where, expected="another stamp in every row",
-                        found=f"{len(steps) - ahead} of {len(steps)} stamps equal the one before; they are "
-                              f"{step * coarse.value / 1e9:g} s apart where they differ",
-                        fix="Stamps were rounded to whole seconds, or stored as float32: "
-                            "store int64 nanoseconds or float64 seconds.")  # fmt: skip
+        raise PlopError(
+            "A clock is too coarse for its rows.",
+            where=where,
+            expected="another stamp in every row",
+            found=f"{len(steps) - ahead} of {len(steps)} stamps equal the one before; they are "
+            f"{step * coarse.value / 1e9:g} s apart where they differ",
+            fix="Stamps were rounded to whole seconds, or stored as float32: "
+            "store int64 nanoseconds or float64 seconds.",
+        )
     if not sized and len(steps) > 1 and (steps == np.diff(rows)).all() and exact[rows[0]] in (0, 1):
-        raise PlopError("Times are frame numbers.", where=where, expected="times",
-                        found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: steps of 1",
-                        fix="Divide them by the frame rate, in the unit that the format asks for.")  # fmt: skip
+        raise PlopError(
+            "Times are frame numbers.",
+            where=where,
+            expected="times",
+            found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: steps of 1",
+            fix="Divide them by the frame rate, in the unit that the format asks for.",
+        )
     return step
 
 

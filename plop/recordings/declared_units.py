@@ -28,10 +28,27 @@ METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254,
 """Length of each unit [m]."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Length of each unit [s]."""
-_LONG_NAMES = {"metre": "m", "meter": "m", "decimetre": "dm", "decimeter": "dm", "centimetre": "cm", "centimeter": "cm",
-               "millimetre": "mm", "millimeter": "mm", "micrometre": "um", "micrometer": "um", "inche": "in",
-               "inch": "in", "foot": "ft", "feet": "ft", "second": "s", "sec": "s", "millisecond": "ms",
-               "microsecond": "us", "nanosecond": "ns"}  # fmt: skip
+_LONG_NAMES = {
+    "metre": "m",
+    "meter": "m",
+    "decimetre": "dm",
+    "decimeter": "dm",
+    "centimetre": "cm",
+    "centimeter": "cm",
+    "millimetre": "mm",
+    "millimeter": "mm",
+    "micrometre": "um",
+    "micrometer": "um",
+    "inche": "in",
+    "inch": "in",
+    "foot": "ft",
+    "feet": "ft",
+    "second": "s",
+    "sec": "s",
+    "millisecond": "ms",
+    "microsecond": "us",
+    "nanosecond": "ns",
+}
 _UPTIME_S = 86_400.0
 """Times that begin later than this are a date, and count from their first frame on [s]."""
 _ALIKE = 1e-6
@@ -95,10 +112,13 @@ def declared_in_side_file(side: Mapping[str, Any], path: Path) -> Declared:
     if rate is None and units.get("time") == "frames":
         raise _unknown(f"{where}.frames_per_second", 'a number beside "time": "frames"', None)
     if rate is not None and seconds is not None:
-        raise PlopError("The JSON file gives two units of time.", where=where,
-                        expected="time, or frames_per_second where times are frame numbers",
-                        found=f"time {units['time']!r} and frames_per_second {rate:g}",
-                        fix='Leave one out (times are frame numbers: "time": "frames").')  # fmt: skip
+        raise PlopError(
+            "The JSON file gives two units of time.",
+            where=where,
+            expected="time, or frames_per_second where times are frame numbers",
+            found=f"time {units['time']!r} and frames_per_second {rate:g}",
+            fix='Leave one out (times are frame numbers: "time": "frames").',
+        )
     return Declared(where, up, metres, 1 / rate if rate is not None else seconds)
 
 
@@ -114,8 +134,13 @@ def _length(value: Any, table: Mapping[str, float], where: str) -> float | None:
 
 
 def _unknown(where: str, expected: str, value: Any) -> PlopError:
-    return PlopError("The recording states a unit that plop does not know.", where=where, expected=expected,
-                     found=repr(value), fix="Correct it, or convert the recording to metres and seconds.")  # fmt: skip
+    return PlopError(
+        "The recording states a unit that plop does not know.",
+        where=where,
+        expected=expected,
+        found=repr(value),
+        fix="Correct it, or convert the recording to metres and seconds.",
+    )
 
 
 def together(one: Declared, other: Declared) -> Declared:
@@ -130,14 +155,19 @@ def together(one: Declared, other: Declared) -> Declared:
         first, second = getattr(one, key), getattr(other, key)
         if first is not None and second is not None and abs(first / second - 1) > _ALIKE:
             raise _contradiction(one, other, what, f"{first:g}", f"{second:g}")
-    return Declared(f"{one.source}, {other.source}", one.up or other.up, one.metres or other.metres,
-                    one.seconds or other.seconds)  # fmt: skip
+    return Declared(
+        f"{one.source}, {other.source}", one.up or other.up, one.metres or other.metres, one.seconds or other.seconds
+    )
 
 
 def _contradiction(one: Declared, other: Declared, what: str, first: str, second: str) -> PlopError:
-    return PlopError("Two files of a recording declare different units or axes.", where=one.source,
-                     expected=f"the same {what} in both", found=f"{first} in {one.source}, {second} in {other.source}",
-                     fix="Correct the one that is wrong, or take it out of the file.")  # fmt: skip
+    return PlopError(
+        "Two files of a recording declare different units or axes.",
+        where=one.source,
+        expected=f"the same {what} in both",
+        found=f"{first} in {one.source}, {second} in {other.source}",
+        fix="Correct the one that is wrong, or take it out of the file.",
+    )
 
 
 def seconds_from(times: np.ndarray, unit_s: float) -> tuple[np.ndarray, list[str]]:
@@ -153,5 +183,6 @@ def seconds_from(times: np.ndarray, unit_s: float) -> tuple[np.ndarray, list[str
     exact = times.astype(np.int64) if times.dtype.kind in "ui" else times.astype(np.float64)
     if not len(exact) or not abs(float(exact[0])) * unit_s > _UPTIME_S:
         return exact.astype(np.float64) * unit_s if unit_s != 1 else exact.astype(np.float64), []
-    return (exact - exact[0]).astype(np.float64) * unit_s, [f"times begin at {float(exact[0]):.10g}: they count from "
-                                                            "the first frame on"]  # fmt: skip
+    return (exact - exact[0]).astype(np.float64) * unit_s, [
+        f"times begin at {float(exact[0]):.10g}: they count from the first frame on"
+    ]

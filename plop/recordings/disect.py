@@ -35,12 +35,18 @@ from plop.recordings.usd_nodes import NODES, UsdNodes, read_usd_nodes
 
 _WHOLE = "ui"
 _ARRAYS = {
-    "times": Part((None,)), "knife_position": Part((None, 3)), "knife_quaternion_xyzw": Part((None, 4)),
-    "knife_vertices": Part((None, 3)), "knife_faces": Part((None, 3), _WHOLE), "points_rest": Part((None, 3)),
-    "tets": Part((None, 4), _WHOLE), "surface_clean": Part((None, 3), _WHOLE),
-    "cut_edge_indices": Part((None, 2), _WHOLE), "cut_edge_coords": Part((None,)),
+    "times": Part((None,)),
+    "knife_position": Part((None, 3)),
+    "knife_quaternion_xyzw": Part((None, 4)),
+    "knife_vertices": Part((None, 3)),
+    "knife_faces": Part((None, 3), _WHOLE),
+    "points_rest": Part((None, 3)),
+    "tets": Part((None, 4), _WHOLE),
+    "surface_clean": Part((None, 3), _WHOLE),
+    "cut_edge_indices": Part((None, 2), _WHOLE),
+    "cut_edge_coords": Part((None,)),
     "virtual_nodes": Part((None,), _WHOLE),
-}  # fmt: skip
+}
 _MAY_BE_EMPTY = ("cut_edge_indices", "cut_edge_coords", "virtual_nodes")
 _UP, _METRES = "y", 1.0
 """Axes and unit of DiSECt's recordings, which none of its files has to declare."""
@@ -58,8 +64,13 @@ def list_disect(folder: Path) -> list[RawEpisode]:
     """
     names = sorted({path.stem for kind in ("*.usd", "*.npz") for path in folder.glob(kind)})
     if not names:
-        raise PlopError("There are no DiSECt recordings here.", where=folder, expected="<name>.usd, .npz and .json",
-                        found="no .usd file", fix="Give the folder that holds the .usd files.")  # fmt: skip
+        raise PlopError(
+            "There are no DiSECt recordings here.",
+            where=folder,
+            expected="<name>.usd, .npz and .json",
+            found="no .usd file",
+            fix="Give the folder that holds the .usd files.",
+        )
     return [raw_episode(folder / f"{name}.usd", _read_side, _guess_environment) for name in names]
 
 
@@ -120,9 +131,7 @@ def read_disect(path: str | Path) -> MeshSequence:
     return sequence
 
 
-def _times(
-    path: Path, usd: UsdNodes, npz_times: np.ndarray, in_side: Declared
-) -> tuple[np.ndarray, list[str], bool]:
+def _times(path: Path, usd: UsdNodes, npz_times: np.ndarray, in_side: Declared) -> tuple[np.ndarray, list[str], bool]:
     """Bring the time codes and the npz's `times` together.
 
     Returns:
@@ -130,8 +139,12 @@ def _times(
     """
     where = f"{path}: time samples"
     if len(usd.codes) != len(npz_times):
-        raise _refusal(path, "time samples", f"{len(npz_times)} up to {npz_times[-1]:g}",
-                       f"{len(usd.codes)} up to {usd.codes[-1]:g}")  # fmt: skip
+        raise _refusal(
+            path,
+            "time samples",
+            f"{len(npz_times)} up to {npz_times[-1]:g}",
+            f"{len(usd.codes)} up to {usd.codes[-1]:g}",
+        )
     stored, notes = seconds_from(npz_times, in_side.seconds or 1.0)
     rate = usd.codes_per_second or 1.0
     for start in dict.fromkeys((0.0, usd.start_code or 0.0)):
@@ -143,22 +156,28 @@ def _times(
     if same and in_side.seconds is not None and usd.codes_per_second is None:
         return stored, notes, True
     if same and whole and in_side.seconds is None and usd.codes_per_second is not None:
-        return (usd.codes - (usd.start_code or 0.0)) / rate, [
-            f"the npz holds time codes, not seconds: they are divided by timeCodesPerSecond = {rate:g} of the layer"
-        ], True  # fmt: skip
+        return (
+            (usd.codes - (usd.start_code or 0.0)) / rate,
+            [f"the npz holds time codes, not seconds: they are divided by timeCodesPerSecond = {rate:g} of the layer"],
+            True,
+        )
     span, stored_span = float(np.ptp(usd.codes)), float(np.ptp(stored))
     shares = [(times - times[0]) / length for times, length in ((usd.codes, span), (stored, stored_span)) if length > 0]
     steady = len(shares) == 2 and float(np.abs(shares[0] - shares[1]).max()) < 1e-3
     said = f"timeCodesPerSecond = {rate:g}" if usd.codes_per_second is not None else "no timeCodesPerSecond, read as 1"
-    raise PlopError("The recording's USD and npz files do not have the same times.", where=where,
-                    expected=f"{stored[0]:g} to {stored[-1]:g} s, as in the npz"
-                    + (f" with {in_side.source}" if in_side.seconds is not None else ""),
-                    found=f"{usd.codes[0] / rate:g} to {usd.codes[-1] / rate:g} s in the USD: time codes "
-                          f"{usd.codes[0]:g} to {usd.codes[-1]:g}, {said}",
-                    fix=f"If the npz is right the time codes run at {span / stored_span:g} a second: write that as the "
-                        "layer's timeCodesPerSecond; else correct `times`, or give their unit in the JSON "
-                        '("units": {"time": "ms"} or {"frames_per_second": 30}).'
-                    if steady else _COPY_AGAIN)  # fmt: skip
+    raise PlopError(
+        "The recording's USD and npz files do not have the same times.",
+        where=where,
+        expected=f"{stored[0]:g} to {stored[-1]:g} s, as in the npz"
+        + (f" with {in_side.source}" if in_side.seconds is not None else ""),
+        found=f"{usd.codes[0] / rate:g} to {usd.codes[-1] / rate:g} s in the USD: time codes "
+        f"{usd.codes[0]:g} to {usd.codes[-1]:g}, {said}",
+        fix=f"If the npz is right the time codes run at {span / stored_span:g} a second: write that as the "
+        "layer's timeCodesPerSecond; else correct `times`, or give their unit in the JSON "
+        '("units": {"time": "ms"} or {"frames_per_second": 30}).'
+        if steady
+        else _COPY_AGAIN,
+    )
 
 
 def _with_cut_vertices(points: np.ndarray, arrays: dict[str, np.ndarray]) -> np.ndarray:
@@ -189,23 +208,34 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     arrays = {key: arrays[key] for key in _ARRAYS}
     for key, value in arrays.items():
         if not np.isfinite(value).all():
-            raise PlopError("The recording holds NaN or infinite values.", where=f"{path}: {key}",
-                            expected="finite numbers", found=f"{int((~np.isfinite(value)).sum())} others",
-                            fix="Simulate it again or leave it out.")  # fmt: skip
+            raise PlopError(
+                "The recording holds NaN or infinite values.",
+                where=f"{path}: {key}",
+                expected="finite numbers",
+                found=f"{int((~np.isfinite(value)).sum())} others",
+                fix="Simulate it again or leave it out.",
+            )
     key = "knife_quaternion_xyzw"
     zero = np.linalg.norm(arrays[key], axis=-1) < _LEAST_QUATERNION
     if zero.any():
-        raise PlopError("An orientation of the knife is no quaternion.", where=f"{path}: {key}",
-                        expected="four numbers, not all zero",
-                        found=f"zero in {int(zero.sum())} of {zero.size} frames, the first is {int(np.argmax(zero))}",
-                        fix="Simulate it again or leave it out.")  # fmt: skip
+        raise PlopError(
+            "An orientation of the knife is no quaternion.",
+            where=f"{path}: {key}",
+            expected="four numbers, not all zero",
+            found=f"zero in {int(zero.sum())} of {zero.size} frames, the first is {int(np.argmax(zero))}",
+            fix="Simulate it again or leave it out.",
+        )
     return arrays
 
 
 def _refusal(path: Path, what: str, expected: str, found: str, fix: str | None = None) -> PlopError:
-    return PlopError("The recording's USD and npz files do not belong together.", where=f"{path}: {what}",
-                     expected=f"{expected}, as in the npz", found=f"{found} in the USD",
-                     fix=fix or "Copy .usd, .npz and .json of the same recording.")  # fmt: skip
+    return PlopError(
+        "The recording's USD and npz files do not belong together.",
+        where=f"{path}: {what}",
+        expected=f"{expected}, as in the npz",
+        found=f"{found} in the USD",
+        fix=fix or "Copy .usd, .npz and .json of the same recording.",
+    )
 
 
 def _check_against_side_file(path: Path, arrays: dict[str, np.ndarray], usd: UsdNodes, frame: WorldFrame) -> None:
@@ -216,13 +246,22 @@ def _check_against_side_file(path: Path, arrays: dict[str, np.ndarray], usd: Usd
     if nodes.shape[1] != count:
         raise _refusal(path, "nodes", f"{count} nodes", f"{nodes.shape[1]} nodes")
     if not np.isfinite(nodes).all():
-        raise PlopError("The recording holds NaN or infinite node positions.", where=f"{path}: {NODES}",
-                        expected="finite metres", found=f"{int((~np.isfinite(nodes)).sum())} others",
-                        fix="The simulation blew up: simulate it again or leave it out.")  # fmt: skip
+        raise PlopError(
+            "The recording holds NaN or infinite node positions.",
+            where=f"{path}: {NODES}",
+            expected="finite metres",
+            found=f"{int((~np.isfinite(nodes)).sum())} others",
+            fix="The simulation blew up: simulate it again or leave it out.",
+        )
     gap = float(np.abs(usd.knife - arrays["knife_position"]).max()) * frame.metres
     if gap > _SAME_PLACE_M:
-        raise _refusal(path, "knife", "the knife at the same place", f"up to {gap:.4f} m away",
-                       _other_frame(usd.knife, arrays["knife_position"].astype(np.float64)))  # fmt: skip
+        raise _refusal(
+            path,
+            "knife",
+            "the knife at the same place",
+            f"up to {gap:.4f} m away",
+            _other_frame(usd.knife, arrays["knife_position"].astype(np.float64)),
+        )
     edges, vertices = arrays["cut_edge_indices"], count + len(arrays["cut_edge_indices"])
     if edges.min(initial=0) < 0 or edges.max(initial=0) >= count:
         raise _refusal(path, "cut_edge_indices", f"indices 0..{count - 1}", f"{edges.min()}..{edges.max()}")
@@ -240,6 +279,8 @@ def _other_frame(in_usd: np.ndarray, in_npz: np.ndarray) -> str | None:
             if np.abs(in_usd - factor * in_npz @ other.T).max() <= 1e-3 * np.abs(in_usd).max():
                 unit = f"numbers {factor:.4g} times those of the npz" if abs(factor - 1) > 1e-3 else ""
                 axes = "" if np.allclose(other, np.eye(3)) else "other axes than the npz"
-                return (f"The USD has {' and '.join(filter(None, (unit, axes)))}: write both in the unit and axes that "
-                        "the layer or the JSON declares.")  # fmt: skip
+                return (
+                    f"The USD has {' and '.join(filter(None, (unit, axes)))}: write both in the unit and axes that "
+                    "the layer or the JSON declares."
+                )
     return None

@@ -47,24 +47,38 @@ def frames_of_rows(
         stamps = None
     if stamps is None:
         if rows - frames not in (0, 1):
-            raise PlopError("Rows and frames cannot be matched.", where=video,
-                            expected=f"{rows} or {rows - 1} frames, because {stamps_path.name} is missing",
-                            found=f"{frames} frames", fix="Bring the time stamps file.")  # fmt: skip
+            raise PlopError(
+                "Rows and frames cannot be matched.",
+                where=video,
+                expected=f"{rows} or {rows - 1} frames, because {stamps_path.name} is missing",
+                found=f"{frames} frames",
+                fix="Bring the time stamps file.",
+            )
         index = np.arange(rows)
         return np.where(index < frames, index, -1), warnings
     if len(stamps) - frames not in (0, 1, -1):
-        raise PlopError("The time stamps do not belong to this video.", where=stamps_path,
-                        expected=f"{frames} entries, as {video.name} has frames", found=f"{len(stamps)} entries",
-                        fix="Copy both files again.")  # fmt: skip
+        raise PlopError(
+            "The time stamps do not belong to this video.",
+            where=stamps_path,
+            expected=f"{frames} entries, as {video.name} has frames",
+            found=f"{len(stamps)} entries",
+            fix="Copy both files again.",
+        )
     index = _nearest(stamps[:frames], received_ms)
     missing = np.flatnonzero(index < 0)
     if len(missing) == rows:
-        spans = [f"{_seconds(known.min())} to {_seconds(known.max())}" for column in (received_ms, stamps)
-                 if len(known := column[np.isfinite(column)])]  # fmt: skip
-        raise PlopError("No time stamp equals one of the trajectory.", where=stamps_path,
-                        expected=f"stamps of the frames received {spans[0]}",
-                        found=f"{spans[1]} (seconds since the trajectory's first row)",
-                        fix="The file belongs to another episode, or counts from another start.")  # fmt: skip
+        spans = [
+            f"{_seconds(known.min())} to {_seconds(known.max())}"
+            for column in (received_ms, stamps)
+            if len(known := column[np.isfinite(column)])
+        ]
+        raise PlopError(
+            "No time stamp equals one of the trajectory.",
+            where=stamps_path,
+            expected=f"stamps of the frames received {spans[0]}",
+            found=f"{spans[1]} (seconds since the trajectory's first row)",
+            fix="The file belongs to another episode, or counts from another start.",
+        )
     if len(missing):
         shown = ", ".join(str(row) for row in missing[:8]) + (", ..." if len(missing) > 8 else "")
         warnings.append(f"{video}: no frame for {len(missing)} of {rows} rows ({shown}); these rows are left out")
@@ -103,16 +117,22 @@ def read_stamps(path: Path, origin_ns: int) -> tuple[np.ndarray | None, list[str
         return None, [f"{path}: missing; row i is taken as frame i"]
     try:
         content = read_json(path)
-        clock = read_clock(content, documented=TimeUnit.MILLISECONDS, where=str(path)) \
-            if isinstance(content, list) else None  # fmt: skip
+        clock = (
+            read_clock(content, documented=TimeUnit.MILLISECONDS, where=str(path))
+            if isinstance(content, list)
+            else None
+        )
     except PlopError as error:
         return None, [f"{path}: {error.problem} (found: {error.found}); row i is taken as frame i"]
     except (OSError, ValueError) as error:
         return None, [f"{path}: not readable ({error}); row i is taken as frame i"]
     if clock is None:
         return None, [f"{path}: not a list of numbers; row i is taken as frame i"]
-    foreign = [] if clock.unit is TimeUnit.MILLISECONDS else \
-        [f"{path}: in {clock.unit.plural} (not milliseconds), and read so"]  # fmt: skip
+    foreign = (
+        []
+        if clock.unit is TimeUnit.MILLISECONDS
+        else [f"{path}: in {clock.unit.plural} (not milliseconds), and read so"]
+    )
     return 1000 * clock.since(origin_ns), foreign + list(clock.notes)
 
 
@@ -140,10 +160,13 @@ def check_overlap(robot_ms: np.ndarray, time_ms: np.ndarray, where: str) -> None
     if len(robot) < 2 or len(taken) < 2 or (taken.max() > robot.min() and taken.min() < robot.max()):
         return
     lag = float(np.median(taken) - np.median(robot)) / 1000
-    raise PlopError("The clocks of cameras and robot have no moment in common.", where=where,
-                    expected=f"pictures within the {np.ptp(robot) / 1000:.3g} s of the robot's poses",
-                    found=f"pictures {abs(lag):.6g} s {'after' if lag > 0 else 'before'} them",
-                    fix="Write all stamps from one clock (whole hours: time zones).")  # fmt: skip
+    raise PlopError(
+        "The clocks of cameras and robot have no moment in common.",
+        where=where,
+        expected=f"pictures within the {np.ptp(robot) / 1000:.3g} s of the robot's poses",
+        found=f"pictures {abs(lag):.6g} s {'after' if lag > 0 else 'before'} them",
+        fix="Write all stamps from one clock (whole hours: time zones).",
+    )
 
 
 def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
@@ -160,11 +183,13 @@ def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
     path = float(np.linalg.norm(np.diff(flange[:, :3], axis=0), axis=1).sum())
     speed = path / max((time_ms[-1] - time_ms[0]) / 1000, 1e-9)
     if speed > FASTEST_M_S:
-        raise PlopError("The robot cannot be as fast as the clock says.", where=where,
-                        expected=f"a mean speed of the flange below {FASTEST_M_S:g} m/s",
-                        found=f"{path:.2f} m in {(time_ms[-1] - time_ms[0]) / 1000:.4g} s, {speed:.3g} m/s",
-                        fix="Write the stamps in milliseconds: if they are seconds, the robot moves at "
-                            f"{speed / 1000:.2g} m/s.")  # fmt: skip
+        raise PlopError(
+            "The robot cannot be as fast as the clock says.",
+            where=where,
+            expected=f"a mean speed of the flange below {FASTEST_M_S:g} m/s",
+            found=f"{path:.2f} m in {(time_ms[-1] - time_ms[0]) / 1000:.4g} s, {speed:.3g} m/s",
+            fix=f"Write the stamps in milliseconds: if they are seconds, the robot moves at {speed / 1000:.2g} m/s.",
+        )
 
 
 def poses_at(poses6: np.ndarray, pose_ms: np.ndarray, wanted_ms: np.ndarray) -> np.ndarray:

@@ -101,8 +101,10 @@ class DroidCamera:
         frames = self.frame_of_row[rows]
         for frame, (left, right) in zip(frames, self.video.read(frames), strict=True):
             depth = self.depth.depth_m(int(frame), left, right)
-            yield (cv2.resize(left, (width, height), interpolation=cv2.INTER_AREA),
-                   cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST))  # fmt: skip
+            yield (
+                cv2.resize(left, (width, height), interpolation=cv2.INTER_AREA),
+                cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST),
+            )
 
 
 def open_camera(
@@ -134,10 +136,13 @@ def _opened(
     warnings += more
     if video is None:
         svo = find_svo(episode.recordings, serial)
-        raise PlopError("A camera has no video.", where=f"{episode.recordings}: {serial}.mp4",
-                        expected=f"MP4/{serial}.mp4 or MP4/{serial}-stereo.mp4",
-                        found=f"only {svo.name}" if svo else "; ".join(warnings) or "nothing",
-                        fix="Convert the SVO to MP4." if svo else "Copy the files again.")  # fmt: skip
+        raise PlopError(
+            "A camera has no video.",
+            where=f"{episode.recordings}: {serial}.mp4",
+            expected=f"MP4/{serial}.mp4 or MP4/{serial}-stereo.mp4",
+            found=f"only {svo.name}" if svo else "; ".join(warnings) or "nothing",
+            fix="Convert the SVO to MP4." if svo else "Copy the files again.",
+        )
     unknown = np.full(trajectory.rows, np.nan)
     received = trajectory.received_ms.get(serial, unknown)
     stamps = episode.recordings / "MP4" / f"{serial}_timestamps.json"
@@ -149,9 +154,14 @@ def _opened(
     warnings += more
     focal = options.settings.wrist_focal_px if wrist else options.settings.exterior_focal_px
     intrinsics, more = find_intrinsics(
-        episode, serial, (video.width, video.height), stored=trajectory.intrinsics, side=options.intrinsics,
-        side_name=options.intrinsics_name, focal_px=focal,
-    )  # fmt: skip
+        episode,
+        serial,
+        (video.width, video.height),
+        stored=trajectory.intrinsics,
+        side=options.intrinsics,
+        side_name=options.intrinsics_name,
+        focal_px=focal,
+    )
     warnings += more
     if use_exported:
         pictures = find_side_pictures(exported, video.frames, what="depth pictures", cause=Cause.DEPTH)
@@ -164,9 +174,13 @@ def _opened(
 
 
 def _poses(
-    episode: DroidFolder, trajectory: DroidTrajectory, serial: str, wrist: bool, captured: np.ndarray,
+    episode: DroidFolder,
+    trajectory: DroidTrajectory,
+    serial: str,
+    wrist: bool,
+    captured: np.ndarray,
     options: DroidOptions,
-) -> tuple[np.ndarray, np.ndarray | None, tuple[np.ndarray, np.ndarray] | None, list[str]]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray | None, tuple[np.ndarray, np.ndarray] | None, list[str]]:
     """Give poses [T, 4, 4], a fixed camera's as stored [6], the 6-vectors whose distance is the baseline, warnings."""
     clock = trajectory.robot_time_ms
     where = f"{trajectory.path}:/observation/camera_extrinsics/{serial}_left"
@@ -189,15 +203,24 @@ def _poses(
     if not np.isfinite(own).all(1).any() and not wrist:
         own, warnings = _from_metadata(episode, trajectory, serial, where)
     if not np.isfinite(own).all(1).any():
-        raise PlopError("A camera has no pose.", where=where, expected="camera -> base, metres and radians",
-                        found="nothing, and no metadata or side file has it",
-                        fix="Bring cam2base_extrinsics.json, or leave this camera out.")  # fmt: skip
+        raise PlopError(
+            "A camera has no pose.",
+            where=where,
+            expected="camera -> base, metres and radians",
+            found="nothing, and no metadata or side file has it",
+            fix="Bring cam2base_extrinsics.json, or leave this camera out.",
+        )
     check_pose(own, where=where, what="camera")
     if not wrist:
         moved = float(np.nanmax(np.linalg.norm(own[:, :3] - _first(own)[:3], axis=1)))
         if moved > 1e-3:
-            warnings.append(Noticed(f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used",
-                                    Cause.EXTRINSICS, "Check the pose of this camera."))  # fmt: skip
+            warnings.append(
+                Noticed(
+                    f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used",
+                    Cause.EXTRINSICS,
+                    "Check the pose of this camera.",
+                )
+            )
         own = np.repeat(_first(own)[None], trajectory.rows, 0)
         return pose_from_euler_xyz(own), own[0], pair, warnings
     note = f"{where}_gripper_offset: missing; the row's own pose is used"
@@ -218,29 +241,44 @@ def _from_metadata(
 
 
 def _computed_depth(
-    episode: DroidFolder, serial: str, video: DroidVideo, intrinsics: np.ndarray,
-    pair: tuple[np.ndarray, np.ndarray] | None, options: DroidOptions,
-) -> tuple[DepthSource, list[str]]:  # fmt: skip
+    episode: DroidFolder,
+    serial: str,
+    video: DroidVideo,
+    intrinsics: np.ndarray,
+    pair: tuple[np.ndarray, np.ndarray] | None,
+    options: DroidOptions,
+) -> tuple[DepthSource, list[str]]:
     if video.stereo:
         settings, focal_720p = options.settings, intrinsics[0, 0] * 1280 / video.width
         baseline, warnings = _baseline(f"{episode.name}: camera {serial}", pair, focal_720p, settings.baseline_m)
-        depth = StereoDepth(intrinsics[0, 0], baseline, video.width, match_width=settings.match_width,
-                            nearest_m=settings.nearest_m, farthest_m=settings.farthest_m)  # fmt: skip
+        depth = StereoDepth(
+            intrinsics[0, 0],
+            baseline,
+            video.width,
+            match_width=settings.match_width,
+            nearest_m=settings.nearest_m,
+            farthest_m=settings.farthest_m,
+        )
         return depth, warnings
     svo = find_svo(episode.recordings, serial)
     if svo is not None and zed_sdk_present():
         return ZedDepth(svo), []
     others = sorted(path.name for path in (episode.recordings / "depth" / serial).glob("*"))
-    raise PlopError("A camera has no depth.", where=f"{episode.recordings}: camera {serial}",
-                    expected=f"depth/{serial}/<frame>.png, MP4/{serial}-stereo.mp4, or SVO and ZED SDK",
-                    found=f"{video.path.name} (one eye)" + (f", {svo.name} but no pyzed" if svo else "")
-                    + (f", depth/{serial}/{others[0]} and others that are no PNG" if others else ""),
-                    fix="Export depth as 16-bit PNG, np.uint16(np.round(1000 * metres)), or bring the stereo video.",
-                    cause=Cause.DEPTH)  # fmt: skip
+    raise PlopError(
+        "A camera has no depth.",
+        where=f"{episode.recordings}: camera {serial}",
+        expected=f"depth/{serial}/<frame>.png, MP4/{serial}-stereo.mp4, or SVO and ZED SDK",
+        found=f"{video.path.name} (one eye)"
+        + (f", {svo.name} but no pyzed" if svo else "")
+        + (f", depth/{serial}/{others[0]} and others that are no PNG" if others else ""),
+        fix="Export depth as 16-bit PNG, np.uint16(np.round(1000 * metres)), or bring the stereo video.",
+        cause=Cause.DEPTH,
+    )
 
 
-def _baseline(where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p: float, given: float
-              ) -> tuple[float, list[str]]:  # fmt: skip
+def _baseline(
+    where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p: float, given: float
+) -> tuple[float, list[str]]:
     if given > 0:
         return given, []
     nominal = BASELINES_M["ZED 2" if focal_720p < 630 else "ZED Mini"]
@@ -248,13 +286,20 @@ def _baseline(where: str, pair: tuple[np.ndarray, np.ndarray] | None, focal_720p
         return nominal, [f"{where}: extrinsics of one eye are missing; {1000 * nominal:.0f} mm baseline assumed"]
     measured = float(np.linalg.norm(pair[0][:3] - pair[1][:3]))
     if not 0.01 < measured < 0.5:
-        raise PlopError("The distance between the eyes is impossible.", where=where, expected="1 to 50 cm",
-                        found=f"{measured:.4f} m", fix="Correct the extrinsics, or set baseline_m.")  # fmt: skip
+        raise PlopError(
+            "The distance between the eyes is impossible.",
+            where=where,
+            expected="1 to 50 cm",
+            found=f"{measured:.4f} m",
+            fix="Correct the extrinsics, or set baseline_m.",
+        )
     nearest = min(BASELINES_M.values(), key=lambda built: abs(built - measured))
     if abs(measured - nearest) > 0.02 * nearest:
-        text = (f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
-                f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
-                "set baseline_m if you know it")  # fmt: skip
+        text = (
+            f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
+            f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
+            "set baseline_m if you know it"
+        )
         return measured, [Noticed(text, Cause.DEPTH, "Set baseline_m.")]
     return measured, []
 

@@ -65,14 +65,22 @@ class ExportedDepth:
             found = "not a picture" if picture is None else f"{picture.dtype}, shape {picture.shape}"
             if picture is not None:
                 found += ": a coloured picture of depth" if picture.ndim == 3 else ": scaled for looking at"
-            raise PlopError("A depth picture is of the wrong kind.", where=path,
-                            expected="one channel, uint16, millimetres, 0 = not measured", found=found,
-                            fix="Export the measured depth itself as 16-bit PNG: np.uint16(np.round(1000 * metres)).",
-                            cause=Cause.DEPTH)  # fmt: skip
+            raise PlopError(
+                "A depth picture is of the wrong kind.",
+                where=path,
+                expected="one channel, uint16, millimetres, 0 = not measured",
+                found=found,
+                fix="Export the measured depth itself as 16-bit PNG: np.uint16(np.round(1000 * metres)).",
+                cause=Cause.DEPTH,
+            )
         if abs(picture.shape[1] / picture.shape[0] - left.shape[1] / left.shape[0]) > 0.02:
-            raise PlopError("A depth picture has another shape than the video.", where=path,
-                            expected=f"the aspect of {left.shape[1]}x{left.shape[0]}",
-                            found=f"{picture.shape[1]}x{picture.shape[0]}", fix="Export the left eye.")  # fmt: skip
+            raise PlopError(
+                "A depth picture has another shape than the video.",
+                where=path,
+                expected=f"the aspect of {left.shape[1]}x{left.shape[0]}",
+                found=f"{picture.shape[1]}x{picture.shape[0]}",
+                fix="Export the left eye.",
+            )
         if picture.shape != left.shape[:2]:
             found = f"{picture.shape[1]}x{picture.shape[0]} px, not the video's {left.shape[1]}x{left.shape[0]}"
             self.other_size.setdefault(f"{found} (rescaled to the stored pictures, nearest pixel)", []).append(frame)
@@ -83,10 +91,16 @@ class ExportedDepth:
     def warnings(self) -> list[str]:
         """Say which frames had no picture, ran over, or are of another size than the video."""
         nothing = f"no depth picture (there are {self.pictures.range_text()})"
-        named = ((nothing, self.missing), ("65535 (ran over, taken as not measured)", self.saturated),
-                 *self.other_size.items())  # fmt: skip
-        return [f"{self.folder}: {what} for {len(frames)} frames: {', '.join(f'{x:06d}' for x in sorted(frames)[:8])}"
-                for what, frames in named if frames]  # fmt: skip
+        named = (
+            (nothing, self.missing),
+            ("65535 (ran over, taken as not measured)", self.saturated),
+            *self.other_size.items(),
+        )
+        return [
+            f"{self.folder}: {what} for {len(frames)} frames: {', '.join(f'{x:06d}' for x in sorted(frames)[:8])}"
+            for what, frames in named
+            if frames
+        ]
 
 
 class StereoDepth:
@@ -104,8 +118,16 @@ class StereoDepth:
     name = "stereo"
     needs_right = True
 
-    def __init__(self, focal_px: float, baseline_m: float, video_width: int, *, match_width: int = 640,
-                 nearest_m: float = 0.2, farthest_m: float = 2.5) -> None:  # fmt: skip
+    def __init__(
+        self,
+        focal_px: float,
+        baseline_m: float,
+        video_width: int,
+        *,
+        match_width: int = 640,
+        nearest_m: float = 0.2,
+        farthest_m: float = 2.5,
+    ) -> None:
         self.scale = min(1.0, match_width / video_width)
         self.focal_baseline = focal_px * self.scale * baseline_m
         self.nearest_m, self.farthest_m = nearest_m, farthest_m
@@ -113,16 +135,24 @@ class StereoDepth:
         self.disparities = int(np.ceil((largest + 1) / 16)) * 16
         block = 5
         self.matcher = cv2.StereoSGBM_create(  # type: ignore[attr-defined]
-            minDisparity=0, numDisparities=self.disparities, blockSize=block, P1=8 * 3 * block**2,
-            P2=32 * 3 * block**2, disp12MaxDiff=1, uniquenessRatio=5, speckleWindowSize=50, speckleRange=2,
+            minDisparity=0,
+            numDisparities=self.disparities,
+            blockSize=block,
+            P1=8 * 3 * block**2,
+            P2=32 * 3 * block**2,
+            disp12MaxDiff=1,
+            uniquenessRatio=5,
+            speckleWindowSize=50,
+            speckleRange=2,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-        )  # fmt: skip
+        )
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:
         """See DepthSource."""
         if right is None:
-            raise PlopError("Stereo depth needs both eyes.", where=f"frame {frame}", expected="a stereo video",
-                            found="one picture")  # fmt: skip
+            raise PlopError(
+                "Stereo depth needs both eyes.", where=f"frame {frame}", expected="a stereo video", found="one picture"
+            )
         pair = [self._prepared(image) for image in (left, right)]
         disparity = self.matcher.compute(*pair).astype(np.float32)[:, self.disparities :] / 16
         with np.errstate(divide="ignore"):
@@ -149,8 +179,13 @@ class ZedDepth:
         options = sl.InitParameters(svo_real_time_mode=False, coordinate_units=sl.UNIT.METER)
         options.set_from_svo_file(str(svo))
         if self.camera.open(options) != sl.ERROR_CODE.SUCCESS:
-            raise PlopError("The ZED SDK cannot open an SVO file.", where=svo, expected="a readable SVO",
-                            found="an error of the SDK", fix="Update the SDK or export depth pictures.")  # fmt: skip
+            raise PlopError(
+                "The ZED SDK cannot open an SVO file.",
+                where=svo,
+                expected="a readable SVO",
+                found="an error of the SDK",
+                fix="Update the SDK or export depth pictures.",
+            )
         self.image = sl.Mat()
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:

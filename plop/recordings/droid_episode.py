@@ -80,8 +80,13 @@ def open_episode(folder: DroidFolder, options: DroidOptions, choice: RowChoice) 
 
 def _opened(folder: DroidFolder, options: DroidOptions, choice: RowChoice, warnings: list[str]) -> DroidEpisode:
     if not folder.recordings.is_dir():
-        raise PlopError("The episode has no recordings.", where=folder.recordings, expected="a folder with MP4/",
-                        found="nothing", fix="Copy it again, or leave the episode out.")  # fmt: skip
+        raise PlopError(
+            "The episode has no recordings.",
+            where=folder.recordings,
+            expected="a folder with MP4/",
+            found="nothing",
+            fix="Copy it again, or leave the episode out.",
+        )
     if (folder.recordings / "Depth").is_dir() and any((folder.recordings / "Depth").glob("*.png")):
         warnings.append(f"{folder.recordings / 'Depth'}: DROID's own depth export overflows 16 bits; ignored")
     trajectory = read_trajectory(folder.trajectory, serials=_metadata_serials(folder))
@@ -94,8 +99,19 @@ def _opened(folder: DroidFolder, options: DroidOptions, choice: RowChoice, warni
     mesh, more = tool_mesh(notes.tool_mesh, folder.name)
     warnings += more
     scan = _open_scan(folder, trajectory, notes, wrist, options, choice, flange_from_tool, warnings)
-    return DroidEpisode(folder, trajectory, notes, exterior, rows, (time_ms - time_ms[0]) / 1000, flange,
-                        flange @ flange_from_tool, mesh, scan, warnings)  # fmt: skip
+    return DroidEpisode(
+        folder,
+        trajectory,
+        notes,
+        exterior,
+        rows,
+        (time_ms - time_ms[0]) / 1000,
+        flange,
+        flange @ flange_from_tool,
+        mesh,
+        scan,
+        warnings,
+    )
 
 
 def _open_cameras(
@@ -118,17 +134,20 @@ def _open_cameras(
             exterior.append(camera)
     if not exterior:
         reasons = [f"{error.problem} {error.where}: {error.found}" for error in refused]
-        raise PlopError("No fixed camera of the episode can be used.", where=folder.folder,
-                        expected="one exterior camera or more", found="; ".join(reasons) or "none in camera_type",
-                        fix=next((error.fix for error in refused if error.fix), "Leave the episode out."),
-                        cause=next((error.cause for error in refused), None))  # fmt: skip
+        raise PlopError(
+            "No fixed camera of the episode can be used.",
+            where=folder.folder,
+            expected="one exterior camera or more",
+            found="; ".join(reasons) or "none in camera_type",
+            fix=next((error.fix for error in refused if error.fix), "Leave the episode out."),
+            cause=next((error.cause for error in refused), None),
+        )
     return exterior, wrist
 
 
 def _choose_rows(
-    trajectory: DroidTrajectory, notes: EpisodeNotes, cameras: list[DroidCamera], choice: RowChoice,
-    warnings: list[str],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    trajectory: DroidTrajectory, notes: EpisodeNotes, cameras: list[DroidCamera], choice: RowChoice, warnings: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
     """Give the rows of the recording and their capture time in ms."""
     first, last = _span(notes.interaction, trajectory.rows, f"{notes.path}: interaction", warnings)
     known = np.stack([camera.capture_ms for camera in cameras])
@@ -146,15 +165,20 @@ def _choose_rows(
     dropped = last + 1 - first - len(rows)
     rows = rows[:: choice.stride]
     if len(rows) < max(2, choice.min_frames):
-        raise PlopError("Too few frames are left of the episode.", where=f"{trajectory.path}: rows {first}..{last}",
-                        expected=f"{max(2, choice.min_frames)} or more",
-                        found=f"{len(rows)} ({int(trajectory.skipped[first : last + 1].sum())} rows have skip_action, "
-                              f"{int((~has_frame[first : last + 1]).sum())} have no frame)",
-                        fix="Leave the episode out, or set keep_skipped / idle_s / min_frames.")  # fmt: skip
+        raise PlopError(
+            "Too few frames are left of the episode.",
+            where=f"{trajectory.path}: rows {first}..{last}",
+            expected=f"{max(2, choice.min_frames)} or more",
+            found=f"{len(rows)} ({int(trajectory.skipped[first : last + 1].sum())} rows have skip_action, "
+            f"{int((~has_frame[first : last + 1]).sum())} have no frame)",
+            fix="Leave the episode out, or set keep_skipped / idle_s / min_frames.",
+        )
     check_speed(trajectory.flange[rows], time_ms[rows], str(trajectory.path))
     if dropped:
-        warnings.append(f"{trajectory.path}: {dropped} of {last + 1 - first} rows left out "
-                        "(skip_action, standing still, no frame or no pose)")  # fmt: skip
+        warnings.append(
+            f"{trajectory.path}: {dropped} of {last + 1 - first} rows left out "
+            "(skip_action, standing still, no frame or no pose)"
+        )
     gaps = np.diff(time_ms[rows]) / 1000
     if gaps.max() > LONGEST_GAP_S * choice.stride:
         at = int(np.argmax(gaps))
@@ -166,18 +190,27 @@ def _check_lag(trajectory: DroidTrajectory, time_ms: np.ndarray, warnings: list[
     known = np.isfinite(time_ms) & np.isfinite(trajectory.robot_time_ms)
     lag = np.median(time_ms[known] - trajectory.robot_time_ms[known]) if known.any() else 0.0
     if abs(lag) > 250:
-        warnings.append(Noticed(f"{trajectory.path}: pictures are {lag:.0f} ms off the robot's clock (median); "
-                                "poses are interpolated, but check the clocks", Cause.CLOCK,
-                                "Check that the robot's and the cameras' time stamps are of one clock and in "
-                                "milliseconds."))  # fmt: skip
+        warnings.append(
+            Noticed(
+                f"{trajectory.path}: pictures are {lag:.0f} ms off the robot's clock (median); "
+                "poses are interpolated, but check the clocks",
+                Cause.CLOCK,
+                "Check that the robot's and the cameras' time stamps are of one clock and in milliseconds.",
+            )
+        )
 
 
 def _span(span: tuple[int, int] | None, rows: int, where: str, warnings: list[str]) -> tuple[int, int]:
     if span is None:
         return 0, rows - 1
     if span[0] >= rows:
-        raise PlopError("Rows lie past the end of the episode.", where=where, expected=f"rows below {rows}",
-                        found=str(list(span)), fix="Correct plop_episode.json.")  # fmt: skip
+        raise PlopError(
+            "Rows lie past the end of the episode.",
+            where=where,
+            expected=f"rows below {rows}",
+            found=str(list(span)),
+            fix="Correct plop_episode.json.",
+        )
     if span[1] >= rows:
         warnings.append(f"{where}: {list(span)}, but the episode has {rows} rows; cut to {rows - 1}")
     return span[0], min(span[1], rows - 1)
@@ -190,9 +223,15 @@ def _increasing(time_ms: np.ndarray) -> np.ndarray:
 
 
 def _open_scan(
-    folder: DroidFolder, trajectory: DroidTrajectory, notes: EpisodeNotes, wrist: DroidCamera | None,
-    options: DroidOptions, choice: RowChoice, flange_from_tool: np.ndarray, warnings: list[str],
-) -> DroidScan | None:  # fmt: skip
+    folder: DroidFolder,
+    trajectory: DroidTrajectory,
+    notes: EpisodeNotes,
+    wrist: DroidCamera | None,
+    options: DroidOptions,
+    choice: RowChoice,
+    flange_from_tool: np.ndarray,
+    warnings: list[str],
+) -> DroidScan | None:
     """Open the scan; a scan that cannot be read costs a warning, not the episode."""
     span, where, name = notes.scan, f"{notes.path}: scan", folder.name
     try:

@@ -10,9 +10,19 @@ import h5py
 from plop.errors import PlopError
 
 FILTERS = {
-    305: "LZO", 307: "bzip2", 32001: "Blosc", 32004: "LZ4", 32008: "Bitshuffle", 32013: "ZFP", 32015: "Zstandard",
-    32017: "SZ", 32018: "FCIDECOMP", 32024: "SZ3", 32026: "Blosc2", 32028: "SPERR",
-}  # fmt: skip
+    305: "LZO",
+    307: "bzip2",
+    32001: "Blosc",
+    32004: "LZ4",
+    32008: "Bitshuffle",
+    32013: "ZFP",
+    32015: "Zstandard",
+    32017: "SZ",
+    32018: "FCIDECOMP",
+    32024: "SZ3",
+    32026: "Blosc2",
+    32028: "SPERR",
+}
 """Registered filters that HDF5 comes without, all in the package hdf5plugin but LZO."""
 BUILT_IN = {4: "szip"}
 
@@ -34,17 +44,25 @@ def node_of(file: h5py.File, path: Path, key: str) -> h5py.Group | h5py.Dataset 
             return None
         link = node.get(part, getlink=True)
         if isinstance(link, h5py.ExternalLink):
-            raise PlopError("The trajectory links into another file.", where=f"{path}:/{key}",
-                            expected="the data themselves", found=f"a link to {link.filename}",
-                            fix="Copy the data into the file: links are not followed.")  # fmt: skip
+            raise PlopError(
+                "The trajectory links into another file.",
+                where=f"{path}:/{key}",
+                expected="the data themselves",
+                found=f"a link to {link.filename}",
+                fix="Copy the data into the file: links are not followed.",
+            )
         if link is None:
             return None
         node = node.get(part)
     if isinstance(node, h5py.Dataset):
         if node.external or node.is_virtual:
-            raise PlopError("The trajectory keeps data in another file.", where=f"{path}:/{key}",
-                            expected="the data themselves", found="an external or virtual data set",
-                            fix="Copy the data into the file: links are not followed.")  # fmt: skip
+            raise PlopError(
+                "The trajectory keeps data in another file.",
+                where=f"{path}:/{key}",
+                expected="the data themselves",
+                found="an external or virtual data set",
+                fix="Copy the data into the file: links are not followed.",
+            )
         _check_filters(node, f"{path}:/{key}")
     return node
 
@@ -72,7 +90,10 @@ def _check_filters(data: h5py.Dataset, where: str) -> None:
         stored = name.decode(errors="replace").split(";")[0][:40] if name else ""
         known = FILTERS.get(code) or BUILT_IN.get(code) or stored or "an unknown filter"
         fix = "pip install hdf5plugin, and run again; or" if code in FILTERS and code != 305 else "Re-write the file:"
-        raise PlopError("The file is compressed with a filter that is missing here.", where=where,
-                        expected="gzip or lzf, or hdf5plugin installed",
-                        found=f"{known} (filter {code}); the file is whole",
-                        fix=f"{fix} h5repack -f GZIP=1 <file> <new file> where the filter is there.")  # fmt: skip
+        raise PlopError(
+            "The file is compressed with a filter that is missing here.",
+            where=where,
+            expected="gzip or lzf, or hdf5plugin installed",
+            found=f"{known} (filter {code}); the file is whole",
+            fix=f"{fix} h5repack -f GZIP=1 <file> <new file> where the filter is there.",
+        )

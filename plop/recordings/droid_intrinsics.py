@@ -52,15 +52,20 @@ def find_intrinsics(
         matrix, warnings = matrix_from_side(entry, where)
     elif focal_px > 0:
         focal = focal_px * width / 1280
-        warnings.append(f"{episode.name}: camera {serial} has no intrinsics; "
-                        f"fx = {focal:.0f} px and the picture's middle are assumed: run `plop calibrate`")  # fmt: skip
+        warnings.append(
+            f"{episode.name}: camera {serial} has no intrinsics; "
+            f"fx = {focal:.0f} px and the picture's middle are assumed: run `plop calibrate`"
+        )
         return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]), warnings
     else:
-        raise PlopError("A camera has no intrinsics.", where=f"{episode.folder}: camera {serial}",
-                        expected="observation/camera_intrinsics in trajectory.h5, or intrinsics.json in the raw folder",
-                        found="neither: the raw release keeps them inside the SVO files only",
-                        fix="Bring intrinsics.json, or set exterior_focal_px / wrist_focal_px "
-                            "(HD720: about 530 for a ZED 2, 733 for a ZED Mini).")  # fmt: skip
+        raise PlopError(
+            "A camera has no intrinsics.",
+            where=f"{episode.folder}: camera {serial}",
+            expected="observation/camera_intrinsics in trajectory.h5, or intrinsics.json in the raw folder",
+            found="neither: the raw release keeps them inside the SVO files only",
+            fix="Bring intrinsics.json, or set exterior_focal_px / wrist_focal_px "
+            "(HD720: about 530 for a ZED 2, 733 for a ZED Mini).",
+        )
     matrix, more = _fit_to_size(matrix, width, height, where)
     matrix[:2, 2] += 0.5  # OpenCV and ZED put pixel centres at integers, plop at half-integers
     return matrix, [*warnings, *more]
@@ -88,8 +93,13 @@ def matrix_from_side(entry: Any, where: str) -> tuple[np.ndarray, list[str]]:
             return np.array([[a, 0, b], [0, c, d], [0, 0, 1.0]]), []
         if abs(a - b) <= 0.05 * a:
             return np.array([[a, 0, c], [0, b, d], [0, 0, 1.0]]), [f"{where}: read as [fx, fy, cx, cy]"]
-    raise PlopError("Intrinsics cannot be read.", where=where, expected="[fx, cx, fy, cy] in px, or a 3x3 matrix",
-                    found=str(value)[:120], fix="Correct the file.")  # fmt: skip
+    raise PlopError(
+        "Intrinsics cannot be read.",
+        where=where,
+        expected="[fx, cx, fy, cy] in px, or a 3x3 matrix",
+        found=str(value)[:120],
+        fix="Correct the file.",
+    )
 
 
 def load_side_file(path: Path | None, what: str) -> dict[str, Any]:
@@ -103,11 +113,21 @@ def load_side_file(path: Path | None, what: str) -> dict[str, Any]:
     try:
         content = read_json(path)
     except (OSError, ValueError) as error:
-        raise PlopError(f"The file of {what} cannot be read.", where=path, expected="JSON, keyed by uuid",
-                        found=str(error), fix="Copy the file again.") from error  # fmt: skip
+        raise PlopError(
+            f"The file of {what} cannot be read.",
+            where=path,
+            expected="JSON, keyed by uuid",
+            found=str(error),
+            fix="Copy the file again.",
+        ) from error
     if not isinstance(content, dict):
-        raise PlopError(f"The file of {what} is not keyed by uuid.", where=path, expected="a JSON object",
-                        found=type(content).__name__, fix="Correct the file.")  # fmt: skip
+        raise PlopError(
+            f"The file of {what} is not keyed by uuid.",
+            where=path,
+            expected="a JSON object",
+            found=type(content).__name__,
+            fix="Correct the file.",
+        )
     return content
 
 
@@ -129,8 +149,13 @@ def _fit_to_size(matrix: np.ndarray, width: int, height: int, where: str) -> tup
     matrix = np.array(matrix, dtype=np.float64)
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     if not np.isfinite(matrix).all() or fx <= 0 or fy <= 0 or abs(fx - fy) > 0.1 * fx:
-        raise PlopError("Intrinsics are impossible.", where=where, expected="fx and fy positive, about equal",
-                        found=f"fx={fx:.1f}, fy={fy:.1f}, cx={cx:.1f}, cy={cy:.1f}", fix="Correct it.")  # fmt: skip
+        raise PlopError(
+            "Intrinsics are impossible.",
+            where=where,
+            expected="fx and fy positive, about equal",
+            found=f"fx={fx:.1f}, fy={fy:.1f}, cx={cx:.1f}, cy={cy:.1f}",
+            fix="Correct it.",
+        )
     if _near_middle(cx, cy, width, height):
         return matrix, []
     for known_width, known_height in ZED_WIDTHS.items():
@@ -138,9 +163,13 @@ def _fit_to_size(matrix: np.ndarray, width: int, height: int, where: str) -> tup
         if same_aspect and _near_middle(cx, cy, known_width, known_height):
             matrix[:2] *= width / known_width
             return matrix, [f"{where}: written for {known_width} px width, scaled to {width}"]
-    raise PlopError("Intrinsics belong to another picture size.", where=where,
-                    expected=f"a principal point near ({width / 2:.0f}, {height / 2:.0f})",
-                    found=f"({cx:.0f}, {cy:.0f})", fix="Bring the intrinsics of this video's size.")  # fmt: skip
+    raise PlopError(
+        "Intrinsics belong to another picture size.",
+        where=where,
+        expected=f"a principal point near ({width / 2:.0f}, {height / 2:.0f})",
+        found=f"({cx:.0f}, {cy:.0f})",
+        fix="Bring the intrinsics of this video's size.",
+    )
 
 
 def _near_middle(cx: float, cy: float, width: int, height: int) -> bool:

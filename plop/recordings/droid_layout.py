@@ -68,8 +68,13 @@ def find_episodes(root: str | Path) -> list[DroidFolder]:
     """
     root = Path(root)
     if not root.is_dir():
-        raise PlopError("There is no such folder of DROID episodes.", where=root, expected="a folder",
-                        found="a file" if root.exists() else "nothing", fix="Correct the path.")  # fmt: skip
+        raise PlopError(
+            "There is no such folder of DROID episodes.",
+            where=root,
+            expected="a folder",
+            found="a file" if root.exists() else "nothing",
+            fix="Correct the path.",
+        )
     found: list[DroidFolder] = []
     taken: set[str] = set()
     for path, folders, files in os.walk(root):
@@ -79,10 +84,13 @@ def find_episodes(root: str | Path) -> list[DroidFolder]:
             folders.clear()
             found.append(_describe(root, Path(path), metadata, taken))
     if not found:
-        raise PlopError("No DROID episode was found.", where=root,
-                        expected="<LAB>/{success|failure}/<date>/<time>/trajectory.h5 below this folder",
-                        found="no trajectory.h5, metadata_*.json or recordings/",
-                        fix="Give the folder that holds the labs.")  # fmt: skip
+        raise PlopError(
+            "No DROID episode was found.",
+            where=root,
+            expected="<LAB>/{success|failure}/<date>/<time>/trajectory.h5 below this folder",
+            found="no trajectory.h5, metadata_*.json or recordings/",
+            fix="Give the folder that holds the labs.",
+        )
     return found
 
 
@@ -108,9 +116,13 @@ def inside(root: Path, relative: str, *, base: Path | None = None, where: str) -
     within = path.resolve().is_relative_to(root.resolve()) or _is_blob_of_its_set(path, root)
     if Path(relative).is_absolute() or not within:
         led = not Path(relative).is_absolute() and Path(os.path.abspath(path)).is_relative_to(root.absolute())
-        raise PlopError("A path leaves the raw folder.", where=where, expected=f"a relative path inside {root}",
-                        found=relative + (", a link that leads out of it" if led else ""),
-                        fix="Put the file itself into the raw folder and write a relative path.")  # fmt: skip
+        raise PlopError(
+            "A path leaves the raw folder.",
+            where=where,
+            expected=f"a relative path inside {root}",
+            found=relative + (", a link that leads out of it" if led else ""),
+            fix="Put the file itself into the raw folder and write a relative path.",
+        )
     return path
 
 

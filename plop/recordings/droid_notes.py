@@ -151,5 +151,10 @@ def _numbers(path: Path, key: str, value: Any, count: int) -> np.ndarray:
 
 
 def _bad(path: Path, key: str, expected: str, found: str) -> PlopError:
-    return PlopError("plop_episode.json cannot be used.", where=f"{path}: {key}" if key else path,
-                     expected=expected, found=found, fix="Correct the file (see docs/your-data.md).")  # fmt: skip
+    return PlopError(
+        "plop_episode.json cannot be used.",
+        where=f"{path}: {key}" if key else path,
+        expected=expected,
+        found=found,
+        fix="Correct the file (see docs/your-data.md).",
+    )

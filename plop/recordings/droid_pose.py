@@ -29,14 +29,22 @@ def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
         return
     distance = float(np.linalg.norm(poses[:, :3], axis=1).max())
     if distance > FARTHEST_M:
-        raise PlopError(f"The {what}'s position does not look like metres.", where=where,
-                        expected=f"within {FARTHEST_M:g} m of the robot's base", found=f"{distance:.1f}",
-                        fix="Positions are metres: divide millimetres by 1000.")  # fmt: skip
+        raise PlopError(
+            f"The {what}'s position does not look like metres.",
+            where=where,
+            expected=f"within {FARTHEST_M:g} m of the robot's base",
+            found=f"{distance:.1f}",
+            fix="Positions are metres: divide millimetres by 1000.",
+        )
     angle = float(np.abs(poses[:, 3:]).max())
     if angle > 2 * np.pi + 1e-3:
-        raise PlopError(f"The {what}'s angles do not look like radians.", where=where,
-                        expected="Euler angles xyz in radians", found=f"{angle:.1f}",
-                        fix="Convert degrees to radians.")  # fmt: skip
+        raise PlopError(
+            f"The {what}'s angles do not look like radians.",
+            where=where,
+            expected="Euler angles xyz in radians",
+            found=f"{angle:.1f}",
+            fix="Convert degrees to radians.",
+        )
 
 
 def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
@@ -55,8 +63,12 @@ def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
     except (TypeError, ValueError):
         pose = np.zeros(0)
     if pose.shape != (6,) or not np.isfinite(pose).all():
-        raise PlopError(f"The {what}'s pose cannot be read.", where=where,
-                        expected="[x, y, z, a, b, c]: six finite numbers, metres and radians", found=str(value)[:120],
-                        fix="Correct the file.")  # fmt: skip
+        raise PlopError(
+            f"The {what}'s pose cannot be read.",
+            where=where,
+            expected="[x, y, z, a, b, c]: six finite numbers, metres and radians",
+            found=str(value)[:120],
+            fix="Correct the file.",
+        )
     check_pose(pose, where=where, what=what)
     return pose

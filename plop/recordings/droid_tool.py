@@ -65,8 +65,11 @@ def _check_whole(path: Path) -> None:
     if not content.strip(b"\0"):
         raise _cut_off(path, "a mesh", f"{len(content)} bytes, all zero" if content else "an empty file")
     if kind == ".stl" and not text and counted and 84 <= len(content) < 84 + 50 * counted:
-        raise _cut_off(path, f"{84 + 50 * counted} bytes for the {counted} triangles that its header counts",
-                       f"{len(content)} bytes")  # fmt: skip
+        raise _cut_off(
+            path,
+            f"{84 + 50 * counted} bytes for the {counted} triangles that its header counts",
+            f"{len(content)} bytes",
+        )
     if text and b"\0" in content:
         raise _cut_off(path, "text", f"{content.count(0)} bytes that are zero, the first at {content.index(0)}")
     if kind == ".stl" and text and b"endsolid" not in content[-200:]:
@@ -84,10 +87,20 @@ def _check_obj_used(path: Path, content: bytes) -> None:
 
 
 def _cut_off(path: Path, expected: str, found: str) -> PlopError:
-    return PlopError("The tool's mesh is damaged.", where=path, expected=expected, found=found,
-                     fix="The file is cut off or part of it was lost: copy or export it again.")  # fmt: skip
+    return PlopError(
+        "The tool's mesh is damaged.",
+        where=path,
+        expected=expected,
+        found=found,
+        fix="The file is cut off or part of it was lost: copy or export it again.",
+    )
 
 
 def _bad(path: Path, expected: str, found: str) -> PlopError:
-    return PlopError("The tool's mesh cannot be used.", where=path, expected=expected, found=found,
-                     fix="Export the tool in metres as STL, OBJ or PLY.")  # fmt: skip
+    return PlopError(
+        "The tool's mesh cannot be used.",
+        where=path,
+        expected=expected,
+        found=found,
+        fix="Export the tool in metres as STL, OBJ or PLY.",
+    )

@@ -67,16 +67,26 @@ def read_trajectory(path: Path, *, serials: dict[str, int] | None = None) -> Dro
         PlopError: The file is absent, truncated, lacks a key that plop needs, or is in millimetres.
     """
     if not path.is_file():
-        raise PlopError("The episode has no trajectory.", where=path, expected="trajectory.h5", found="nothing",
-                        fix="Copy the file again, or leave the episode out.")  # fmt: skip
+        raise PlopError(
+            "The episode has no trajectory.",
+            where=path,
+            expected="trajectory.h5",
+            found="nothing",
+            fix="Copy the file again, or leave the episode out.",
+        )
     try:
         with h5py.File(path, "r") as file:
             reader = _Reader(path, file)
             with remembering(reader.warnings):
                 return reader.read(serials or {})
     except (OSError, RuntimeError) as error:
-        raise PlopError("The trajectory cannot be read.", where=path, expected="a complete HDF5 file",
-                        found=str(error), fix="Copy the file again, or leave the episode out.") from error  # fmt: skip
+        raise PlopError(
+            "The trajectory cannot be read.",
+            where=path,
+            expected="a complete HDF5 file",
+            found=str(error),
+            fix="Copy the file again, or leave the episode out.",
+        ) from error
 
 
 class _Reader:
@@ -93,9 +103,13 @@ class _Reader:
         flange = self._node(FLANGE)
         if not isinstance(flange, h5py.Dataset) or flange.ndim != 2 or flange.shape[1] != 6 or not len(flange):
             found = "nothing" if flange is None else f"shape {getattr(flange, 'shape', 'of a group')}"
-            raise PlopError("The trajectory has no poses of the flange.", where=f"{path}:/{FLANGE}",
-                            expected="[T, 6] float64 with T >= 1", found=found,
-                            fix="The episode cannot be used: leave it out.")  # fmt: skip
+            raise PlopError(
+                "The trajectory has no poses of the flange.",
+                where=f"{path}:/{FLANGE}",
+                expected="[T, 6] float64 with T >= 1",
+                found=found,
+                fix="The episode cannot be used: leave it out.",
+            )
         self.rows = max(len(flange), self._longest_clock())
 
     def read(self, serials: dict[str, int]) -> DroidTrajectory:
@@ -106,28 +120,44 @@ class _Reader:
         own = {key: eye for key in self._names(poses) if (eye := _eye(key, types))}
         stale = sorted(set(self._names(poses)) - set(own))
         if stale:
-            self.warnings.append(f"{self.path}:/{poses}: {', '.join(stale)} belong to none of camera_type "
-                                 f"({', '.join(types)}), so another rig's; ignored")  # fmt: skip
+            self.warnings.append(
+                f"{self.path}:/{poses}: {', '.join(stale)} belong to none of camera_type "
+                f"({', '.join(types)}), so another rig's; ignored"
+            )
         stored = {eye: self._rows(f"{poses}/{key}", 6) for key, eye in own.items()}
         offsets = {eye: _first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
         bad_clocks = dict[str, PlopError]()
         cameras = {serial: self._camera_clocks(serial, bad_clocks) for serial in types}
         robot = self._robot_clock(cameras, bad_clocks)
         origin = int(robot.ns[robot.known][0]) if robot is not None else 0
-        self.warnings += [f"{self.path}:/observation/timestamp: in {unit.plural} (not milliseconds), and read so: "
-                          f"{', '.join(names)}" for unit, names in self.units.items()]  # fmt: skip
-        received, captured = ({serial: 1000 * clock.since(origin) for serial, pair in cameras.items()
-                               if (clock := pair[which]) is not None} for which in (0, 1))  # fmt: skip
+        self.warnings += [
+            f"{self.path}:/observation/timestamp: in {unit.plural} (not milliseconds), and read so: {', '.join(names)}"
+            for unit, names in self.units.items()
+        ]
+        received, captured = (
+            {
+                serial: 1000 * clock.since(origin)
+                for serial, pair in cameras.items()
+                if (clock := pair[which]) is not None
+            }
+            for which in (0, 1)
+        )
         return DroidTrajectory(
-            path=self.path, rows=self.rows, flange=flange,
+            path=self.path,
+            rows=self.rows,
+            flange=flange,
             robot_time_ms=np.arange(self.rows) * 1000 / CONTROL_HZ if robot is None else 1000 * robot.since(origin),
             skipped=self._flag("observation/timestamp/skip_action"),
             camera_type=types,
             extrinsics={eye: pose for eye, pose in stored.items() if not eye.endswith(OFFSET)},
             gripper_offset={eye.removesuffix(OFFSET): offset for eye, offset in offsets.items()},
             intrinsics=self._intrinsics(types),
-            received_ms=received, captured_ms=captured, origin_ns=origin, bad_clocks=bad_clocks, warnings=self.warnings,
-        )  # fmt: skip
+            received_ms=received,
+            captured_ms=captured,
+            origin_ns=origin,
+            bad_clocks=bad_clocks,
+            warnings=self.warnings,
+        )
 
     def _node(self, key: str) -> h5py.Group | h5py.Dataset | None:
         return node_of(self.file, self.path, key)
@@ -148,8 +178,13 @@ class _Reader:
         if not isinstance(node, h5py.Dataset):
             return out
         if node.shape[1:] != shape[1:]:
-            raise PlopError("A key of the trajectory has another shape.", where=f"{self.path}:/{key}",
-                            expected=f"{shape}", found=f"{node.shape}", fix="Leave the episode out.")  # fmt: skip
+            raise PlopError(
+                "A key of the trajectory has another shape.",
+                where=f"{self.path}:/{key}",
+                expected=f"{shape}",
+                found=f"{node.shape}",
+                fix="Leave the episode out.",
+            )
         values = np.asarray(node[: self.rows], dtype=np.float64)
         out[self._covered(key, len(values))] = values
         return out
@@ -162,8 +197,10 @@ class _Reader:
                 self.warnings.append(f"{self.path}:/{key}: the last {missing} of {self.rows} rows are missing")
             return slice(0, count)
         if missing:
-            self.warnings.append(f"{self.path}:/{key}: {count} rows instead of {self.rows}; "
-                                 f"read as rows {missing}..{self.rows - 1} (absent in the early steps)")  # fmt: skip
+            self.warnings.append(
+                f"{self.path}:/{key}: {count} rows instead of {self.rows}; "
+                f"read as rows {missing}..{self.rows - 1} (absent in the early steps)"
+            )
         return slice(missing, self.rows)
 
     def _clock(self, key: str) -> Clock | None:
@@ -238,9 +275,13 @@ class _Reader:
             self.warnings.append(f"{self.path}:/observation/camera_type: missing; the cameras of the metadata are used")
             types = dict(serials)
         if not types:
-            raise PlopError("The cameras of the episode are unknown.", where=f"{self.path}:/observation/camera_type",
-                            expected="serial -> 0 (wrist), 1 or 2 (exterior)", found="nothing, and no metadata file",
-                            fix="Leave the episode out, or add its metadata_*.json.")  # fmt: skip
+            raise PlopError(
+                "The cameras of the episode are unknown.",
+                where=f"{self.path}:/observation/camera_type",
+                expected="serial -> 0 (wrist), 1 or 2 (exterior)",
+                found="nothing, and no metadata file",
+                fix="Leave the episode out, or add its metadata_*.json.",
+            )
         return types
 
 

@@ -61,9 +61,13 @@ class DroidVideo:
                     position += 1
                 good, picture = capture.read() if position == index else (False, None)
                 if not good or picture is None:
-                    raise PlopError("A frame of a video cannot be decoded.", where=f"{self.path}: frame {index}",
-                                    expected=f"{self.frames} frames", found=f"the end after {position}",
-                                    fix="Copy the file again, or leave the episode out.")  # fmt: skip
+                    raise PlopError(
+                        "A frame of a video cannot be decoded.",
+                        where=f"{self.path}: frame {index}",
+                        expected=f"{self.frames} frames",
+                        found=f"the end after {position}",
+                        fix="Copy the file again, or leave the episode out.",
+                    )
                 position += 1
                 rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
                 yield (rgb[:, : self.width], rgb[:, self.width : 2 * self.width]) if self.stereo else (rgb, None)
@@ -81,9 +85,13 @@ def open_video(path: Path) -> DroidVideo:
     try:
         good, first = capture.read() if capture is not None else (False, None)
         if capture is None or not good or first is None:
-            raise PlopError("A video cannot be opened.", where=path, expected="an MP4 file with frames",
-                            found=f"{path.stat().st_size} bytes that do not decode",
-                            fix="Copy the file again.")  # fmt: skip
+            raise PlopError(
+                "A video cannot be opened.",
+                where=path,
+                expected="an MP4 file with frames",
+                found=f"{path.stat().st_size} bytes that do not decode",
+                fix="Copy the file again.",
+            )
         turned = int(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360
         frames = 1
         while capture.grab():
@@ -93,11 +101,15 @@ def open_video(path: Path) -> DroidVideo:
             capture.release()
     height, width = first.shape[:2]
     if _stacked(first):
-        raise PlopError("A video holds both eyes one above the other.", where=path,
-                        expected="one eye, or both side by side (left | right)",
-                        found=f"{width}x{height} px with two like halves",
-                        fix=f"Put them side by side: ffmpeg -i {path.name} -vf stereo3d=abl:sbsl <new file> "
-                            "(abr:sbsl where the right eye is above).", cause=Cause.PICTURES)  # fmt: skip
+        raise PlopError(
+            "A video holds both eyes one above the other.",
+            where=path,
+            expected="one eye, or both side by side (left | right)",
+            found=f"{width}x{height} px with two like halves",
+            fix=f"Put them side by side: ffmpeg -i {path.name} -vf stereo3d=abl:sbsl <new file> "
+            "(abr:sbsl where the right eye is above).",
+            cause=Cause.PICTURES,
+        )
     stereo = width / height > STEREO_ASPECT
     return DroidVideo(path, frames, width // 2 if stereo else width, height, stereo, turned)
 
@@ -150,9 +162,14 @@ def find_video(recordings: Path, serial: str, *, stereo: bool) -> tuple[DroidVid
             warnings.append(f"{path}: {error.problem} ({error.found})")
             continue
         if video.turned_deg:
-            warnings.append(Noticed(f"{path}: its rotation flag turns the pictures by {video.turned_deg} deg; "
-                                    "intrinsics, depth and pose must be those of the turned picture", Cause.PICTURES,
-                                    "Write the video without the flag: ffmpeg -noautorotate."))  # fmt: skip
+            warnings.append(
+                Noticed(
+                    f"{path}: its rotation flag turns the pictures by {video.turned_deg} deg; "
+                    "intrinsics, depth and pose must be those of the turned picture",
+                    Cause.PICTURES,
+                    "Write the video without the flag: ffmpeg -noautorotate.",
+                )
+            )
         if video.stereo != name.endswith("-stereo.mp4"):
             warnings.append(f"{path}: {'both eyes' if video.stereo else 'one eye'}, whatever the name says")
         if video.stereo == stereo:

@@ -79,9 +79,15 @@ def write_droid_episode(
     roles = {"wrist": 0, "ext1": 1, "ext2": 2}
     serials = {role: next((c for c in cameras if c.kind == kind), None) for role, kind in roles.items()}
     metadata: dict[str, Any] = {
-        "uuid": f"{lab}+{user}+{stamp}", "lab": lab, "user_id": user, "date": stamp[:10], "droid_version": 1.1,
-        "success": outcome == "success", "current_task": "cut", "trajectory_length": len(flange6),
-    }  # fmt: skip
+        "uuid": f"{lab}+{user}+{stamp}",
+        "lab": lab,
+        "user_id": user,
+        "date": stamp[:10],
+        "droid_version": 1.1,
+        "success": outcome == "success",
+        "current_task": "cut",
+        "trajectory_length": len(flange6),
+    }
     for role, camera_of_role in serials.items():
         if camera_of_role is not None:
             metadata[f"{role}_cam_serial"] = camera_of_role.serial
@@ -122,8 +128,12 @@ def _write_trajectory(
                 key = f"observation/camera_intrinsics/{serial}_{eye}"
                 content[key] = np.repeat(camera.intrinsics[None], rows, axis=0)
         received = captured + CAPTURE_LATENCY_MS
-        for name, times in (("read_start", received - 3), ("read_end", received + 2), ("frame_received", received),
-                            ("estimated_capture", captured)):  # fmt: skip
+        for name, times in (
+            ("read_start", received - 3),
+            ("read_end", received + 2),
+            ("frame_received", received),
+            ("estimated_capture", captured),
+        ):
             content[f"{clock}/cameras/{serial}_{name}"] = times
     with h5py.File(path, "w") as file:
         file.attrs.update(building="N/A", scene_id=-1, current_task="cut", success=True, failure=False)

@@ -21,8 +21,18 @@ def check_excluded(recordings: RecordingSet, excluded: Sequence[str], stage: str
     where = f"{stage}.exclude"
     for name in excluded:
         if name not in known:
-            raise PlopError("There is no such camera.", where=where, expected=", ".join(known), found=name,
-                            fix="Name cameras as these recordings do.")  # fmt: skip
+            raise PlopError(
+                "There is no such camera.",
+                where=where,
+                expected=", ".join(known),
+                found=name,
+                fix="Name cameras as these recordings do.",
+            )
     if set(known) <= set(excluded):
-        raise PlopError("All cameras are left out.", where=where, expected="one camera left at least",
-                        found=", ".join(excluded), fix="Leave out fewer.")  # fmt: skip
+        raise PlopError(
+            "All cameras are left out.",
+            where=where,
+            expected="one camera left at least",
+            found=", ".join(excluded),
+            fix="Leave out fewer.",
+        )

@@ -46,8 +46,12 @@ class Look:
     def find(self, *patterns: str) -> list[str]:
         """Give the names that fit a pattern, compared with the end of the path: "meta/info.json", "*.npz"."""
         lower = [(name, name.lower().rstrip("/")) for name in self.names]
-        return [name for pattern in patterns for name, low in lower
-                if fnmatchcase(low, pattern) or fnmatchcase(low, f"*/{pattern}")]  # fmt: skip
+        return [
+            name
+            for pattern in patterns
+            for name, low in lower
+            if fnmatchcase(low, pattern) or fnmatchcase(low, f"*/{pattern}")
+        ]
 
     def at(self, name: str) -> Path:
         """Give the path of a name."""

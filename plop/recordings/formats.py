@@ -152,38 +152,65 @@ def _usd(look: Look) -> Sight | None:
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-_AS_ROBOT = ("write its videos, depth, poses of the flange and of the cameras in DROID's layout: "
-             "plop/recordings/droid_writer.py does it")  # fmt: skip
-_AS_MESH = ("write one <name>.npz and <name>.json for each episode: write_mesh_sequence of "
-            "plop/recordings/mesh_sequence.py does it")  # fmt: skip
+_AS_ROBOT = (
+    "write its videos, depth, poses of the flange and of the cameras in DROID's layout: "
+    "plop/recordings/droid_writer.py does it"
+)
+_AS_MESH = (
+    "write one <name>.npz and <name>.json for each episode: write_mesh_sequence of "
+    "plop/recordings/mesh_sequence.py does it"
+)
 
 FORMATS = (
     Format("DROID raw episodes", _droid, "droid", "<LAB>/{success|failure}/<date>/<time>/trajectory.h5"),
     Format("DiSECt recordings", _disect, "disect", "<name>.usd, <name>.npz and <name>.json"),
     Format("mesh sequences", _mesh, "mesh", "<name>.npz and <name>.json"),
     Format("LeRobot data set", _lerobot, nearest="droid", advice=_AS_ROBOT),
-    Format("RLDS / TFDS data set", _rlds, nearest="droid",
-           advice="for DROID take the raw data instead of the RLDS copy, which has no depth; for others "
-                  + _AS_ROBOT),
+    Format(
+        "RLDS / TFDS data set",
+        _rlds,
+        nearest="droid",
+        advice="for DROID take the raw data instead of the RLDS copy, which has no depth; for others " + _AS_ROBOT,
+    ),
     Format("robomimic HDF5 file", _robomimic, nearest="droid", advice=_AS_ROBOT),
     Format("ALOHA / ACT HDF5 file", _aloha, nearest="droid", advice=_AS_ROBOT),
     Format("Zarr replay buffer (UMI, diffusion policy)", _zarr, nearest="droid", advice=_AS_ROBOT),
-    Format("PhysTwin capture", _phystwin, nearest="droid",
-           advice="it has pictures and depth but no poses of a robot's tool, which plop needs; where you know them, "
-                  + _AS_ROBOT),
-    Format("nerfstudio capture", _nerfstudio, nearest="droid",
-           advice="it has pictures and camera poses (OpenGL axes) but neither depth nor a tool; where you have them, "
-                  + _AS_ROBOT),
-    Format("COLMAP model", _colmap, nearest="droid",
-           advice="it has pictures and camera poses without a scale, but neither depth nor a tool; where you have "
-                  "them, " + _AS_ROBOT),
+    Format(
+        "PhysTwin capture",
+        _phystwin,
+        nearest="droid",
+        advice="it has pictures and depth but no poses of a robot's tool, which plop needs; where you know them, "
+        + _AS_ROBOT,
+    ),
+    Format(
+        "nerfstudio capture",
+        _nerfstudio,
+        nearest="droid",
+        advice="it has pictures and camera poses (OpenGL axes) but neither depth nor a tool; where you have them, "
+        + _AS_ROBOT,
+    ),
+    Format(
+        "COLMAP model",
+        _colmap,
+        nearest="droid",
+        advice="it has pictures and camera poses without a scale, but neither depth nor a tool; where you have "
+        "them, " + _AS_ROBOT,
+    ),
     Format("ROS bag or MCAP log", _bag, nearest="droid", advice="export its topics, then " + _AS_ROBOT),
-    Format("sequence of surfaces", _surfaces, nearest="mesh",
-           advice="bring the frames together with the tool's mesh, its poses and the times, then " + _AS_MESH),
-    Format("USD scene", _usd, nearest="mesh",
-           advice="`ingest disect` reads DiSECt's own files only; take points, tool and times out of the layer, with "
-                  "its upAxis, metersPerUnit and timeCodesPerSecond, then " + _AS_MESH),
-)  # fmt: skip
+    Format(
+        "sequence of surfaces",
+        _surfaces,
+        nearest="mesh",
+        advice="bring the frames together with the tool's mesh, its poses and the times, then " + _AS_MESH,
+    ),
+    Format(
+        "USD scene",
+        _usd,
+        nearest="mesh",
+        advice="`ingest disect` reads DiSECt's own files only; take points, tool and times out of the layer, with "
+        "its upAxis, metersPerUnit and timeCodesPerSecond, then " + _AS_MESH,
+    ),
+)
 """Formats in the order in which they are tried: those that plop reads first, the vaguest last."""
 
 READ = tuple(each for each in FORMATS if each.reader)

@@ -31,10 +31,15 @@ _TRUTH = "truth_"
 _EXPORT_AGAIN = "Record or export this episode again."
 _TRIANGLES = Part((None, 3), advice={(None, 4): "Quads? Triangulate them: (a, b, c, d) -> (a, b, c), (a, c, d)."})
 _ARRAYS = {
-    "times": Part((None,)), "vertices": Part((None, None, 3)), "faces": _TRIANGLES,
-    "tool_vertices": Part((None, 3)), "tool_faces": _TRIANGLES, "world_from_tool": Part((None, 4, 4)),
-    "rest_vertices": Part((None, 3)), "cut_faces": Part((None,)),
-}  # fmt: skip
+    "times": Part((None,)),
+    "vertices": Part((None, None, 3)),
+    "faces": _TRIANGLES,
+    "tool_vertices": Part((None, 3)),
+    "tool_faces": _TRIANGLES,
+    "world_from_tool": Part((None, 4, 4)),
+    "rest_vertices": Part((None, 3)),
+    "cut_faces": Part((None,)),
+}
 
 
 @dataclass(frozen=True)
@@ -118,8 +123,13 @@ def write_mesh_sequence(folder: str | Path, sequence: MeshSequence) -> Path:
     path = folder / f"{sequence.name}.npz"
     with whole(path) as scratch, scratch.open("wb") as file:
         np.savez_compressed(file, **arrays)
-    side = {"schema": MESH_SEQUENCE_SCHEMA, "environment": sequence.environment, "source": sequence.source,
-            "table_z_m": sequence.table_z_m, "facts": sequence.facts}  # fmt: skip
+    side = {
+        "schema": MESH_SEQUENCE_SCHEMA,
+        "environment": sequence.environment,
+        "source": sequence.source,
+        "table_z_m": sequence.table_z_m,
+        "facts": sequence.facts,
+    }
     write_json(path.with_suffix(".json"), side)
     return path
 
@@ -132,8 +142,13 @@ def list_mesh_sequences(folder: Path) -> list[RawEpisode]:
     """
     paths = sorted(folder.glob("*.npz"))
     if not paths:
-        raise PlopError("There are no mesh sequences here.", where=folder, expected="<name>.npz and <name>.json",
-                        found="no .npz file", fix="Give the folder that the simulator wrote.")  # fmt: skip
+        raise PlopError(
+            "There are no mesh sequences here.",
+            where=folder,
+            expected="<name>.npz and <name>.json",
+            found="no .npz file",
+            fix="Give the folder that the simulator wrote.",
+        )
     return [raw_episode(path, _read_side, lambda name: re.sub(r"_\d+$", "", name)) for path in paths]
 
 
@@ -189,8 +204,10 @@ def _poses(world_from_tool: np.ndarray, frame: WorldFrame, path: Path) -> np.nda
 def _truth(arrays: dict[str, np.ndarray], frame: WorldFrame) -> dict[str, np.ndarray]:
     """Take out what only the simulator knows; positions (`..._m`, three numbers each) are converted with the rest."""
     truth = {key.removeprefix(_TRUTH): value for key, value in arrays.items() if key.startswith(_TRUTH)}
-    return {key: frame.points(value).astype(value.dtype) if key.endswith("_m") and value.shape[-1:] == (3,) else value
-            for key, value in truth.items()}  # fmt: skip
+    return {
+        key: frame.points(value).astype(value.dtype) if key.endswith("_m") and value.shape[-1:] == (3,) else value
+        for key, value in truth.items()
+    }
 
 
 def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
@@ -208,40 +225,65 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
     }
     for key, (value, shape) in shapes.items():
         if np.shape(value) != shape or 0 in shape:
-            raise PlopError("The arrays of this episode do not fit together.", where=f"{where}: {key}",
-                            expected=f"shape {shape}, no dimension empty", found=f"shape {np.shape(value)}",
-                            fix=_EXPORT_AGAIN)  # fmt: skip
+            raise PlopError(
+                "The arrays of this episode do not fit together.",
+                where=f"{where}: {key}",
+                expected=f"shape {shape}, no dimension empty",
+                found=f"shape {np.shape(value)}",
+                fix=_EXPORT_AGAIN,
+            )
         if not np.isfinite(value).all():
-            raise PlopError("This episode holds NaN or infinite values.", where=f"{where}: {key}",
-                            expected="finite numbers", found=f"{int((~np.isfinite(value)).sum())} others",
-                            fix="The simulation probably blew up: simulate it again or leave it out.")  # fmt: skip
+            raise PlopError(
+                "This episode holds NaN or infinite values.",
+                where=f"{where}: {key}",
+                expected="finite numbers",
+                found=f"{int((~np.isfinite(value)).sum())} others",
+                fix="The simulation probably blew up: simulate it again or leave it out.",
+            )
     check_rigid(sequence.world_from_tool, f"{where}: world_from_tool", what="tool")
     if (np.diff(sequence.times) <= 0).any():
-        raise PlopError("Time does not increase.", where=f"{where}: times", expected="strictly increasing seconds",
-                        found=f"a step of {np.diff(sequence.times).min():g} s")  # fmt: skip
-    for key, faces, limit in (("faces", sequence.faces, count),
-                              ("tool_faces", sequence.tool_faces, len(sequence.tool_vertices))):  # fmt: skip
+        raise PlopError(
+            "Time does not increase.",
+            where=f"{where}: times",
+            expected="strictly increasing seconds",
+            found=f"a step of {np.diff(sequence.times).min():g} s",
+        )
+    for key, faces, limit in (
+        ("faces", sequence.faces, count),
+        ("tool_faces", sequence.tool_faces, len(sequence.tool_vertices)),
+    ):
         if faces.min() < 0 or faces.max() >= limit:
             from_one = faces.min() >= 1 and faces.max() == limit
-            raise PlopError("A face points at a vertex that does not exist.", where=f"{where}: {key}",
-                            expected=f"indices 0..{limit - 1}", found=f"{faces.min()}..{faces.max()}",
-                            fix="Counted from 1, as in OBJ files and MATLAB? Subtract 1." if from_one
-                            else _EXPORT_AGAIN)  # fmt: skip
+            raise PlopError(
+                "A face points at a vertex that does not exist.",
+                where=f"{where}: {key}",
+                expected=f"indices 0..{limit - 1}",
+                found=f"{faces.min()}..{faces.max()}",
+                fix="Counted from 1, as in OBJ files and MATLAB? Subtract 1." if from_one else _EXPORT_AGAIN,
+            )
 
 
 def _read_side(path: Path) -> dict[str, Any]:
     kinds = {"environment": str, "schema": int, "source": str, "facts": dict, "units": dict}
     side = read_side_file(path, kinds, fix=_EXPORT_AGAIN)
     if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
-        raise PlopError("The episode comes from a newer version.", where=path,
-                        expected=f"schema {MESH_SEQUENCE_SCHEMA}", found=f"schema {side['schema']}",
-                        fix="Update plop.")  # fmt: skip
+        raise PlopError(
+            "The episode comes from a newer version.",
+            where=path,
+            expected=f"schema {MESH_SEQUENCE_SCHEMA}",
+            found=f"schema {side['schema']}",
+            fix="Update plop.",
+        )
     check_has_environment(side, path, fix=_EXPORT_AGAIN)
     height = side.get("table_z_m")
     if height is not None and (type(height) not in (int, float) or not np.isfinite(height)):
-        raise PlopError("The height of the table is not a number.", where=f"{path}: table_z_m",
-                        expected="metres without quotes, or null where there is no table", found=repr(height),
-                        fix="Correct the JSON file.")  # fmt: skip
+        raise PlopError(
+            "The height of the table is not a number.",
+            where=f"{path}: table_z_m",
+            expected="metres without quotes, or null where there is no table",
+            found=repr(height),
+            fix="Correct the JSON file.",
+        )
     return side
 
 
@@ -257,7 +299,14 @@ def begun_at_rest(sequence: MeshSequence) -> MeshSequence:
     before = poses[0].copy()
     before[:3, 3] -= (poses[1, :3, 3] - poses[0, :3, 3]) / (times[1] - times[0]) * times[0]
     at_rest = {key: sequence.truth[f"rest_{key}"] for key in sequence.truth if f"rest_{key}" in sequence.truth}
-    truth = sequence.truth | {key: np.concatenate([rest[None].astype(sequence.truth[key].dtype), sequence.truth[key]])
-                              for key, rest in at_rest.items()}  # fmt: skip
-    return replace(sequence, times=np.r_[0.0, times], world_from_tool=np.concatenate([before[None], poses]),
-                   vertices=np.concatenate([sequence.rest[None], sequence.vertices]), truth=truth)  # fmt: skip
+    truth = sequence.truth | {
+        key: np.concatenate([rest[None].astype(sequence.truth[key].dtype), sequence.truth[key]])
+        for key, rest in at_rest.items()
+    }
+    return replace(
+        sequence,
+        times=np.r_[0.0, times],
+        world_from_tool=np.concatenate([before[None], poses]),
+        vertices=np.concatenate([sequence.rest[None], sequence.vertices]),
+        truth=truth,
+    )

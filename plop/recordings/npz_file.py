@@ -61,18 +61,32 @@ def read_npz(
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
-        raise PlopError("The episode's npz file is missing or damaged.", where=path, expected="a complete npz file",
-                        found=f"{type(error).__name__}: {error}", fix=fix) from error  # fmt: skip
+        raise PlopError(
+            "The episode's npz file is missing or damaged.",
+            where=path,
+            expected="a complete npz file",
+            found=f"{type(error).__name__}: {error}",
+            fix=fix,
+        ) from error
     missing = [key for key in parts if key not in arrays and key not in optional]
     if missing:
-        raise PlopError("The episode's npz file is incomplete.", where=path, expected=", ".join(parts),
-                        found=f"no {', '.join(missing)}", fix=fix)  # fmt: skip
+        raise PlopError(
+            "The episode's npz file is incomplete.",
+            where=path,
+            expected=", ".join(parts),
+            found=f"no {', '.join(missing)}",
+            fix=fix,
+        )
     for key, part in parts.items():
         wrong = part.misfit(arrays[key]) if key in arrays else None
         if wrong is None and key in arrays and not arrays[key].size and key not in may_be_empty:
             wrong = ("some elements", "none")
         if wrong is not None:
-            raise PlopError("An array of this episode has another shape or type than it should.",
-                            where=f"{path}: {key}", expected=wrong[0], found=wrong[1],
-                            fix=part.fix(arrays[key]) or fix)  # fmt: skip
+            raise PlopError(
+                "An array of this episode has another shape or type than it should.",
+                where=f"{path}: {key}",
+                expected=wrong[0],
+                found=wrong[1],
+                fix=part.fix(arrays[key]) or fix,
+            )
     return arrays

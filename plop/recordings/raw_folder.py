@@ -69,29 +69,48 @@ def _check_there(path: Path) -> None:
     if not path.exists():
         raise PlopError("There is no such folder.", where=path, found="nothing", fix=_nearest(path))
     if path.is_file() and (path.suffix.lower() in _ARCHIVES):
-        raise PlopError("This is an archive; plop reads folders.", where=path, found=f"a {path.suffix} file",
-                        fix="Unpack it, and give the folder that holds the recordings.")  # fmt: skip
+        raise PlopError(
+            "This is an archive; plop reads folders.",
+            where=path,
+            found=f"a {path.suffix} file",
+            fix="Unpack it, and give the folder that holds the recordings.",
+        )
     if path.is_dir() and not any(path.iterdir()):
-        raise PlopError("The folder is empty.", where=path, found="no file",
-                        fix="Give the folder that holds the recordings, or copy them there.")  # fmt: skip
+        raise PlopError(
+            "The folder is empty.",
+            where=path,
+            found="no file",
+            fix="Give the folder that holds the recordings, or copy them there.",
+        )
 
 
 def _other(path: Path, found: Recognised | None, expected: str, reader: str, rest: Sequence[str]) -> PlopError:
     """Say what a path holds instead, and what to type or to do."""
     if found is None:
         what = "a file of no format that plop knows" if path.is_file() else _listed(path)
-        return PlopError(f"It is not clear what {path.name or path} holds.", where=path, expected=expected, found=what,
-                         fix=f"{PAGE} says what recordings must look like.")  # fmt: skip
+        return PlopError(
+            f"It is not clear what {path.name or path} holds.",
+            where=path,
+            expected=expected,
+            found=what,
+            fix=f"{PAGE} says what recordings must look like.",
+        )
     form, sight = found.format, found.sight
     if form.reader:
         command = shlex.join(["plop", "ingest", form.reader, str(sight.folder), *rest])
         where = ", which lie in another folder." if form.reader == reader else "."
         problem = f"These look like {form.name}{where}" if reader else f"Name the format: these look like {form.name}."
-        return PlopError(problem, where=path, expected=expected, found=f"{form.name}: {sight.by}",
-                         fix=f"Type: {command}")  # fmt: skip
+        return PlopError(
+            problem, where=path, expected=expected, found=f"{form.name}: {sight.by}", fix=f"Type: {command}"
+        )
     fix = f"The nearest that plop reads is `plop ingest {form.nearest}`: {form.advice}. See {PAGE}, Other formats."
-    return PlopError(f"This looks like a {form.name}, which plop does not read yet.", where=path, expected=expected,
-                     found=f"{form.name}: {sight.by}", fix=fix)  # fmt: skip
+    return PlopError(
+        f"This looks like a {form.name}, which plop does not read yet.",
+        where=path,
+        expected=expected,
+        found=f"{form.name}: {sight.by}",
+        fix=fix,
+    )
 
 
 def _commands(path: str) -> str:

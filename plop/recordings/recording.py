@@ -138,8 +138,9 @@ class Recording(Hdf5Reader):
     def view(self, name: str, frame: int, *, group: str = "cameras") -> View:
         """Read one frame of one camera; `group` is "cameras" or "scan"."""
         node = self._node(group, name)
-        return View(self.camera(name, frame, group=group), node["rgb"][frame], node["depth_m"][frame],
-                    node["mask"][frame])  # fmt: skip
+        return View(
+            self.camera(name, frame, group=group), node["rgb"][frame], node["depth_m"][frame], node["mask"][frame]
+        )
 
     def mask(self, name: str, frame: int) -> np.ndarray:
         """Read only the mask of one frame, shape [H, W], uint8, MaskLabel."""
@@ -160,11 +161,14 @@ class Recording(Hdf5Reader):
         count = len(mesh.vertices)
         if not count or not len(mesh.faces) or mesh.faces.min() < 0 or mesh.faces.max() >= count:
             most = int(mesh.faces.max()) if len(mesh.faces) else None
-            raise PlopError("The tool's mesh cannot be used.", where=f"{self.path}:/tool/mesh",
-                            expected="vertices, and faces that point at them",
-                            found=f"{count} vertices, {len(mesh.faces)} faces"
-                                  + ("" if most is None else f" with indices up to {most}"),
-                            fix=f"Give the tool's mesh in the raw data, then: {self.maker} again.")  # fmt: skip
+            raise PlopError(
+                "The tool's mesh cannot be used.",
+                where=f"{self.path}:/tool/mesh",
+                expected="vertices, and faces that point at them",
+                found=f"{count} vertices, {len(mesh.faces)} faces"
+                + ("" if most is None else f" with indices up to {most}"),
+                fix=f"Give the tool's mesh in the raw data, then: {self.maker} again.",
+            )
         return mesh
 
     @property
@@ -178,7 +182,8 @@ class Recording(Hdf5Reader):
             return self._nodes[group, name]
         if group not in ("cameras", "scan") or group not in self._file or name not in self._file[group]:
             known = ", ".join(self.scan_names if group == "scan" else self.camera_names)
-            raise PlopError("There is no such camera.", where=f"{self.path}:/{group}/{name}", expected=known,
-                            found=name)  # fmt: skip
+            raise PlopError(
+                "There is no such camera.", where=f"{self.path}:/{group}/{name}", expected=known, found=name
+            )
         self._nodes[group, name] = dict(self._file[group][name].items())
         return self._nodes[group, name]

@@ -17,14 +17,19 @@ FARTHEST_M = 100.0
 """Farthest distance of a camera from the world's origin along an axis that can be metres [m]."""
 
 _OF_FILE = {
-    "frames/time_s": Part((None,)), "tool/world_from_tool": Part((None, 4, 4)), "tool/mesh/vertices": Part((None, 3)),
+    "frames/time_s": Part((None,)),
+    "tool/world_from_tool": Part((None, 4, 4)),
+    "tool/mesh/vertices": Part((None, 3)),
     "tool/mesh/faces": Part((None, 3), "ui"),
-}  # fmt: skip
+}
 _PICTURES = (None, None, None)
 _OF_CAMERA = {
-    "rgb": Part((*_PICTURES, 3)), "depth_m": Part(_PICTURES), "mask": Part(_PICTURES), "intrinsics": Part((3, 3)),
+    "rgb": Part((*_PICTURES, 3)),
+    "depth_m": Part(_PICTURES),
+    "mask": Part(_PICTURES),
+    "intrinsics": Part((3, 3)),
     "world_from_cam": Part((None, 4, 4)),
-}  # fmt: skip
+}
 
 Refuse = Callable[..., NoReturn]
 """`refuse(problem, key, expected, found)` raises the PlopError."""
@@ -44,8 +49,13 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
     """
 
     def refuse(problem: str, key: str, expected: str, found: str) -> NoReturn:
-        raise PlopError(problem, where=f"{path}:/{key}", expected=expected, found=found,
-                        fix=f"Correct the raw data where it is wrong. {maker} again.")  # fmt: skip
+        raise PlopError(
+            problem,
+            where=f"{path}:/{key}",
+            expected=expected,
+            found=found,
+            fix=f"Correct the raw data where it is wrong. {maker} again.",
+        )
 
     for name in ("name", "environment"):
         if name not in file.attrs:
@@ -65,8 +75,12 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
         poses = file[f"{key}/world_from_cam"][:]
         check_rigid(poses, f"{path}:/{key}/world_from_cam", what="camera")
         if np.abs(poses[:, :3, 3]).max(initial=0) > FARTHEST_M:
-            refuse("A camera stands too far away to be true.", f"{key}/world_from_cam", "metres",
-                   f"{np.abs(poses[:, :3, 3]).max():.0f}: millimetres?")  # fmt: skip
+            refuse(
+                "A camera stands too far away to be true.",
+                f"{key}/world_from_cam",
+                "metres",
+                f"{np.abs(poses[:, :3, 3]).max():.0f}: millimetres?",
+            )
 
 
 def _check_there(node: object, key: str, part: Part, refuse: Refuse) -> None:
@@ -81,11 +95,19 @@ def _check_lengths(file: h5py.File, refuse: Refuse) -> None:
     frames = len(file["frames/time_s"])
     for key in ("tool/world_from_tool", *(f"cameras/{name}/rgb" for name in file["cameras"])):
         if len(file[key]) != frames:
-            refuse("The recording's lengths do not match.", key, f"{frames} frames, as in /frames/time_s",
-                   f"{len(file[key])} frames")  # fmt: skip
+            refuse(
+                "The recording's lengths do not match.",
+                key,
+                f"{frames} frames, as in /frames/time_s",
+                f"{len(file[key])} frames",
+            )
     if frames < 2:
-        refuse("The recording is too short: nothing moves in it.", "frames/time_s", "2 frames or more",
-               f"{frames} frame{'' if frames == 1 else 's'}")  # fmt: skip
+        refuse(
+            "The recording is too short: nothing moves in it.",
+            "frames/time_s",
+            "2 frames or more",
+            f"{frames} frame{'' if frames == 1 else 's'}",
+        )
 
 
 def _check_times(times: np.ndarray, refuse: Refuse) -> None:
@@ -94,8 +116,12 @@ def _check_times(times: np.ndarray, refuse: Refuse) -> None:
     if bad.any():
         frame = int(np.argmax(bad))
         after = f" after {times[frame - 1]:g} s" if frame else ""
-        refuse("Time does not increase.", "frames/time_s", "finite, strictly increasing seconds",
-               f"{times[frame]:g} s at frame {frame}{after}")  # fmt: skip
+        refuse(
+            "Time does not increase.",
+            "frames/time_s",
+            "finite, strictly increasing seconds",
+            f"{times[frame]:g} s at frame {frame}{after}",
+        )
 
 
 def _check_sizes(file: h5py.File, key: str, refuse: Refuse) -> None:
@@ -103,20 +129,32 @@ def _check_sizes(file: h5py.File, key: str, refuse: Refuse) -> None:
     for part in ("depth_m", "mask"):
         found = file[f"{key}/{part}"].shape
         if found != shape[:3]:
-            refuse("Depth or mask has another size than the image.", f"{key}/{part}",
-                   f"{_sizes(*shape[:3])}, as /{key}/rgb", _sizes(*found))  # fmt: skip
+            refuse(
+                "Depth or mask has another size than the image.",
+                f"{key}/{part}",
+                f"{_sizes(*shape[:3])}, as /{key}/rgb",
+                _sizes(*found),
+            )
     poses = len(file[f"{key}/world_from_cam"])
     if poses != shape[0]:
-        refuse("The recording's lengths do not match.", f"{key}/world_from_cam", f"{shape[0]} poses, as /{key}/rgb",
-               f"{poses} poses")  # fmt: skip
+        refuse(
+            "The recording's lengths do not match.",
+            f"{key}/world_from_cam",
+            f"{shape[0]} poses, as /{key}/rgb",
+            f"{poses} poses",
+        )
 
 
 def _check_intrinsics(matrix: np.ndarray, key: str, refuse: Refuse) -> None:
     if not np.isfinite(matrix).all():
         refuse("A camera's intrinsics have values that are no numbers.", key, "finite numbers", "NaN or infinity")
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        refuse("A camera's focal length is not positive.", key, "fx, fy > 0",
-               f"fx {matrix[0, 0]:.3f}, fy {matrix[1, 1]:.3f}")  # fmt: skip
+        refuse(
+            "A camera's focal length is not positive.",
+            key,
+            "fx, fy > 0",
+            f"fx {matrix[0, 0]:.3f}, fy {matrix[1, 1]:.3f}",
+        )
 
 
 def _sizes(*shape: int) -> str:

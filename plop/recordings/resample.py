@@ -25,7 +25,15 @@ def resampled(sequence: MeshSequence, times_s: np.ndarray) -> MeshSequence:
     low = np.minimum(place.astype(int), max(last - 1, 0))
     share = (place - low)[:, None, None]
     vertices = (1 - share) * sequence.vertices[low] + share * sequence.vertices[np.minimum(low + 1, last)]
-    poses = poses_at(sequence.times, sequence.world_from_tool, times_s) if last else \
-        np.repeat(sequence.world_from_tool, len(times_s), 0)  # fmt: skip
-    return replace(sequence, times=np.asarray(times_s, float), vertices=vertices, world_from_tool=poses,
-                   rest_vertices=sequence.rest)  # fmt: skip
+    poses = (
+        poses_at(sequence.times, sequence.world_from_tool, times_s)
+        if last
+        else np.repeat(sequence.world_from_tool, len(times_s), 0)
+    )
+    return replace(
+        sequence,
+        times=np.asarray(times_s, float),
+        vertices=vertices,
+        world_from_tool=poses,
+        rest_vertices=sequence.rest,
+    )

@@ -55,8 +55,13 @@ class RecordingSet:
         try:
             return cls(folder=folder, **json.loads(path.read_text()))
         except (OSError, ValueError, TypeError) as error:
-            raise PlopError("This is not a set of recordings.", where=path, expected="episodes.json of `plop ingest`",
-                            found=str(error), fix="Run `plop ingest` again.") from error  # fmt: skip
+            raise PlopError(
+                "This is not a set of recordings.",
+                where=path,
+                expected="episodes.json of `plop ingest`",
+                found=str(error),
+                fix="Run `plop ingest` again.",
+            ) from error
 
 
 def split_names(names: list[str], test: tuple[str, ...]) -> tuple[list[str], list[str]]:
@@ -98,8 +103,12 @@ def check_patterns(names: Sequence[str], patterns: Sequence[str], *, option: str
             continue
         if not set("*?[") & set(pattern):
             close = get_close_matches(pattern, names, n=3)
-            raise PlopError("There is no episode of this name.", where=where, found=f"{option} {pattern}",
-                            expected=", ".join(names[:8]) + (" ..." if len(names) > 8 else ""),
-                            fix=f"Did you mean {' or '.join(close)}?" if close else f"Correct {option}.")  # fmt: skip
+            raise PlopError(
+                "There is no episode of this name.",
+                where=where,
+                found=f"{option} {pattern}",
+                expected=", ".join(names[:8]) + (" ..." if len(names) > 8 else ""),
+                fix=f"Did you mean {' or '.join(close)}?" if close else f"Correct {option}.",
+            )
         warnings.append(f"{option} {pattern} fits no episode")
     return warnings

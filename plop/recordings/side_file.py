@@ -10,8 +10,15 @@ from typing import Any
 
 from plop.errors import PlopError
 
-_KINDS = {dict: "an object", list: "a list", str: "a text", bool: "true or false", int: "a whole number",
-          float: "a number", type(None): "null"}  # fmt: skip
+_KINDS = {
+    dict: "an object",
+    list: "a list",
+    str: "a text",
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    type(None): "null",
+}
 
 
 @dataclass(frozen=True)
@@ -72,21 +79,35 @@ def read_side_file(path: Path, kinds: Mapping[str, type], *, fix: str) -> dict[s
     try:
         side = read_json(path)
     except (OSError, ValueError) as error:
-        raise PlopError("The episode's JSON file is missing or damaged.", where=path, expected="a JSON object",
-                        found=f"{type(error).__name__}: {error}", fix=fix) from error  # fmt: skip
+        raise PlopError(
+            "The episode's JSON file is missing or damaged.",
+            where=path,
+            expected="a JSON object",
+            found=f"{type(error).__name__}: {error}",
+            fix=fix,
+        ) from error
     held: dict[str, tuple[object, type]] = {str(path): (side, dict)}
     if isinstance(side, dict):
         held |= {f"{path}: {key}": (side[key], kind) for key, kind in kinds.items() if key in side}
     for where, (value, kind) in held.items():
         if type(value) is not kind:
-            raise PlopError("The episode's JSON file holds something else than it should.", where=where,
-                            expected=_KINDS[kind], found=f"{_KINDS[type(value)]}: {json.dumps(value)[:40]}",
-                            fix=f"Correct the file. {fix}")  # fmt: skip
+            raise PlopError(
+                "The episode's JSON file holds something else than it should.",
+                where=where,
+                expected=_KINDS[kind],
+                found=f"{_KINDS[type(value)]}: {json.dumps(value)[:40]}",
+                fix=f"Correct the file. {fix}",
+            )
     return side
 
 
 def check_has_environment(side: Mapping[str, Any], path: Path, *, fix: str) -> None:
     """Raise PlopError when a JSON file does not tell the environment."""
     if "environment" not in side:
-        raise PlopError("The episode's JSON file tells no environment.", where=f"{path}: environment",
-                        expected="a text, e.g. \"prism-jelly\"", found="nothing", fix=fix)  # fmt: skip
+        raise PlopError(
+            "The episode's JSON file tells no environment.",
+            where=f"{path}: environment",
+            expected='a text, e.g. "prism-jelly"',
+            found="nothing",
+            fix=fix,
+        )

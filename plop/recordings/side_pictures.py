@@ -54,10 +54,14 @@ def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) ->
         prefixes.add(parts[1])
         if len(prefixes) > 1 or int(parts[2]) in numbered:
             other = numbered.get(int(parts[2])) or next(iter(numbered.values()))
-            raise PlopError(f"There is more than one set of {what}.", where=folder,
-                            expected="one picture per frame: 000000.png, 000001.png, ...",
-                            found=f"{other.name} and {path.name}", fix="Keep one set in this folder.",
-                            cause=cause)  # fmt: skip
+            raise PlopError(
+                f"There is more than one set of {what}.",
+                where=folder,
+                expected="one picture per frame: 000000.png, 000001.png, ...",
+                found=f"{other.name} and {path.name}",
+                fix="Keep one set in this folder.",
+                cause=cause,
+            )
         numbered[int(parts[2])] = path
     if not numbered:
         return SidePictures(folder, {})
@@ -65,20 +69,29 @@ def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) ->
     seen = _range([numbered[number] for number in sorted(numbered)])
     whole = last - first + 1 == count
     if first > 0 and whole and count == frames:
-        note = (f"{folder}: {seen} for {frames} frames: numbered from {first}, so {numbered[first].name} is taken as "
-                "frame 0")  # fmt: skip
+        note = (
+            f"{folder}: {seen} for {frames} frames: numbered from {first}, so {numbered[first].name} is taken as "
+            "frame 0"
+        )
         return SidePictures(folder, {number - first: path for number, path in numbered.items()}, (note,))
     if last >= frames + (1 if first == 0 and whole else 0):
-        raise PlopError(f"The numbers of the {what} are not those of the video's frames.", where=folder,
-                        expected=f"numbers 0 to {frames - 1}, as the video has {frames} frames; or one picture per "
-                        "frame, numbered without a gap", found=seen, cause=cause,
-                        fix=_advice(sorted(numbered), frames))  # fmt: skip
+        raise PlopError(
+            f"The numbers of the {what} are not those of the video's frames.",
+            where=folder,
+            expected=f"numbers 0 to {frames - 1}, as the video has {frames} frames; or one picture per "
+            "frame, numbered without a gap",
+            found=seen,
+            cause=cause,
+            fix=_advice(sorted(numbered), frames),
+        )
     notes = []
     if last >= frames:
         notes.append(f"{folder}: {seen}, but the video has {frames} frames: {numbered[last].name} is not used")
     elif first == 1 and whole and count == frames - 1:
-        notes.append(f"{folder}: {seen} for {frames} frames, taken as frames 1 to {last}: if they are numbered from 1 "
-                     "and the last is missing, every one is a frame late: rename them to begin with 0")  # fmt: skip
+        notes.append(
+            f"{folder}: {seen} for {frames} frames, taken as frames 1 to {last}: if they are numbered from 1 "
+            "and the last is missing, every one is a frame late: rename them to begin with 0"
+        )
     return SidePictures(folder, numbered, tuple(notes))
 
 

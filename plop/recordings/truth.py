@@ -21,9 +21,13 @@ class Truth(Hdf5Reader):
 
     def _check(self) -> None:
         if "truth/surface_vertices_m" not in self._file:
-            raise PlopError("This recording holds no truth.", where=f"{self.path}:/truth",
-                            expected="a recording of a simulator", found="nothing",
-                            fix="Score this recording by its images only.")  # fmt: skip
+            raise PlopError(
+                "This recording holds no truth.",
+                where=f"{self.path}:/truth",
+                expected="a recording of a simulator",
+                found="nothing",
+                fix="Score this recording by its images only.",
+            )
 
     @staticmethod
     def is_in(path: str | Path) -> bool:

@@ -58,11 +58,20 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
     try:
         from pxr import Sdf, Tf
     except ImportError as error:
-        raise PlopError("Reading USD files needs usd-core, which is not installed.", where=path,
-                        expected="the package usd-core", found=str(error),
-                        fix='In the folder of plop: pip install -e ".[disect]"') from error  # fmt: skip
-    damaged = PlopError("The USD file is missing or damaged.", where=path, expected="a complete USD file",
-                        found=f"{path.stat().st_size} bytes" if path.is_file() else "no file", fix=fix)  # fmt: skip
+        raise PlopError(
+            "Reading USD files needs usd-core, which is not installed.",
+            where=path,
+            expected="the package usd-core",
+            found=str(error),
+            fix='In the folder of plop: pip install -e ".[disect]"',
+        ) from error
+    damaged = PlopError(
+        "The USD file is missing or damaged.",
+        where=path,
+        expected="a complete USD file",
+        found=f"{path.stat().st_size} bytes" if path.is_file() else "no file",
+        fix=fix,
+    )
     if not path.is_file():
         raise damaged
     try:
@@ -71,8 +80,13 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
             raise damaged
         codes = layer.ListTimeSamplesForPath(NODES)
         if not codes:
-            raise PlopError("The USD file holds no simulation nodes over time.", where=f"{path}: {NODES}",
-                            expected="time samples", found="none", fix="Record with DiSECt's renderer.")  # fmt: skip
+            raise PlopError(
+                "The USD file holds no simulation nodes over time.",
+                where=f"{path}: {NODES}",
+                expected="time samples",
+                found="none",
+                fix="Record with DiSECt's renderer.",
+            )
         samples = [np.array(layer.QueryTimeSample(NODES, code), np.float64) for code in codes]
         knife = [layer.QueryTimeSample(f"{KNIFE}.xformOp:translate", code) for code in codes]
         _check_not_moved(layer, path)
@@ -81,16 +95,23 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
     except Tf.ErrorException as error:
         raise damaged from error
     if len({sample.shape for sample in samples}) != 1 or any(value is None for value in knife):
-        raise PlopError("The samples of the USD file do not fit together.", where=path,
-                        expected="as many nodes in every sample, and the knife in each",
-                        found=f"{sorted({len(sample) for sample in samples})} nodes, "
-                              f"{sum(value is None for value in knife)} samples without knife",
-                        fix="Record this episode again.")  # fmt: skip
-    return UsdNodes(np.array(codes, np.float64), np.stack(samples),
-                    np.array([list(value) for value in knife], np.float64), _up(authored, path),
-                    _positive(authored, "metersPerUnit", path),
-                    _positive(authored, "timeCodesPerSecond", path) or _positive(authored, "framesPerSecond", path),
-                    float(authored["startTimeCode"]) if "startTimeCode" in authored else None)  # fmt: skip
+        raise PlopError(
+            "The samples of the USD file do not fit together.",
+            where=path,
+            expected="as many nodes in every sample, and the knife in each",
+            found=f"{sorted({len(sample) for sample in samples})} nodes, "
+            f"{sum(value is None for value in knife)} samples without knife",
+            fix="Record this episode again.",
+        )
+    return UsdNodes(
+        np.array(codes, np.float64),
+        np.stack(samples),
+        np.array([list(value) for value in knife], np.float64),
+        _up(authored, path),
+        _positive(authored, "metersPerUnit", path),
+        _positive(authored, "timeCodesPerSecond", path) or _positive(authored, "framesPerSecond", path),
+        float(authored["startTimeCode"]) if "startTimeCode" in authored else None,
+    )
 
 
 def _check_not_moved(layer: Any, path: Path) -> None:
@@ -101,9 +122,13 @@ def _check_not_moved(layer: Any, path: Path) -> None:
     while prim and prim != layer.pseudoRoot:
         ops = prim.attributes.get("xformOpOrder")
         if ops is not None and ops.default:
-            raise PlopError("The nodes of the USD file are placed by a transform of their prim.",
-                            where=f"{path}: {prim.path}", expected="positions in world space, no xformOp above them",
-                            found=", ".join(ops.default), fix="Bake the transform into the positions.")  # fmt: skip
+            raise PlopError(
+                "The nodes of the USD file are placed by a transform of their prim.",
+                where=f"{path}: {prim.path}",
+                expected="positions in world space, no xformOp above them",
+                found=", ".join(ops.default),
+                fix="Bake the transform into the positions.",
+            )
         prim = prim.nameParent
 
 
@@ -112,8 +137,13 @@ def _up(authored: dict[str, Any], path: Path) -> str | None:
         return None
     up = str(authored["upAxis"]).lower()
     if up not in WORLD_FROM_UP:
-        raise PlopError("The USD file declares an up axis that is none.", where=f"{path}: upAxis",
-                        expected="X, Y or Z", found=str(authored["upAxis"]), fix="Correct the layer.")  # fmt: skip
+        raise PlopError(
+            "The USD file declares an up axis that is none.",
+            where=f"{path}: upAxis",
+            expected="X, Y or Z",
+            found=str(authored["upAxis"]),
+            fix="Correct the layer.",
+        )
     return up
 
 
@@ -122,6 +152,11 @@ def _positive(authored: dict[str, Any], key: str, path: Path) -> float | None:
         return None
     value = float(authored[key])
     if not 0 < value < np.inf:
-        raise PlopError("The USD file declares a unit that is none.", where=f"{path}: {key}",
-                        expected="a positive number", found=f"{value:g}", fix="Correct the layer.")  # fmt: skip
+        raise PlopError(
+            "The USD file declares a unit that is none.",
+            where=f"{path}: {key}",
+            expected="a positive number",
+            found=f"{value:g}",
+            fix="Correct the layer.",
+        )
     return value

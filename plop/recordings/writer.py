@@ -45,16 +45,25 @@ class RecordingWriter:
         self.path = Path(path)
         time_s, poses = np.asarray(time_s, np.float64), np.asarray(world_from_tool, np.float64)
         if time_s.ndim != 1 or len(time_s) < 2 or not np.isfinite(time_s).all() or (np.diff(time_s) <= 0).any():
-            raise PlopError("Time does not increase.", where=name, expected="2 or more finite, increasing seconds",
-                            found=f"{time_s[:5]}...")  # fmt: skip
+            raise PlopError(
+                "Time does not increase.",
+                where=name,
+                expected="2 or more finite, increasing seconds",
+                found=f"{time_s[:5]}...",
+            )
         self._check_poses(poses, len(time_s), f"{name}: tool")
         self._written: dict[str, np.ndarray] = {}
         self._output = AtomicHdf5(self.path)
         self._file = self._output.file
         self._file.attrs.update(
-            schema=RECORDING_SCHEMA, name=name, source=source, environment=environment, units="m, s",
-            world_frame="right-handed, z up", table_z_m=np.nan if table_z_m is None else float(table_z_m),
-        )  # fmt: skip
+            schema=RECORDING_SCHEMA,
+            name=name,
+            source=source,
+            environment=environment,
+            units="m, s",
+            world_frame="right-handed, z up",
+            table_z_m=np.nan if table_z_m is None else float(table_z_m),
+        )
         self._put("frames/time_s", time_s)
         self._put("tool/mesh/vertices", np.asarray(tool_mesh.vertices, np.float64))
         self._put("tool/mesh/faces", np.asarray(tool_mesh.faces, np.int64))
@@ -106,11 +115,18 @@ class RecordingWriter:
         """
         key = f"{group}/{name}"
         expected = self._file[f"{key}/rgb"].shape[1:]
-        for what, value, shape in (("rgb", rgb, expected), ("depth_m", depth_m, expected[:2]),
-                                   ("mask", mask, expected[:2])):  # fmt: skip
+        for what, value, shape in (
+            ("rgb", rgb, expected),
+            ("depth_m", depth_m, expected[:2]),
+            ("mask", mask, expected[:2]),
+        ):
             if np.shape(value) != shape:
-                raise PlopError("An image has the wrong shape.", where=f"{self.path.stem}:/{key}/{what}",
-                                expected=str(shape), found=str(np.shape(value)))  # fmt: skip
+                raise PlopError(
+                    "An image has the wrong shape.",
+                    where=f"{self.path.stem}:/{key}/{what}",
+                    expected=str(shape),
+                    found=str(np.shape(value)),
+                )
         depth = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0).astype(np.float32)
         self._file[f"{key}/rgb"][frame] = rgb
         self._file[f"{key}/depth_m"][frame] = depth
@@ -143,23 +159,40 @@ class RecordingWriter:
 
     def _check_complete(self) -> None:
         if not any(key.startswith("cameras/") for key in self._written):
-            raise PlopError("A recording needs at least one camera.", where=self.path.stem, expected="one or more",
-                            found="none")  # fmt: skip
+            raise PlopError(
+                "A recording needs at least one camera.", where=self.path.stem, expected="one or more", found="none"
+            )
         for key, written in self._written.items():
             if not written.all():
-                raise PlopError("Frames are missing.", where=f"{self.path.stem}:/{key}",
-                                expected=f"{len(written)} frames", found=f"{int(written.sum())}")  # fmt: skip
+                raise PlopError(
+                    "Frames are missing.",
+                    where=f"{self.path.stem}:/{key}",
+                    expected=f"{len(written)} frames",
+                    found=f"{int(written.sum())}",
+                )
 
     @staticmethod
     def _check_poses(poses: np.ndarray, frames: int, where: str) -> None:
         if poses.shape != (frames, 4, 4) or not np.isfinite(poses).all():
-            raise PlopError("The poses do not fit.", where=where, expected=f"finite, shape {(frames, 4, 4)}",
-                            found=f"shape {poses.shape}, finite: {bool(np.isfinite(poses).all())}")  # fmt: skip
+            raise PlopError(
+                "The poses do not fit.",
+                where=where,
+                expected=f"finite, shape {(frames, 4, 4)}",
+                found=f"shape {poses.shape}, finite: {bool(np.isfinite(poses).all())}",
+            )
 
     def _put(self, key: str, array: np.ndarray, chunks: tuple[int, ...] | None = None) -> None:
         options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if chunks else {}
         self._file.create_dataset(key, data=array, chunks=chunks, track_times=False, **options)
 
     def _image(self, key: str, shape: tuple[int, ...], kind: type) -> None:
-        self._file.create_dataset(key, shape, kind, chunks=(1, *shape[1:]), compression="gzip", compression_opts=1,
-                                  shuffle=True, track_times=False)  # fmt: skip
+        self._file.create_dataset(
+            key,
+            shape,
+            kind,
+            chunks=(1, *shape[1:]),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
+            track_times=False,
+        )

@@ -23,8 +23,10 @@ from plop.recordings.mesh_sequence import MeshSequence
 from plop.render.mesh_raycast import Look, MeshView
 
 _SCRIPT = Path(__file__).with_name("blender_scene.py")
-_GET_IT = ("Install Blender 4 or 5, or make a virtual environment with `pip install bpy`, and name its executable "
-           "or its python with --blender; or use --renderer raycast.")  # fmt: skip
+_GET_IT = (
+    "Install Blender 4 or 5, or make a virtual environment with `pip install bpy`, and name its executable "
+    "or its python with --blender; or use --renderer raycast."
+)
 
 
 def blender_command(executable: str, scene: Path, folder: Path) -> list[str]:
@@ -40,8 +42,13 @@ def blender_command(executable: str, scene: Path, folder: Path) -> list[str]:
     """
     found = shutil.which(executable)
     if found is None:
-        raise PlopError("Blender is not here.", where=f"--blender {executable}",
-                        expected="Blender or a Python with bpy", found="no such executable", fix=_GET_IT)  # fmt: skip
+        raise PlopError(
+            "Blender is not here.",
+            where=f"--blender {executable}",
+            expected="Blender or a Python with bpy",
+            found="no such executable",
+            fix=_GET_IT,
+        )
     is_python = Path(found).name.startswith("python")
     options = [] if is_python else ["--background", "--factory-startup", "--python"]
     return [found, *options, str(_SCRIPT), "--", str(scene), str(folder)]
@@ -93,9 +100,15 @@ class BlenderRenderer:
     """
 
     def __init__(
-        self, sequence: MeshSequence, look: Look, cameras: Sequence[Camera], *, executable: str, samples: int = 16,
+        self,
+        sequence: MeshSequence,
+        look: Look,
+        cameras: Sequence[Camera],
+        *,
+        executable: str,
+        samples: int = 16,
         parts: int = 5,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._index = {camera.name: position for position, camera in enumerate(cameras)}
         self._folder = tempfile.TemporaryDirectory(prefix="plop_blender_")
         folder = Path(self._folder.name)
@@ -106,9 +119,13 @@ class BlenderRenderer:
         if done.returncode != 0 or images != len(sequence) * len(cameras):
             last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-3:]
             self._folder.cleanup()
-            raise PlopError("Blender failed.", where=sequence.name, expected=f"{len(sequence) * len(cameras)} images",
-                            found=f"{images} images, exit code {done.returncode}: {' | '.join(last)}",
-                            fix=_GET_IT)  # fmt: skip
+            raise PlopError(
+                "Blender failed.",
+                where=sequence.name,
+                expected=f"{len(sequence) * len(cameras)} images",
+                found=f"{images} images, exit code {done.returncode}: {' | '.join(last)}",
+                fix=_GET_IT,
+            )
 
     def __enter__(self) -> Self:
         return self
@@ -135,14 +152,22 @@ def _write_scene(
 ) -> None:
     vertices, faces, colours = subdivided(sequence, look, parts)
     arrays: dict[str, Any] = {
-        "vertices": vertices, "faces": faces, "colours": colours, "tool_vertices": sequence.tool_vertices,
-        "tool_faces": sequence.tool_faces, "world_from_tool": sequence.world_from_tool,
+        "vertices": vertices,
+        "faces": faces,
+        "colours": colours,
+        "tool_vertices": sequence.tool_vertices,
+        "tool_faces": sequence.tool_faces,
+        "world_from_tool": sequence.world_from_tool,
         "table_z_m": np.nan if sequence.table_z_m is None else sequence.table_z_m,
-        "tool_colour": _linear(look.tool), "table_colour": _linear(look.table),
-        "ambient": look.light.ambient, "directional": look.light.directional, "direction": look.light.direction,
+        "tool_colour": _linear(look.tool),
+        "table_colour": _linear(look.table),
+        "ambient": look.light.ambient,
+        "directional": look.light.directional,
+        "direction": look.light.direction,
         "intrinsics": np.stack([camera.intrinsics for camera in cameras]),
         "world_from_cam": np.stack([camera.world_from_cam for camera in cameras]),
-        "size": cameras[0].width, "samples": samples,
-    }  # fmt: skip
+        "size": cameras[0].width,
+        "samples": samples,
+    }
     with path.open("wb") as file:
         np.savez(file, **arrays)

@@ -50,9 +50,17 @@ class Comparison:
     """
 
     def __init__(
-        self, recording: Recording, views: ViewFile, states: Trajectory | None, tool: Gaussians, camera: str, *,
-        frames: Sequence[int] | None = None, backend: Backend = "auto", device: torch.device | str = "cpu",
-    ) -> None:  # fmt: skip
+        self,
+        recording: Recording,
+        views: ViewFile,
+        states: Trajectory | None,
+        tool: Gaussians,
+        camera: str,
+        *,
+        frames: Sequence[int] | None = None,
+        backend: Backend = "auto",
+        device: torch.device | str = "cpu",
+    ) -> None:
         self._recording, self._views, self._states, self._tool = recording, views, states, tool
         self._name, self._backend, self._device = camera, backend, device
         self.frames = list(range(len(recording)) if frames is None else frames)
@@ -69,8 +77,11 @@ class Comparison:
     def picture(self, frame: int) -> np.ndarray:
         """Draw one frame; uint8, shape [H, W, 3], both sides even, the same for all frames."""
         measured, found = self._recording.view(self._name, frame), self._maps[frame]
-        panels = (_photo(measured, self._crop), self._predicted(measured.camera, frame),
-                  _drawn_map(found, measured, self._crop, self._end_mm))  # fmt: skip
+        panels = (
+            _photo(measured, self._crop),
+            self._predicted(measured.camera, frame),
+            _drawn_map(found, measured, self._crop, self._end_mm),
+        )
         when = f"t = {self._times[frame] - self._times[0]:.2f} s   frame {frame + 1} of {len(self._times)}"
         return self._layout.page(panels, (when, _short(self._name), _told(found)))
 
@@ -138,8 +149,11 @@ def _layout(camera: Camera, crop: Crop, end_mm: float, drawn: str | None = None)
     """Choose titles; `drawn` says how the predicted picture came about, without it as the measured one."""
     times = crop.size[0] / crop.rows
     shown = f"{camera.width} x {camera.height} px" + (f", enlarged {times:.1f} x" if times > 1.05 else "")
-    titles = (Titles("measured", shown), Titles("predicted", drawn or shown),
-              Titles("distance", "between the two surfaces"))  # fmt: skip
+    titles = (
+        Titles("measured", shown),
+        Titles("predicted", drawn or shown),
+        Titles("distance", "between the two surfaces"),
+    )
     return Layout(titles, crop.size, end_mm)
 
 

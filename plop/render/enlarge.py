@@ -78,8 +78,10 @@ class Crop:
     def grid(self, most_px: int) -> tuple[np.ndarray, np.ndarray]:
         """Give rows and columns, evenly spread over the part, at most so many along a side."""
         step = self.step(most_px)
-        return (self.top + np.arange(min(step // 2, self.rows - 1), self.rows, step),
-                self.left + np.arange(min(step // 2, self.columns - 1), self.columns, step))  # fmt: skip
+        return (
+            self.top + np.arange(min(step // 2, self.rows - 1), self.rows, step),
+            self.left + np.arange(min(step // 2, self.columns - 1), self.columns, step),
+        )
 
 
 def enlarged_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -117,8 +119,9 @@ def enlarged(values: np.ndarray, known: np.ndarray, size: tuple[int, int], *, sm
     if not known.any():
         return np.zeros(size, np.float32)
     nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    filled = cv2.GaussianBlur(values[tuple(nearest)].astype(np.float32), (0, 0), smooth_px,
-                              borderType=cv2.BORDER_REPLICATE)  # fmt: skip
+    filled = cv2.GaussianBlur(
+        values[tuple(nearest)].astype(np.float32), (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE
+    )
     return np.clip(resized(filled, size), filled.min(), filled.max())
 
 
@@ -135,8 +138,9 @@ def resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 def _depth_inside(mask: np.ndarray, smooth_px: float) -> np.ndarray:
     """Give the distance from the outline, positive inside, up to 3 px, smoothed; float32, shape [h, w] [px]."""
-    inside, outside = (cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-                       for part in (mask, ~mask))  # fmt: skip
+    inside, outside = (
+        cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for part in (mask, ~mask)
+    )
     # Pixel centres lie half a pixel from the outline that runs between them.
     signed = np.clip(np.where(mask, inside - 0.5, 0.5 - outside), -3, 3).astype(np.float32)
     return cv2.GaussianBlur(signed, (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE)

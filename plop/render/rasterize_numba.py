@@ -133,9 +133,7 @@ def _list_splats(arrays: list[np.ndarray], views: np.ndarray, width: int, height
     by_tile, by_splat = np.empty(total, np.int32), np.empty(total, np.int32)
     listing = (depths, boxes, tiles_x, tile_starts, splat_starts, by_tile, by_splat)
     run_parallel([(list_intersections, listing)], parts=len(views))
-    return _Lists(
-        splats, boxes, tiles_x, tile_starts, tile_counts, splat_starts, splat_counts, by_tile, by_splat
-    )  # fmt: skip
+    return _Lists(splats, boxes, tiles_x, tile_starts, tile_counts, splat_starts, splat_counts, by_tile, by_splat)
 
 
 def _starts(counts: np.ndarray) -> np.ndarray:

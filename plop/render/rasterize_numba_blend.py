@@ -243,6 +243,5 @@ def blend_backward(  # type: ignore[no-untyped-def]
             last = min(boxes[v, g, 3] - corner_y, TILE_HEIGHT) * TILE_WIDTH
             x, y = p[0] + np.float32(boxes[v, g, 0] - corner_x), p[1] + np.float32(boxes[v, g, 2] - corner_y)
             _blend_backward(
-                s, partial[entry], first, last, np.float32(i), x, y,
-                p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9],
-            )  # fmt: skip
+                s, partial[entry], first, last, np.float32(i), x, y, p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9]
+            )

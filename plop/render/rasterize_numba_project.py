@@ -126,16 +126,7 @@ def project_forward(  # type: ignore[no-untyped-def]
                 axes[i, k] *= scales[g, k]
         for v in range(views.shape[0]):
             depths[v, g] = _project_one(
-                means[g],
-                float(opacities[g]),
-                views[v],
-                width,
-                height,
-                axes,
-                turned,
-                image,
-                splats[v, g],
-                boxes[v, g],
+                means[g], float(opacities[g]), views[v], width, height, axes, turned, image, splats[v, g], boxes[v, g]
             )
 
 

@@ -64,16 +64,25 @@ def record(
 def cameras_of(sequence: MeshSequence, settings: CameraSettings) -> list[Camera]:
     """Place the cameras around the object at rest."""
     return ring_cameras(
-        sequence.rest, count=settings.cameras, size_px=settings.size, fov_deg=settings.fov_deg,
-        low_deg=settings.low_deg, high_deg=settings.high_deg, azimuth_deg=settings.azimuth_deg,
-        room_m=settings.room_m, distance_m=settings.distance_m,
-    )  # fmt: skip
+        sequence.rest,
+        count=settings.cameras,
+        size_px=settings.size,
+        fov_deg=settings.fov_deg,
+        low_deg=settings.low_deg,
+        high_deg=settings.high_deg,
+        azimuth_deg=settings.azimuth_deg,
+        room_m=settings.room_m,
+        distance_m=settings.distance_m,
+    )
 
 
 def disturbed_render(
-    sequence: MeshSequence, cameras: list[Camera], settings: CameraSettings, disturbances: Disturbances,
+    sequence: MeshSequence,
+    cameras: list[Camera],
+    settings: CameraSettings,
+    disturbances: Disturbances,
     stack: ExitStack,
-) -> Render:  # fmt: skip
+) -> Render:
     """Give the function that renders what a camera records at a frame, faults and noise included.
 
     Args:
@@ -85,26 +94,38 @@ def disturbed_render(
     """
     faults = disturbances.faults
     if faults and settings.renderer == "blender":
-        raise PlopError("Blender cannot render cameras with faults.", where="renderer", found="blender",
-                        fix="Take the renderer raycast, or no faults.")  # fmt: skip
+        raise PlopError(
+            "Blender cannot render cameras with faults.",
+            where="renderer",
+            found="blender",
+            fix="Take the renderer raycast, or no faults.",
+        )
     shared = _renderer(sequence, cameras, settings, stack)
-    shown = {camera.name: np.array([faults.true_time(camera.name, float(t)) for t in sequence.times])
-             for camera in cameras}  # fmt: skip
-    late = {name: _renderer(resampled(sequence, times), cameras, settings, stack) for name, times in shown.items()
-            if (times != sequence.times).any()}  # fmt: skip
+    shown = {
+        camera.name: np.array([faults.true_time(camera.name, float(t)) for t in sequence.times]) for camera in cameras
+    }
+    late = {
+        name: _renderer(resampled(sequence, times), cameras, settings, stack)
+        for name, times in shown.items()
+        if (times != sequence.times).any()
+    }
 
     def render(frame: int, camera: Camera) -> MeshView:
         pose = faults.true_pose(camera.name, frame_share(frame, len(sequence)), camera.world_from_cam)
         true = replace(camera, world_from_cam=pose)
         view = late.get(camera.name, shared)(frame, true)
         if disturbances.arm_m:
-            view = hide_behind_arm(view, true, sequence.world_from_tool[frame], sequence.tool_vertices,
-                                   disturbances.arm_m)  # fmt: skip
+            view = hide_behind_arm(
+                view, true, sequence.world_from_tool[frame], sequence.tool_vertices, disturbances.arm_m
+            )
         seed = (settings.seed, sequence.name, camera.name, frame)
         depth = add_depth_noise(
-            faults.depth(camera.name, view.depth_m), noise_m=settings.depth_noise_m,
-            quantization_m=settings.depth_quantization_m, dropout=settings.depth_dropout, seed=seed,
-        )  # fmt: skip
+            faults.depth(camera.name, view.depth_m),
+            noise_m=settings.depth_noise_m,
+            quantization_m=settings.depth_quantization_m,
+            dropout=settings.depth_dropout,
+            seed=seed,
+        )
         return MeshView(add_colour_noise(view.rgb, noise=disturbances.colour_noise, seed=seed), depth, view.mask)
 
     return render

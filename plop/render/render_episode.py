@@ -32,10 +32,15 @@ def write_episode(path: Path, sequence: MeshSequence, cameras: Sequence[Camera],
         PlopError: A camera sees nothing of the object at the start, or the disk is full.
     """
     writer = RecordingWriter(
-        path, name=sequence.name, source=sequence.source, environment=sequence.environment,
-        table_z_m=sequence.table_z_m, time_s=sequence.times, world_from_tool=sequence.world_from_tool,
+        path,
+        name=sequence.name,
+        source=sequence.source,
+        environment=sequence.environment,
+        table_z_m=sequence.table_z_m,
+        time_s=sequence.times,
+        world_from_tool=sequence.world_from_tool,
         tool_mesh=Mesh(sequence.tool_vertices, sequence.tool_faces),
-    )  # fmt: skip
+    )
     with writer:
         for camera in cameras:
             poses = np.tile(camera.world_from_cam, (len(sequence), 1, 1))
@@ -45,9 +50,13 @@ def write_episode(path: Path, sequence: MeshSequence, cameras: Sequence[Camera],
             for camera in cameras:
                 view = render(frame, camera)
                 if frame == 0 and not (view.mask == MaskLabel.OBJECT).any():
-                    raise PlopError("A camera sees nothing of the object.", where=f"{sequence.name}, {camera.name}",
-                                    expected="object pixels in the first frame", found="none",
-                                    fix="Check elevation, distance, field of view and the table.")  # fmt: skip
+                    raise PlopError(
+                        "A camera sees nothing of the object.",
+                        where=f"{sequence.name}, {camera.name}",
+                        expected="object pixels in the first frame",
+                        found="none",
+                        fix="Check elevation, distance, field of view and the table.",
+                    )
                 writer.write_frame(camera.name, frame, view.rgb, view.depth_m, view.mask)
                 done += 1
                 yield done

@@ -45,8 +45,9 @@ def ring_cameras(
     for index, name in enumerate(camera_names(count)):
         azimuth = np.radians(azimuth_deg + 360 / count * index)
         elevation = np.radians(high_deg if index % 2 else low_deg)
-        direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation),
-                              np.sin(elevation)])  # fmt: skip
+        direction = np.array(
+            [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+        )
         pose = look_at(middle + distance * direction, middle, np.array([0.0, 0.0, 1.0]))
         cameras.append(Camera(name, size_px, size_px, intrinsics, pose))
     return cameras

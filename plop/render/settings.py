@@ -65,13 +65,33 @@ def check_cameras(config: CameraSettings, stage: str) -> None:
     Raises:
         PlopError: Names the setting.
     """
-    check_ranges(config, stage, {
-        "size": (8, 8192), "cameras": (1, 1000), "fov_deg": (1, 150), "supersample": (1, 15),
-        "blender_samples": (1, 1e5), "room_m": (0, 10), "depth_dropout": (0, 0.999), "depth_noise_m": (0, 0.1),
-        "depth_quantization_m": (0, 0.1), "low_deg": (-89, 89), "high_deg": (-89, 89), "distance_m": (0, 100),
-        "azimuth_deg": (-360, 360), "ambient": (0, 1), "directional": (0, 1),
-    })  # fmt: skip
+    check_ranges(
+        config,
+        stage,
+        {
+            "size": (8, 8192),
+            "cameras": (1, 1000),
+            "fov_deg": (1, 150),
+            "supersample": (1, 15),
+            "blender_samples": (1, 1e5),
+            "room_m": (0, 10),
+            "depth_dropout": (0, 0.999),
+            "depth_noise_m": (0, 0.1),
+            "depth_quantization_m": (0, 0.1),
+            "low_deg": (-89, 89),
+            "high_deg": (-89, 89),
+            "distance_m": (0, 100),
+            "azimuth_deg": (-360, 360),
+            "ambient": (0, 1),
+            "directional": (0, 1),
+        },
+    )
     check_choices(config, stage, {"renderer": ("raycast", "blender"), "texture": TEXTURES})
     if config.supersample % 2 == 0:
-        raise PlopError("A setting is out of range.", where=f"{stage}.supersample", expected="an odd number",
-                        found=str(config.supersample), fix="Depth and mask use the middle ray.")  # fmt: skip
+        raise PlopError(
+            "A setting is out of range.",
+            where=f"{stage}.supersample",
+            expected="an odd number",
+            found=str(config.supersample),
+            fix="Depth and mask use the middle ray.",
+        )

@@ -36,13 +36,7 @@ class SolidTexture:
 
     @classmethod
     def from_seed(
-        cls,
-        seed: int,
-        *,
-        shortest_m: float = 0.015,
-        longest_m: float = 0.06,
-        count: int = 7,
-        contrast: float = 0.15,
+        cls, seed: int, *, shortest_m: float = 0.015, longest_m: float = 0.06, count: int = 7, contrast: float = 0.15
     ) -> SolidTexture:
         """Draw a texture.
 
@@ -85,8 +79,12 @@ class SolidTexture:
         grey = drawn.weights.mean(1)
         grey *= contrast / np.sqrt((grey**2).sum() / 2)
         tint = np.array([0.8, 1.0, 1.2], np.float32)
-        return replace(drawn, outside=base, inside=0.45 * base + 0.55 * np.array([0.97, 0.90, 0.76], np.float32),
-                       weights=(grey[:, None] * tint + 0.1 * drawn.weights).astype(np.float32))  # fmt: skip
+        return replace(
+            drawn,
+            outside=base,
+            inside=0.45 * base + 0.55 * np.array([0.97, 0.90, 0.76], np.float32),
+            weights=(grey[:, None] * tint + 0.1 * drawn.weights).astype(np.float32),
+        )
 
     def colour(self, rest_points: np.ndarray, is_inside: np.ndarray) -> np.ndarray:
         """Give the colour of material points.

@@ -15,8 +15,22 @@ from plop.artifacts.atomic_file import scratch_of
 from plop.errors import PlopError
 
 # One thread and no metadata: the same frames give the same bytes.
-_STEADY = ["-threads", "1", "-fflags", "+bitexact", "-flags:v", "+bitexact", "-map_metadata", "-1",
-           "-crf", "18", "-movflags", "+faststart", "-f", "mp4"]  # fmt: skip
+_STEADY = [
+    "-threads",
+    "1",
+    "-fflags",
+    "+bitexact",
+    "-flags:v",
+    "+bitexact",
+    "-map_metadata",
+    "-1",
+    "-crf",
+    "18",
+    "-movflags",
+    "+faststart",
+    "-f",
+    "mp4",
+]
 
 
 class VideoWriter:
@@ -50,9 +64,15 @@ class VideoWriter:
             if self._pipe is None:
                 self._size = size
                 self._pipe = imageio_ffmpeg.write_frames(
-                    str(self._scratch), size, fps=self.rate_hz, codec="libx264", quality=None,
-                    macro_block_size=2, output_params=_STEADY, ffmpeg_log_level="error",
-                )  # fmt: skip
+                    str(self._scratch),
+                    size,
+                    fps=self.rate_hz,
+                    codec="libx264",
+                    quality=None,
+                    macro_block_size=2,
+                    output_params=_STEADY,
+                    ffmpeg_log_level="error",
+                )
                 next(self._pipe)
             self._pipe.send(np.ascontiguousarray(picture))
         except (OSError, RuntimeError) as error:
@@ -71,6 +91,10 @@ class VideoWriter:
             raise self._failure("no video came out")
 
     def _failure(self, error: object) -> PlopError:
-        return PlopError("The video cannot be written.", where=self.path, expected="a working ffmpeg and free disk",
-                         found=str(error).splitlines()[0],
-                         fix="Free some space or reinstall imageio-ffmpeg.")  # fmt: skip
+        return PlopError(
+            "The video cannot be written.",
+            where=self.path,
+            expected="a working ffmpeg and free disk",
+            found=str(error).splitlines()[0],
+            fix="Free some space or reinstall imageio-ffmpeg.",
+        )

@@ -48,9 +48,16 @@ class ViewWriter(AtomicHdf5):
 
     def _dataset(self, path: str, like: np.ndarray) -> h5py.Dataset:
         if path not in self.file:
-            self.file.create_dataset(path, (self.frames, *like.shape), like.dtype, chunks=(1, *like.shape),
-                                      compression="gzip", compression_opts=1, shuffle=True,
-                                      track_times=False)  # fmt: skip
+            self.file.create_dataset(
+                path,
+                (self.frames, *like.shape),
+                like.dtype,
+                chunks=(1, *like.shape),
+                compression="gzip",
+                compression_opts=1,
+                shuffle=True,
+                track_times=False,
+            )
         return self.file[path]
 
 
@@ -61,8 +68,13 @@ class ViewFile(Hdf5Reader):
 
     def _check(self) -> None:
         if "cameras" not in self._file:
-            raise PlopError("The file of predicted views is incomplete.", where=f"{self.path}:/cameras",
-                            expected="this key", found="nothing", fix=f"{self.maker} again.")  # fmt: skip
+            raise PlopError(
+                "The file of predicted views is incomplete.",
+                where=f"{self.path}:/cameras",
+                expected="this key",
+                found="nothing",
+                fix=f"{self.maker} again.",
+            )
 
     def __len__(self) -> int:
         return min((len(group["rgb"]) for group in self._file["cameras"].values()), default=0)
@@ -85,12 +97,21 @@ class ViewFile(Hdf5Reader):
     def view(self, camera: Camera, frame: int) -> View:
         """Read one frame of one camera."""
         if camera.name not in self._file["cameras"]:
-            raise PlopError("The predicted views lack a camera.", where=self.path, expected=camera.name,
-                            found=", ".join(self.camera_names), fix="Roll out on the same recordings.")  # fmt: skip
+            raise PlopError(
+                "The predicted views lack a camera.",
+                where=self.path,
+                expected=camera.name,
+                found=", ".join(self.camera_names),
+                fix="Roll out on the same recordings.",
+            )
         group = self._file["cameras"][camera.name]
         size = (camera.height, camera.width)
         if group["mask"].shape[1:] != size:
-            raise PlopError("The predicted views have another size.", where=f"{self.path}:/cameras/{camera.name}",
-                            expected=f"{size[0]}x{size[1]} px", found=f"{group['mask'].shape[1:]}",
-                            fix="Roll out on the same recordings.")  # fmt: skip
+            raise PlopError(
+                "The predicted views have another size.",
+                where=f"{self.path}:/cameras/{camera.name}",
+                expected=f"{size[0]}x{size[1]} px",
+                found=f"{group['mask'].shape[1:]}",
+                fix="Roll out on the same recordings.",
+            )
         return View(camera, group["rgb"][frame], group["depth_m"][frame], group["mask"][frame])

@@ -44,10 +44,16 @@ def beaten(facts: ReportFacts) -> list[str]:
     for compared in facts.compared:
         error = error_over(compared, episodes)
         for baseline in BASELINES:
-            closer = [] if error is None or error[baseline.key] >= error["rms"] else [
-                f"{number(error[baseline.key])} mm instead of {number(error['rms'])} mm ({over})"]  # fmt: skip
-            closer += [f"{number(theirs)} mm instead of {number(ours)} mm ({name} of plop eval)"
-                       for name, ours, theirs in _scored(facts, compared, baseline) if theirs < ours]  # fmt: skip
+            closer = (
+                []
+                if error is None or error[baseline.key] >= error["rms"]
+                else [f"{number(error[baseline.key])} mm instead of {number(error['rms'])} mm ({over})"]
+            )
+            closer += [
+                f"{number(theirs)} mm instead of {number(ours)} mm ({name} of plop eval)"
+                for name, ours, theirs in _scored(facts, compared, baseline)
+                if theirs < ours
+            ]
             if closer:
                 told.append(f"{baseline.says} is closer to the measurement than {compared.label}: {'; '.join(closer)}.")
     return told
@@ -59,8 +65,10 @@ def _scored(facts: ReportFacts, compared: Compared, baseline: Baseline) -> list[
     if scores is None:
         return []
     methods = scores["methods"]
-    both = [(name, *(methods.get(key, {}).get("episode", {}).get(metric) for key in (scores["method"], baseline.key)))
-            for metric, name in _SCORES]  # fmt: skip
+    both = [
+        (name, *(methods.get(key, {}).get("episode", {}).get(metric) for key in (scores["method"], baseline.key)))
+        for metric, name in _SCORES
+    ]
     return [(name, float(ours["mean"]), float(theirs["mean"])) for name, ours, theirs in both if ours and theirs]
 
 

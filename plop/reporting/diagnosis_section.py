@@ -24,11 +24,15 @@ def _one(label: str, found: dict[str, Any]) -> str:
     told = closed is not None and closed > 0 and not found["verdict"]["named"]
     share = f" The best effect closes {100 * min(closed or 0, 1):.0f} % of the explainable gap." if told else ""
     floor = "" if found.get("floor") is None else f" (in the reference recordings {number(found['floor'])})"
-    says = (f"<p><b>{text(found['verdict']['kind'])}</b>. {text(found['verdict']['text'])}</p><p class='soft'>Mean "
-            f"squared residual in units of its expectation: {number(found['error'])}{floor}.{share} "
-            f"False alarms are judged by {found['shams']['count']} shams.</p>")  # fmt: skip
-    return (f"<h2>What is missing in {text(label)}</h2>{says}{_ranking(found)}{_next(found)}{_sensors(found)}"
-            f"{_limits(found)}{_dropped(found)}")  # fmt: skip
+    says = (
+        f"<p><b>{text(found['verdict']['kind'])}</b>. {text(found['verdict']['text'])}</p><p class='soft'>Mean "
+        f"squared residual in units of its expectation: {number(found['error'])}{floor}.{share} "
+        f"False alarms are judged by {found['shams']['count']} shams.</p>"
+    )
+    return (
+        f"<h2>What is missing in {text(label)}</h2>{says}{_ranking(found)}{_next(found)}{_sensors(found)}"
+        f"{_limits(found)}{_dropped(found)}"
+    )
 
 
 def _ranking(found: dict[str, Any]) -> str:
@@ -63,16 +67,21 @@ def _ranked(row: dict[str, Any], reach: float, named: bool) -> list[str]:
         explains += f" once the stiffness is refitted, too ({100 * row['alone']:.0f} % as the base is)"
     share = f"<span class='whole'>{text(explains)}</span>" if helps else text(explains)
     return [
-        f"<span title='{text(row.get('help', ''))}'>{text(row['effect'])}</span>{kind}", dot, share,
-        "–" if row["p"] is None else f"{row['p']:.3f}", number(row.get("size_mm")),
+        f"<span title='{text(row.get('help', ''))}'>{text(row['effect'])}</span>{kind}",
+        dot,
+        share,
+        "–" if row["p"] is None else f"{row['p']:.3f}",
+        number(row.get("size_mm")),
         parameters_text(row["parameters"], row["effect"]),
         "<b>named</b>" if named else "–" if not helps else _why_not(row["reasons"]),
-    ]  # fmt: skip
+    ]
 
 
-_RANKING_NOTE = (f"<p class='soft'>Explains: the share of the held-out squared error that goes away when the law is "
-                 f"added, with its standard error. “{NO_HELP.capitalize()}”: fitted to the other episodes, the law "
-                 f"makes the held-out ones no better, or worse. Grey parameters are {NOT_DETERMINED}.</p>")  # fmt: skip
+_RANKING_NOTE = (
+    f"<p class='soft'>Explains: the share of the held-out squared error that goes away when the law is "
+    f"added, with its standard error. “{NO_HELP.capitalize()}”: fitted to the other episodes, the law "
+    f"makes the held-out ones no better, or worse. Grey parameters are {NOT_DETERMINED}.</p>"
+)
 
 
 def _why_not(reasons: list[str]) -> str:
@@ -94,8 +103,10 @@ def _sensors(found: dict[str, Any]) -> str:
         return "<h3>Sensors</h3><p>Sensor faults were not looked for.</p>"
     if not found["sensors"]:
         return "<h3>Sensors</h3><p>No sensor fault was found.</p>"
-    rows = [[text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}), s["fault"])]
-            for s in found["sensors"]]  # fmt: skip
+    rows = [
+        [text(s["camera"]), text(s["fault"]), parameters_text(s.get("values", {}), s["fault"])]
+        for s in found["sensors"]
+    ]
     return "<h3>Sensors</h3>" + table(["camera", "fault", "value, 95 % interval"], rows, cards=True)
 
 
@@ -105,8 +116,11 @@ def _limits(found: dict[str, Any]) -> str:
         least = limit.get("amplitude")
         size = limit.get("displacement_m")
         seen = with_unit(f"{limit.get('parameter', '')} {short(least)}", limit.get("unit"))
-        cells = [text(effect), text(seen) if least is not None else "none in its range",
-                 number(None if size is None else 1000 * size, 3)]  # fmt: skip
+        cells = [
+            text(effect),
+            text(seen) if least is not None else "none in its range",
+            number(None if size is None else 1000 * size, 3),
+        ]
         rows.append((float("inf") if size is None else size, cells))
     if not rows:
         return ""

@@ -10,9 +10,11 @@ from plop.reporting.errors_over import beside, closed_gap, error_over
 from plop.reporting.html import Series, bars, number, table, text
 from plop.reporting.verdict_section import gap_text
 
-_CHARTS = (("phase", "phase", "By phase: error"),
-           ("distance", "distance_to_tool_mm", "By distance to the tool in mm: error"),
-           ("height", "height_mm", "By height above the table in mm: error"))  # fmt: skip
+_CHARTS = (
+    ("phase", "phase", "By phase: error"),
+    ("distance", "distance_to_tool_mm", "By distance to the tool in mm: error"),
+    ("height", "height_mm", "By height above the table in mm: error"),
+)
 
 
 BEATEN = '<sup title="a baseline is better">▾</sup>'
@@ -22,8 +24,9 @@ _BASELINE_LABELS = {b.key: f"baseline: {b.label}" for b in BASELINES}
 
 def legend(facts: ReportFacts) -> str:
     """Name the colours of the models and of the baselines."""
-    models = "".join(f'<span><i class="swatch" style="background:{c.colour}"></i>{text(c.label)}</span>'
-                     for c in facts.compared)  # fmt: skip
+    models = "".join(
+        f'<span><i class="swatch" style="background:{c.colour}"></i>{text(c.label)}</span>' for c in facts.compared
+    )
     others = "".join(f'<span><i style="height:6px;background:{b.colour}"></i>{text(b.label)}</span>' for b in BASELINES)
     return f'<p class="key">{models}{others}<span><i class="floor"></i>noise floor</span></p>'
 
@@ -33,20 +36,25 @@ def where_section(facts: ReportFacts) -> str:
     charts = [_chart(facts, key, label, title) for key, label, title in _CHARTS]
     if facts.compared[0].facts["tables"].get("camera"):
         charts.append(_chart(facts, "camera", "camera", "By camera: mean difference in depth", "depth_mm"))
-    return (f"<h2>Where and when it fails</h2>{legend(facts)}<div class='charts'>{''.join(charts)}</div>"
-            "<p class='soft'>RMS distance between measured and predicted points; the first frame is given and counts "
-            "nowhere. The dotted tick is the floor: what noise alone would give (for cameras: what is left when the "
-            f"measured points are rendered). {text(ORACLE)}</p>")  # fmt: skip
+    return (
+        f"<h2>Where and when it fails</h2>{legend(facts)}<div class='charts'>{''.join(charts)}</div>"
+        "<p class='soft'>RMS distance between measured and predicted points; the first frame is given and counts "
+        "nowhere. The dotted tick is the floor: what noise alone would give (for cameras: what is left when the "
+        f"measured points are rendered). {text(ORACLE)}</p>"
+    )
 
 
 def _chart(facts: ReportFacts, key: str, label: str, title: str, value: str = "rms_mm") -> str:
     rows = facts.compared[0].facts["tables"][key]
     labels = [str(row[label]) for row in rows]
-    models = [Series(c.label, c.colour, [_value(c.row(key, **{label: name}), value) for name in labels])
-              for c in facts.compared]  # fmt: skip
+    models = [
+        Series(c.label, c.colour, [_value(c.row(key, **{label: name}), value) for name in labels])
+        for c in facts.compared
+    ]
     # a comparison made before cameras had baselines has none to show
-    others = [Series(b.label, b.colour, [_value(row, beside(value, b.key)) for row in rows], thin=True)
-              for b in BASELINES]  # fmt: skip
+    others = [
+        Series(b.label, b.colour, [_value(row, beside(value, b.key)) for row in rows], thin=True) for b in BASELINES
+    ]
     return bars(title, labels, [*models, *others], [_value(row, beside(value, "floor")) for row in rows], "mm")
 
 
@@ -57,9 +65,11 @@ def _value(row: dict[str, Any] | None, key: str) -> float | None:
 def before_after_section(facts: ReportFacts) -> str:
     """List every episode with every model, held-out episodes first, and their totals."""
     names = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
-    groups = [("held out", [n for n in names if n in facts.held_out]),
-              ("fitted to", [n for n in names if n in facts.fitted]),
-              ("", [n for n in names if n not in facts.held_out and n not in facts.fitted])]  # fmt: skip
+    groups = [
+        ("held out", [n for n in names if n in facts.held_out]),
+        ("fitted to", [n for n in names if n in facts.fitted]),
+        ("", [n for n in names if n not in facts.held_out and n not in facts.fitted]),
+    ]
     rows, marked = [], []
     for kind, episodes in groups:
         rows += [_row(facts, [name], name, kind) for name in episodes]
@@ -84,12 +94,16 @@ def _note(facts: ReportFacts) -> str:
     if facts.held_out:
         what = "Neither a model nor an effect was fitted to the episodes that are held out."
     elif facts.fitted:
-        what = ("No episode is held out here. The gain in the ranking is scored on held-out episodes: each is "
-                "predicted with what the others say.")  # fmt: skip
+        what = (
+            "No episode is held out here. The gain in the ranking is scored on held-out episodes: each is "
+            "predicted with what the others say."
+        )
     else:
         what = "Which episodes the effect was fitted to is not known here."
-    return ("<p class='soft'>RMS error in mm. Way to the floor: share of the first model's error above the floor that "
-            f"the last one takes away. {what}</p>")  # fmt: skip
+    return (
+        "<p class='soft'>RMS error in mm. Way to the floor: share of the first model's error above the floor that "
+        f"the last one takes away. {what}</p>"
+    )
 
 
 def _row(facts: ReportFacts, episodes: list[str], label: str, kind: str) -> list[str]:

@@ -31,12 +31,21 @@ def draw_over_time(path: Path, field: StoredField) -> None:
     edges = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
     for first, last, name in spans(field.phase):
         axes.axvspan(edges[first], edges[last + 1], color=PHASE_COLOURS[name], linewidth=0, zorder=0)
-    lines = (("prediction", field.error_m, PREDICTION, "-", 2.4), ("nothing moves", field.persistence_error_m,
-             PERSISTENCE, "--", 1.6), ("best rigid motion", field.rigid_error_m, RIGID, "-.", 1.6))  # fmt: skip
+    lines = (
+        ("prediction", field.error_m, PREDICTION, "-", 2.4),
+        ("nothing moves", field.persistence_error_m, PERSISTENCE, "--", 1.6),
+        ("best rigid motion", field.rigid_error_m, RIGID, "-.", 1.6),
+    )
     for label, error, colour, dash, width in lines:
         axes.plot(time, 1000 * rms_seen(error, field.seen), color=colour, linestyle=dash, linewidth=width, label=label)
-    axes.fill_between(time, *1000 * np.quantile(field.error_m, [0.25, 0.75], axis=1), color=PREDICTION, alpha=0.18,
-                      linewidth=0, label="middle half of the points")  # fmt: skip
+    axes.fill_between(
+        time,
+        *1000 * np.quantile(field.error_m, [0.25, 0.75], axis=1),
+        color=PREDICTION,
+        alpha=0.18,
+        linewidth=0,
+        label="middle half of the points",
+    )
     axes.axhline(1000 * field.floor_m, color=FLOOR, linestyle=":", linewidth=1.4, label="noise floor")
     axes.set(xlabel="time [s]", ylabel="error of the points, RMS [mm]", xlim=(0, time[-1]), title=field.name)
     axes.set_ylim(bottom=0)
@@ -58,8 +67,9 @@ def draw_on_object(path: Path, field: StoredField) -> None:
     top = max(float(np.quantile(1000 * field.error_m[frame], 0.98)), 1e-3)
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
     for panel, (elevation, azimuth) in zip(panels, _VIEWS, strict=True):
-        mesh = panel.plot_trisurf(*places.T, triangles=field.surface_faces[whole], linewidth=0, antialiased=False,
-                                  cmap=ERROR_MAP, shade=False)  # fmt: skip
+        mesh = panel.plot_trisurf(
+            *places.T, triangles=field.surface_faces[whole], linewidth=0, antialiased=False, cmap=ERROR_MAP, shade=False
+        )
         mesh.set_array(error[whole])
         mesh.set_clim(0, top)
         _quiet(panel, places, elevation, azimuth)
@@ -119,17 +129,18 @@ def _heat(axes: Axes, tables: dict[str, list[dict[str, Any]]]) -> None:
     axes.figure.colorbar(image, ax=axes, label="mm", shrink=0.9)
 
 
-def _bars(
-    axes: Axes, rows: Sequence[dict[str, Any]], key: str, title: str, value: str = "rms_mm"
-) -> None:  # fmt: skip
+def _bars(axes: Axes, rows: Sequence[dict[str, Any]], key: str, title: str, value: str = "rms_mm") -> None:
     labels = [str(row[key]) for row in rows]
     tops = [row[value] or 0 for row in rows]
     most = max([*tops, 1e-3])
     axes.bar(labels, tops, color=PREDICTION, width=0.7)
     for place, top in enumerate(tops):
         axes.text(place, top, f"{top:.2f}", ha="center", va="bottom", fontsize=8)
-    for name, colour, dash, width in (("persistence", PERSISTENCE, "-", 2.0), ("rigid", RIGID, "-", 2.0),
-                                      ("floor", FLOOR, ":", 1.6)):  # fmt: skip
+    for name, colour, dash, width in (
+        ("persistence", PERSISTENCE, "-", 2.0),
+        ("rigid", RIGID, "-", 2.0),
+        ("floor", FLOOR, ":", 1.6),
+    ):
         marks = [row.get(beside(value, name)) for row in rows]
         for place, mark in enumerate(marks):
             if mark is not None:

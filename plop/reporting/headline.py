@@ -30,8 +30,15 @@ def headline(label: str, found: Facts) -> str:
     Returns:
         One sentence; the verdict's own text for a kind that is not known here.
     """
-    says = {"EFFECT": _effect, "PARTLY": _partly, "BASE PARAMETER": _base, "CONFOUNDED": _confounded,
-            "NONE OF THESE": _none, "NOTHING DETECTABLE": _nothing, "SENSOR": _sensor}  # fmt: skip
+    says = {
+        "EFFECT": _effect,
+        "PARTLY": _partly,
+        "BASE PARAMETER": _base,
+        "CONFOUNDED": _confounded,
+        "NONE OF THESE": _none,
+        "NOTHING DETECTABLE": _nothing,
+        "SENSOR": _sensor,
+    }
     made = says.get(found["verdict"]["kind"])
     if made is None:
         return str(found["verdict"]["text"])
@@ -58,8 +65,10 @@ def _partly(label: str, found: Facts) -> str:
     else:
         rest = "much of the error remains unexplained"
     counted = named[:1] if alternatives else named
-    return (f"part of what is wrong with {label} is {joined}{alike}: {explain} {_share(found)} of the error, "
-            f"{_chance(counted)}, and {rest}")  # fmt: skip
+    return (
+        f"part of what is wrong with {label} is {joined}{alike}: {explain} {_share(found)} of the error, "
+        f"{_chance(counted)}, and {rest}"
+    )
 
 
 def _base(label: str, found: Facts) -> str:
@@ -73,8 +82,7 @@ def _base(label: str, found: Facts) -> str:
         start = f"the {what} of {label}{alike} is off"
         rest = ", though what is left is still more than where nothing is missing" if evidence.get("rest") else ""
     factor = "" if others else _factor(named)
-    return (f"{start}{factor}: changing it explains {_share(found)} of the error, and {_chance(named[:1])}"
-            f"{rest}")  # fmt: skip
+    return f"{start}{factor}: changing it explains {_share(found)} of the error, and {_chance(named[:1])}{rest}"
 
 
 def _confounded(label: str, found: Facts) -> str:
@@ -83,16 +91,20 @@ def _confounded(label: str, found: Facts) -> str:
     laws = [_plain(row) for row in named if row.get("kind") != "base"]
     missing = [f"{' or '.join(laws)} is missing from {label}"] if laws else []
     either = " or ".join([*wrong, *missing])
-    return (f"either {either}, but these motions cannot tell which: either would explain about {_share(found)} of the "
-            f"error, and {_chance(named[:1])}")  # fmt: skip
+    return (
+        f"either {either}, but these motions cannot tell which: either would explain about {_share(found)} of the "
+        f"error, and {_chance(named[:1])}"
+    )
 
 
 def _none(label: str, found: Facts) -> str:
     evidence, tried = found["verdict"].get("evidence", {}), _laws(found)
     larger = _larger(found)
     if larger is None and (decoys := evidence.get("decoys")):
-        return (f"nothing that is missing from {label} can be named with any certainty, since what explains the error "
-                f"best is {' or '.join(decoys)}, which cannot matter in motions this slow and is tried only as a check")
+        return (
+            f"nothing that is missing from {label} can be named with any certainty, since what explains the error "
+            f"best is {' or '.join(decoys)}, which cannot matter in motions this slow and is tried only as a check"
+        )
     lone = _lone(found, "points to")
     explains = lone or f"none of the {len(tried)} laws that were tried explains any of it with certainty"
     size = f": the error is {larger}" if larger else ""
@@ -123,8 +135,10 @@ def _sensor(label: str, found: Facts) -> str:
     faults = " and ".join(_fault(s) for s in sensors) or "a camera is faulty"
     surest = max((s.get("z") or 0.0 for s in sensors), default=0.0)
     sure = f", {surest:.0f} times more than noise explains" if surest else ""
-    return (f"{faults}{sure}, so that nothing can be said about what is missing from {label}, or how much of the error "
-            "that explains, before it is mended or left out")  # fmt: skip
+    return (
+        f"{faults}{sure}, so that nothing can be said about what is missing from {label}, or how much of the error "
+        "that explains, before it is mended or left out"
+    )
 
 
 def _fault(sensor: Facts) -> str:

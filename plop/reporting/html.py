@@ -30,8 +30,15 @@ def short(value: float | None) -> str:
     return f"{float(f'{value:.3g}'):,.10g}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequence[int] = (),
-          marked: Sequence[int] = (), greyed: Sequence[int] = (), cards: bool = False) -> str:  # fmt: skip
+def table(
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    numeric: Sequence[int] = (),
+    marked: Sequence[int] = (),
+    greyed: Sequence[int] = (),
+    cards: bool = False,
+) -> str:
     """Make a table of ready HTML cells; it scrolls inside its own box where it is wider than the page.
 
     Args:
@@ -55,11 +62,15 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequen
         return f' class="{" ".join(kinds)}"' if kinds else ""
 
     top = "".join(cell("th", k, text(title)) for k, title in enumerate(head))
-    body = "".join(f"<tr{row_class(place)}>{''.join(cell('td', k, c) for k, c in enumerate(row))}</tr>"
-                   for place, row in enumerate(rows))  # fmt: skip
+    body = "".join(
+        f"<tr{row_class(place)}>{''.join(cell('td', k, c) for k, c in enumerate(row))}</tr>"
+        for place, row in enumerate(rows)
+    )
     kind = "wide cards" if cards else "wide"
-    return (f'<div class="{kind}" tabindex="0" role="region" aria-label="table: {text(head[0])}"><table>'
-            f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>")  # fmt: skip
+    return (
+        f'<div class="{kind}" tabindex="0" role="region" aria-label="table: {text(head[0])}"><table>'
+        f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
 
 
 @dataclass(frozen=True)
@@ -74,9 +85,7 @@ class Series:
     """Stands in the background."""
 
 
-def bars(
-    title: str, labels: Sequence[str], series: Sequence[Series], floors: Sequence[float | None], unit: str
-) -> str:  # fmt: skip
+def bars(title: str, labels: Sequence[str], series: Sequence[Series], floors: Sequence[float | None], unit: str) -> str:
     """Draw horizontal bars in groups, a tick at the floor of each group, as a table that any width and reader can read.
 
     Bars of the background do not set the scale beyond twice what the others need: where nothing moves is often so far
@@ -122,7 +131,9 @@ def interval(value: float, error: float, low: float, high: float, colour: str) -
     def at(v: float) -> float:
         return width * (min(max(v, low), high) - low) / ((high - low) or 1.0)
 
-    return (f'<svg width="{width}" height="{height}" viewBox="0 0 {width} {height}" aria-hidden="true">'
-            f'<line x1="{at(0):.1f}" x2="{at(0):.1f}" y1="0" y2="{height}" stroke="#9aa0a8"/>'
-            f'<line x1="{at(value - error):.1f}" x2="{at(value + error):.1f}" y1="8" y2="8" stroke="{colour}" '
-            f'stroke-width="2"/><circle cx="{at(value):.1f}" cy="8" r="4" fill="{colour}"/></svg>')  # fmt: skip
+    return (
+        f'<svg width="{width}" height="{height}" viewBox="0 0 {width} {height}" aria-hidden="true">'
+        f'<line x1="{at(0):.1f}" x2="{at(0):.1f}" y1="0" y2="{height}" stroke="#9aa0a8"/>'
+        f'<line x1="{at(value - error):.1f}" x2="{at(value + error):.1f}" y1="8" y2="8" stroke="{colour}" '
+        f'stroke-width="2"/><circle cx="{at(value):.1f}" cy="8" r="4" fill="{colour}"/></svg>'
+    )

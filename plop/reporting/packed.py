@@ -35,11 +35,16 @@ def packed_episode(fields: Sequence[StoredField], frames: Sequence[int]) -> dict
     errors = np.concatenate([field.error_m[1:][field.seen[1:]] for field in fields])
     worst = int(rms_seen(fields[0].error_m, first.seen)[chosen].argmax())
     return {
-        "name": first.name, "points": len(first.patch), "time": _list(time[chosen], 4),
-        "phase": [PHASES[int(k)] for k in first.phase[chosen]], "curve_frames": chosen, "worst": worst,
+        "name": first.name,
+        "points": len(first.patch),
+        "time": _list(time[chosen], 4),
+        "phase": [PHASES[int(k)] for k in first.phase[chosen]],
+        "curve_frames": chosen,
+        "worst": worst,
         "phases": [[float(edges[a]), float(edges[b + 1]), name] for a, b, name in spans(first.phase)],
         "curves": {
-            "time": _list(time, 4), "models": [_list(1000 * rms_seen(f.error_m, f.seen), 4) for f in fields],
+            "time": _list(time, 4),
+            "models": [_list(1000 * rms_seen(f.error_m, f.seen), 4) for f in fields],
             "persistence": _list(1000 * rms_seen(first.persistence_error_m, first.seen), 4),
             "rigid": _list(1000 * rms_seen(first.rigid_error_m, first.seen), 4),
         },
@@ -48,21 +53,27 @@ def packed_episode(fields: Sequence[StoredField], frames: Sequence[int]) -> dict
         "measured": _places(first.points_m[chosen], centre),
         "predicted": [_places(field.predicted_m[chosen], centre) for field in fields],
         "surface": {
-            "rest": _places(first.surface_vertices_m, centre), "faces": _b64(first.surface_faces.astype("<u2")),
-            "index": _b64(carrier.index.astype("<u2")), "weight": _b64((255 * carrier.weight).round().astype(np.uint8)),
+            "rest": _places(first.surface_vertices_m, centre),
+            "faces": _b64(first.surface_faces.astype("<u2")),
+            "index": _b64(carrier.index.astype("<u2")),
+            "weight": _b64((255 * carrier.weight).round().astype(np.uint8)),
         },
-        "centre": [0, 0, 0], "reach": round(1000 * float(np.linalg.norm(np.ptp(first.surface_vertices_m, axis=0))), 2),
+        "centre": [0, 0, 0],
+        "reach": round(1000 * float(np.linalg.norm(np.ptp(first.surface_vertices_m, axis=0))), 2),
         "table": None if np.isnan(first.table_z_m) else round(1000 * float(first.table_z_m - centre[2]), 2),
         "tool": _tool(first, centre, chosen),
-    }  # fmt: skip
+    }
 
 
 def _tool(field: StoredField, centre: np.ndarray, frames: list[int]) -> dict[str, Any]:
     """The tool's corners and sharp edges [mm, tool frame] and its poses, rows of 3 x 4 [mm]."""
     poses = field.world_from_tool[frames, :3].astype(float)
     poses[..., 3] = 1000 * (poses[..., 3] - centre)
-    return {"vertices": _list(1000 * field.tool_vertices_m.ravel(), 2), "edges": _sharp(field),
-            "poses": [_list(pose.ravel(), 4) for pose in poses]}  # fmt: skip
+    return {
+        "vertices": _list(1000 * field.tool_vertices_m.ravel(), 2),
+        "edges": _sharp(field),
+        "poses": [_list(pose.ravel(), 4) for pose in poses],
+    }
 
 
 def _sharp(field: StoredField) -> list[int]:

@@ -36,21 +36,32 @@ def report_page(facts: ReportFacts, episodes: list[dict[str, Any]], *, limit_mm:
         HTML.
     """
     data = {
-        "episodes": episodes, "models": [{"label": c.label, "colour": c.colour} for c in facts.compared],
-        "palette": colour_map(32), "phase_colours": PHASE_COLOURS, "step_mm": STEP_MM,
-    }  # fmt: skip
+        "episodes": episodes,
+        "models": [{"label": c.label, "colour": c.colour} for c in facts.compared],
+        "palette": colour_map(32),
+        "phase_colours": PHASE_COLOURS,
+        "step_mm": STEP_MM,
+    }
     # "</" would end the script element wherever it stands.
     packed = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     style, solid, page = ((_PARTS / name).read_text() for name in ("page.css", "solid.js", "page.js"))
-    parts = [verdict_section(facts), _look_section(facts, episodes, limit_mm), where_section(facts),
-             before_after_section(facts), diagnosis_sections(facts), parameters_section(facts),
-             provenance_section(facts)]  # fmt: skip
-    return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{text(facts.title)}</title>'
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{style}</style></head>'
-            f"<body><main><h1>{text(facts.title)}</h1><p class='soft'>{_subtitle(facts)}</p>{''.join(parts)}</main>"
-            f'<script type="application/json" id="data">{packed}</script><script>{solid}</script>'
-            f"<script>{page}</script></body></html>\n")  # fmt: skip
+    parts = [
+        verdict_section(facts),
+        _look_section(facts, episodes, limit_mm),
+        where_section(facts),
+        before_after_section(facts),
+        diagnosis_sections(facts),
+        parameters_section(facts),
+        provenance_section(facts),
+    ]
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{text(facts.title)}</title>'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{style}</style></head>'
+        f"<body><main><h1>{text(facts.title)}</h1><p class='soft'>{_subtitle(facts)}</p>{''.join(parts)}</main>"
+        f'<script type="application/json" id="data">{packed}</script><script>{solid}</script>'
+        f"<script>{page}</script></body></html>\n"
+    )
 
 
 def _subtitle(facts: ReportFacts) -> str:
@@ -63,17 +74,25 @@ def _look_section(facts: ReportFacts, episodes: list[dict[str, Any]], limit_mm: 
     if not episodes:
         return ""
     held = set(facts.held_out)
-    options = "".join(f'<option value="{k}">{text(e["name"])}{" (held out)" if e["name"] in held else ""}</option>'
-                      for k, e in enumerate(episodes))  # fmt: skip
-    models = "".join(f'<button type="button" data-model="{k}">{text(c.label)}</button>'
-                     for k, c in enumerate(facts.compared))  # fmt: skip
+    options = "".join(
+        f'<option value="{k}">{text(e["name"])}{" (held out)" if e["name"] in held else ""}</option>'
+        for k, e in enumerate(episodes)
+    )
+    models = "".join(
+        f'<button type="button" data-model="{k}">{text(c.label)}</button>' for k, c in enumerate(facts.compared)
+    )
     seen = {name for e in episodes for _, _, name in e["phases"]}
-    phases = "".join(f'<span><i class="swatch" style="background:{PHASE_COLOURS[name]}"></i>{name}</span>'
-                     for name in PHASES if name in seen)  # fmt: skip
-    lines = "".join(f'<span><i style="border-top:3px solid {c.colour}"></i>{text(c.label)}</span>'
-                    for c in facts.compared)  # fmt: skip
-    baselines = "".join(f'<span><i style="border-top:2px dashed {b.colour}"></i>{text(b.label)}</span>'
-                        for b in BASELINES)  # fmt: skip
+    phases = "".join(
+        f'<span><i class="swatch" style="background:{PHASE_COLOURS[name]}"></i>{name}</span>'
+        for name in PHASES
+        if name in seen
+    )
+    lines = "".join(
+        f'<span><i style="border-top:3px solid {c.colour}"></i>{text(c.label)}</span>' for c in facts.compared
+    )
+    baselines = "".join(
+        f'<span><i style="border-top:2px dashed {b.colour}"></i>{text(b.label)}</span>' for b in BASELINES
+    )
     return f"""<h2>Measured, predicted, difference</h2>
 <div class="controls"><label for="episode">Episode</label><select id="episode">{options}</select>
 <span role="group" aria-label="model" class="controls" style="margin:0"><span class="label">Model</span>{models}</span>

@@ -91,15 +91,20 @@ def _given(compared: Compared) -> list[tuple[list[str], bool]]:
     model = compared.model or {}
     fitted = model.get("estimates", {})
     values = model.get("engine", {}).get("material", {}) if model.get("kind") == "engine" else {}
-    return [(_parameter(compared.label, ENGINE, name, {"value": value, "unit": _unit(name)})[0], True)
-            for name, value in values.items() if isinstance(value, (int, float)) and name not in fitted]  # fmt: skip
+    return [
+        (_parameter(compared.label, ENGINE, name, {"value": value, "unit": _unit(name)})[0], True)
+        for name, value in values.items()
+        if isinstance(value, (int, float)) and name not in fitted
+    ]
 
 
 def _parameter(label: str, part: str, name: str, p: dict[str, Any]) -> tuple[list[str], bool]:
     low, high = p.get("low"), p.get("high")
     span = also_text(p).strip(" ()") or "–" if low is None or high is None else f"{short(low)} to {short(high)}"
-    return ([text(label), text(part), text(name), short(p["value"]), span, text(p.get("unit") or "-")],
-            is_determined(part, name, p))  # fmt: skip
+    return (
+        [text(label), text(part), text(name), short(p["value"]), span, text(p.get("unit") or "-")],
+        is_determined(part, name, p),
+    )
 
 
 def _unit(name: str) -> str:

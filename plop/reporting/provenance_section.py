@@ -16,8 +16,16 @@ def provenance_section(facts: ReportFacts) -> str:
     for made in facts.provenance:
         seed = made.config.get("seed")
         sources = ", ".join(f"{text(name)}: {text(source)}" for name, source in made.sources.items())
-        rows.append([text(made.address), text(made.role), sources or "–", "–" if seed is None else text(seed),
-                     text(made.made), text(made.versions.get("plop", "–"))])  # fmt: skip
+        rows.append(
+            [
+                text(made.address),
+                text(made.role),
+                sources or "–",
+                "–" if seed is None else text(seed),
+                text(made.made),
+                text(made.versions.get("plop", "–")),
+            ]
+        )
     versions = sorted({f"{name} {v}" for made in facts.provenance for name, v in made.versions.items()})
     settings = "".join(
         f"<details><summary><code>{text(made.address)}</code>: settings</summary>"
@@ -26,11 +34,13 @@ def provenance_section(facts: ReportFacts) -> str:
         for made in facts.provenance
     )
     commands = "\n".join(_command(made) for made in [*facts.provenance, *([facts.own] if facts.own else [])])
-    return ("<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name "
-            "contents, so the same command gives the same result. Settings are those that differ from the defaults."
-            f"</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
-            + table(["artifact", "what", "made from", "seed", "made", "plop"], rows, cards=True)
-            + f"<p class='soft'>{text(', '.join(versions))}</p>{settings}")  # fmt: skip
+    return (
+        "<h2>To repeat it</h2><p class='soft'>In the workspace that holds these artifacts; addresses name "
+        "contents, so the same command gives the same result. Settings are those that differ from the defaults."
+        f"</p><pre>{text(commands)}</pre><h2>Provenance</h2>"
+        + table(["artifact", "what", "made from", "seed", "made", "plop"], rows, cards=True)
+        + f"<p class='soft'>{text(', '.join(versions))}</p>{settings}"
+    )
 
 
 def _command(made: Made) -> str:

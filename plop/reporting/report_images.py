@@ -32,9 +32,16 @@ def difference_palette(steps: int = 63) -> tuple[tuple[int, int, int], ...]:
 
 
 def episode_images(
-    recording_path: Path, init: Path, points: np.ndarray, patch: np.ndarray, predictions: Sequence[np.ndarray],
-    frames: Sequence[int], *, camera: str = "", limit_mm: float,
-) -> dict[str, Any]:  # fmt: skip
+    recording_path: Path,
+    init: Path,
+    points: np.ndarray,
+    patch: np.ndarray,
+    predictions: Sequence[np.ndarray],
+    frames: Sequence[int],
+    *,
+    camera: str = "",
+    limit_mm: float,
+) -> dict[str, Any]:
     """Render the pictures of one episode.
 
     Args:

@@ -18,13 +18,18 @@ def verdict_section(facts: ReportFacts) -> str:
     """Say what was found: the diagnosis of the first model, or, without one, where it fails most."""
     kind, sentence = _verdict(facts)
     quiet = " none" if kind in _QUIET or not facts.diagnoses else ""
-    more = "".join(f"<p>{text(label)} was diagnosed, too (<b>{text(d['verdict']['kind'])}</b>): "
-                   f"{_unbroken(headline(label, d))}</p>" for label, d in facts.diagnoses[1:])  # fmt: skip
+    more = "".join(
+        f"<p>{text(label)} was diagnosed, too (<b>{text(d['verdict']['kind'])}</b>): "
+        f"{_unbroken(headline(label, d))}</p>"
+        for label, d in facts.diagnoses[1:]
+    )
     figures = "".join(f"<div><b>{_unbroken(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
-    return (f'<section class="verdict{quiet}" id="verdict"><b class="kind">{text(kind)}</b>'
-            f'<p class="says">{_unbroken(sentence)}</p>{_beaten(facts)}{more}'
-            f'<div class="facts">{figures}</div><p class="soft">{text(_held_out(facts))} {_shares(facts)}</p>'
-            "</section>")  # fmt: skip
+    return (
+        f'<section class="verdict{quiet}" id="verdict"><b class="kind">{text(kind)}</b>'
+        f'<p class="says">{_unbroken(sentence)}</p>{_beaten(facts)}{more}'
+        f'<div class="facts">{figures}</div><p class="soft">{text(_held_out(facts))} {_shares(facts)}</p>'
+        "</section>"
+    )
 
 
 def _unbroken(sentence: str) -> str:
@@ -52,10 +57,12 @@ def worst(compared: Compared) -> str:
     episode, phase = (max(tables[key], key=lambda row: row["rms_mm"]) for key in ("episode", "phase"))
     whole = tables["all"][0]
     times = f", {whole['rms_mm'] / whole['floor_mm']:.1f} times what noise explains" if whole["floor_mm"] > 0 else ""
-    return (f"The model {compared.label} is off by {number(whole['rms_mm'])} mm{times}, most in episode "
-            f"{episode['episode']} ({number(episode['rms_mm'])} mm) and in the phase {phase['phase']} "
-            f"({number(phase['rms_mm'])} mm), and what it is missing has not been looked for (plop diagnose "
-            "does).")  # fmt: skip
+    return (
+        f"The model {compared.label} is off by {number(whole['rms_mm'])} mm{times}, most in episode "
+        f"{episode['episode']} ({number(episode['rms_mm'])} mm) and in the phase {phase['phase']} "
+        f"({number(phase['rms_mm'])} mm), and what it is missing has not been looked for (plop diagnose "
+        "does)."
+    )
 
 
 def _held_out(facts: ReportFacts) -> str:
@@ -69,8 +76,10 @@ def _held_out(facts: ReportFacts) -> str:
         rest = [name for name in every if name not in fitted]
         free = f" Neither fitted to nor kept for the test: {', '.join(rest)}." if rest else ""
         which = ", ".join(fitted) if rest else "all of them"
-        return (f"None of these episodes was held out: {which} took part in a fit, so that the error in new recordings "
-                f"may be larger.{free}")  # fmt: skip
+        return (
+            f"None of these episodes was held out: {which} took part in a fit, so that the error in new recordings "
+            f"may be larger.{free}"
+        )
     return "Which of these episodes were held out of the fit is not known here."
 
 
@@ -78,8 +87,10 @@ def _shares(facts: ReportFacts) -> str:
     """Say what the percentages of a diagnosis are shares of."""
     if not facts.diagnoses:
         return ""
-    return ("Errors in mm are RMS; what a law explains is a share of the squared error, in episodes that its strength "
-            "was not fitted to.")  # fmt: skip
+    return (
+        "Errors in mm are RMS; what a law explains is a share of the squared error, in episodes that its strength "
+        "was not fitted to."
+    )
 
 
 def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
@@ -89,8 +100,12 @@ def _figures(facts: ReportFacts) -> list[tuple[str, str]]:
     if before is None or after is None:
         return figures
     if len(facts.compared) > 1:
-        figures.append((f"error on {name}, {facts.compared[0].label} to {facts.compared[-1].label}",
-                        f"{number(before['rms'])} → {number(after['rms'])} mm"))  # fmt: skip
+        figures.append(
+            (
+                f"error on {name}, {facts.compared[0].label} to {facts.compared[-1].label}",
+                f"{number(before['rms'])} → {number(after['rms'])} mm",
+            )
+        )
         figures.append(("of the way from there to the noise floor", gap_text(closed_gap(before, after))))
     else:
         figures.append((f"error on {name}, RMS", f"{number(before['rms'])} mm"))
@@ -116,5 +131,6 @@ def _diagnosis_figures(facts: ReportFacts) -> list[tuple[str, str]]:
     if named is None or named["gain"] <= 0:
         return []
     p = "" if named["p"] is None else f", p = {named['p']:.3f}"
-    return [(f"of the held-out error explained by {named['effect']}{p}",
-             explained_text(named["gain"], named["gain_error"]))]  # fmt: skip
+    return [
+        (f"of the held-out error explained by {named['effect']}{p}", explained_text(named["gain"], named["gain_error"]))
+    ]

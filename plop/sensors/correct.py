@@ -44,8 +44,9 @@ def correct_view(recording: Recording, camera: str, frame: int, faults: Faults) 
     pose = faults.true_pose(camera, frame_share(frame, len(recording)), view.camera.world_from_cam)
     true = replace(view.camera, world_from_cam=pose)
     depth = faults.true_depth(camera, view.depth_m)
-    return CorrectedView(replace(view, camera=true, depth_m=depth),
-                         faults.true_time(camera, float(recording.time_s[frame])))  # fmt: skip
+    return CorrectedView(
+        replace(view, camera=true, depth_m=depth), faults.true_time(camera, float(recording.time_s[frame]))
+    )
 
 
 def _fault(estimate: FaultEstimate) -> Fault:

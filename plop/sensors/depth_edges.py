@@ -215,14 +215,22 @@ class _Search:
         few = self._values(near, max(1, len(self.points) // FEW_POINTS))
         best = self._best(near[np.argsort(-few)[: len(near) // 8]], [0.0, 0.0, 1.0])
         at_border = np.abs(best[:2]).max() >= reach or best[2] in (ZOOMS_NEAR[0], ZOOMS_NEAR[-1])
-        if at_border or self._stands_out(best, wrong) < (LOOKS_RIGHT if self._off(best) < tolerance_px(self.width)
-                                                         else STANDS_OUT):  # fmt: skip
+        if at_border or self._stands_out(best, wrong) < (
+            LOOKS_RIGHT if self._off(best) < tolerance_px(self.width) else STANDS_OUT
+        ):
             other = self._far(wide)
             if self._surer(best, other) > SURE / 2 and self._stands_out(other, wrong) > STANDS_OUT:
                 best = other
-        return EdgeAlignment(len(self.points), float(best[0]), float(best[1]), float(best[2]),
-                             self._off(best), self._surer(none, best),
-                             self._stands_out(best, wrong), self._stands_out(none, wrong))  # fmt: skip
+        return EdgeAlignment(
+            len(self.points),
+            float(best[0]),
+            float(best[1]),
+            float(best[2]),
+            self._off(best),
+            self._surer(none, best),
+            self._stands_out(best, wrong),
+            self._stands_out(none, wrong),
+        )
 
     def _off(self, move: np.ndarray) -> float:
         return float(np.sqrt((((move[2] - 1) * self.points + move[:2]) ** 2).sum(1).mean()))

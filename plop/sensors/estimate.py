@@ -59,9 +59,12 @@ def pool(findings_per_episode: Sequence[Sequence[SensorFinding]]) -> list[Sensor
         for finding in findings:
             by_camera.setdefault(finding.camera, []).append(finding)
     if not by_camera:
-        raise PlopError("There are no sensor findings to pool.", expected="at least one episode with a camera",
-                        found=f"{len(findings_per_episode)} episodes without cameras",
-                        fix="Record with one camera at least.")  # fmt: skip
+        raise PlopError(
+            "There are no sensor findings to pool.",
+            expected="at least one episode with a camera",
+            found=f"{len(findings_per_episode)} episodes without cameras",
+            fix="Record with one camera at least.",
+        )
     return [_pooled(camera, findings) for camera, findings in sorted(by_camera.items())]
 
 

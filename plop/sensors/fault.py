@@ -37,8 +37,9 @@ class Fault:
     """Its numbers; the first is meant when none is named."""
 
     def __init__(self, **values: float) -> None:
-        self.values = checked_values("sensor fault", self.name, self.parameters, values,
-                                     units="seconds, metres, radians")  # fmt: skip
+        self.values = checked_values(
+            "sensor fault", self.name, self.parameters, values, units="seconds, metres, radians"
+        )
 
     def __getitem__(self, parameter: str) -> float:
         """Value of one parameter."""

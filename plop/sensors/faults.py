@@ -34,8 +34,9 @@ class Faults:
         order = list(FAULTS)
         self.by_camera = {
             camera: tuple(sorted(faults, key=lambda fault: order.index(fault.name)))
-            for camera, faults in by_camera.items() if faults
-        }  # fmt: skip
+            for camera, faults in by_camera.items()
+            if faults
+        }
 
     def __bool__(self) -> bool:
         return bool(self.by_camera)
@@ -104,9 +105,13 @@ def parse_faults(texts: Sequence[str], cameras: Sequence[str] = ()) -> Faults:
         for camera in _cameras(text, wanted, cameras):
             given = values.setdefault((camera, kind.name), {})
             if parameter in given:
-                raise PlopError("A sensor fault is given twice.", where=text, expected="each parameter once a camera",
-                                found=f"{kind.name}.{parameter} of {camera} again",
-                                fix="Leave one of them out.")  # fmt: skip
+                raise PlopError(
+                    "A sensor fault is given twice.",
+                    where=text,
+                    expected="each parameter once a camera",
+                    found=f"{kind.name}.{parameter} of {camera} again",
+                    fix="Leave one of them out.",
+                )
             given[parameter] = value
     by_camera: dict[str, list[Fault]] = {}
     for (camera, name), given in values.items():
@@ -120,16 +125,25 @@ def _parse(text: str) -> tuple[type[Fault], str, float, str]:
     number, _, camera = right.partition("@")
     if name not in FAULTS:
         near = difflib.get_close_matches(name, FAULTS, n=1)
-        raise PlopError("There is no such sensor fault.", where=text, expected=", ".join(FAULTS), found=name,
-                        fix=f"Did you mean {near[0]}?" if near else "See docs/sensors.md.")  # fmt: skip
+        raise PlopError(
+            "There is no such sensor fault.",
+            where=text,
+            expected=", ".join(FAULTS),
+            found=name,
+            fix=f"Did you mean {near[0]}?" if near else "See docs/sensors.md.",
+        )
     try:
         value = float(number)
     except ValueError:
         value = None  # type: ignore[assignment]
     if not equals or value is None:
-        raise PlopError("A sensor fault cannot be read.", where=text, expected="name[.parameter]=number[@camera]",
-                        found=f"{number!r} as the number", fix=f"For example {name}="
-                        f"{FAULTS[name].parameters[0].default + 10 * FAULTS[name].parameters[0].step:g}")  # fmt: skip
+        raise PlopError(
+            "A sensor fault cannot be read.",
+            where=text,
+            expected="name[.parameter]=number[@camera]",
+            found=f"{number!r} as the number",
+            fix=f"For example {name}={FAULTS[name].parameters[0].default + 10 * FAULTS[name].parameters[0].step:g}",
+        )
     return FAULTS[name], parameter or FAULTS[name].parameters[0].name, value, camera.strip()
 
 
@@ -139,7 +153,11 @@ def _cameras(text: str, wanted: str, cameras: Sequence[str]) -> list[str]:
     if not wanted:
         return [cameras[0] if cameras else FIRST_CAMERA]
     if (cameras and wanted not in cameras) or wanted == "*":
-        raise PlopError("A sensor fault names a camera that does not exist.", where=text,
-                        expected=", ".join(cameras) or "the name of one camera", found=wanted,
-                        fix="Write name=value@CAMERA with one of these, or no @ for the first.")  # fmt: skip
+        raise PlopError(
+            "A sensor fault names a camera that does not exist.",
+            where=text,
+            expected=", ".join(cameras) or "the name of one camera",
+            found=wanted,
+            fix="Write name=value@CAMERA with one of these, or no @ for the first.",
+        )
     return [wanted]

@@ -80,8 +80,12 @@ class SensorFinding:
 
     def as_dict(self) -> dict[str, Any]:
         """Give what a person wants to see, for JSON."""
-        return {"camera": self.camera, "noise_m": self.fit.noise_m, "residuals": dict(self.fit.counts),
-                "faults": [asdict(each) for each in self.faults]}  # fmt: skip
+        return {
+            "camera": self.camera,
+            "noise_m": self.fit.noise_m,
+            "residuals": dict(self.fit.counts),
+            "faults": [asdict(each) for each in self.faults],
+        }
 
 
 def judge(camera: str, fit: CameraFit, viewed: Viewed) -> SensorFinding:
@@ -102,14 +106,26 @@ def judge(camera: str, fit: CameraFit, viewed: Viewed) -> SensorFinding:
         tolerance = max(least, NOISE_SHARE * fit.noise_m)
         z = evidence.z(among, name)
         effect = effect_m(name, values[part], viewed)
-        others = tuple(o for o in FAULTS if o not in chosen and evidence.gain(chosen)
-                       - evidence.gain([o if c == name else c for c in chosen]) < AS_GOOD)  # fmt: skip
+        others = tuple(
+            o
+            for o in FAULTS
+            if o not in chosen
+            and evidence.gain(chosen) - evidence.gain([o if c == name else c for c in chosen]) < AS_GOOD
+        )
         keys = [p.name for p in FAULTS[name].parameters]
         found = name in chosen and z > MIN_Z and min(effect, together) > tolerance
-        estimates.append(FaultEstimate(
-            name, dict(zip(keys, (ABSENT + values)[part].tolist(), strict=True)),
-            dict(zip(keys, np.sqrt(np.diag(covariance)[part]).tolist(), strict=True)), z, effect, tolerance, found,
-            others if found else ()))  # fmt: skip
+        estimates.append(
+            FaultEstimate(
+                name,
+                dict(zip(keys, (ABSENT + values)[part].tolist(), strict=True)),
+                dict(zip(keys, np.sqrt(np.diag(covariance)[part]).tolist(), strict=True)),
+                z,
+                effect,
+                tolerance,
+                found,
+                others if found else (),
+            )
+        )
     return SensorFinding(camera, tuple(estimates), fit, viewed)
 
 
@@ -182,7 +198,8 @@ def _choose(evidence: _Evidence) -> list[str]:
         open_ = [n for n in FAULTS if n not in chosen and evidence.z([*chosen, n], n) > MIN_Z]
         if not open_:
             break
-        chosen.append(max(open_, key=lambda n: evidence.added([*chosen, n], n)
-                          - COST_PER_PARAMETER * len(FAULTS[n].parameters)))  # fmt: skip
+        chosen.append(
+            max(open_, key=lambda n: evidence.added([*chosen, n], n) - COST_PER_PARAMETER * len(FAULTS[n].parameters))
+        )
         chosen = [n for n in chosen if evidence.z(chosen, n) > MIN_Z]
     return chosen

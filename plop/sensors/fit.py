@@ -57,8 +57,10 @@ def fit_camera(scene: CameraScene) -> CameraFit:
         if blur == BLURS_PX[-1] and (np.abs(step) < ENOUGH * np.sqrt(np.diag(inverse))).all():
             break
     # Scores after the last step, by linearisation: what the sandwich needs are the residuals at the solution.
-    last = [{kind: replace(rows, residual=rows.residual - rows.jacobian @ step) for kind, rows in frame.items()}
-            for frame in frames]  # fmt: skip
+    last = [
+        {kind: replace(rows, residual=rows.residual - rows.jacobian @ step) for kind, rows in frame.items()}
+        for frame in frames
+    ]
     information, scores, systematic = _normal(last, sigmas, BLURS_PX[-1])
     counts = {kind: sum(len(frame[kind].residual) for frame in frames) for kind in LEAST_SIGMA}
     noise = sigmas["table"] if counts["table"] else sigmas["tool"]
@@ -74,8 +76,9 @@ def _sigma(frames: list[dict[str, Rows]], kind: str) -> float:
     return max(LEAST_SIGMA[kind], 1.4826 * float(np.median(np.abs(values - np.median(values)))))
 
 
-def _normal(frames: list[dict[str, Rows]], sigmas: dict[str, float],
-            blur_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+def _normal(
+    frames: list[dict[str, Rows]], sigmas: dict[str, float], blur_px: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum up the normal equations.
 
     Returns:

@@ -9,11 +9,15 @@ from plop.physics.effects.effect import Parameter
 from plop.sensors.fault import Fault
 
 POSE_PARAMETERS = (
-    *(Parameter(f"{axis}_m", "m", -0.1, 0.1, step=1e-3, help=f"shift {where}")
-      for axis, where in (("x", "to the image's right"), ("y", "down in the image"), ("z", "along the optical axis"))),
-    *(Parameter(f"r{axis}_rad", "rad", -0.2, 0.2, step=1e-3, help=f"turn about the camera's {axis} axis")
-      for axis in "xyz"),
-)  # fmt: skip
+    *(
+        Parameter(f"{axis}_m", "m", -0.1, 0.1, step=1e-3, help=f"shift {where}")
+        for axis, where in (("x", "to the image's right"), ("y", "down in the image"), ("z", "along the optical axis"))
+    ),
+    *(
+        Parameter(f"r{axis}_rad", "rad", -0.2, 0.2, step=1e-3, help=f"turn about the camera's {axis} axis")
+        for axis in "xyz"
+    ),
+)
 """A small rigid motion in the camera's own axes (OpenCV), about the camera's centre."""
 
 

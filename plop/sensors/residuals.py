@@ -86,8 +86,9 @@ class _Setting:
             out[:, :, SLICES["clock"].start] = transform_points(self.cam_tool_rate, local)
         return out
 
-    def depth_rows(self, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray, normals: np.ndarray,
-                   on_tool: bool) -> Rows:  # fmt: skip
+    def depth_rows(
+        self, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray, normals: np.ndarray, on_tool: bool
+    ) -> Rows:
         """Compare depth at pixels [N] with expected true depth [N] of a surface with normals [N, 3] in the camera."""
         recorded = self.sighting.view.depth_m[rows, columns].astype(np.float64)
         right, down = 2 * (columns + 0.5) / self.camera.width - 1, 2 * (rows + 0.5) / self.camera.height - 1

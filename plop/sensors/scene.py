@@ -70,8 +70,10 @@ def tool_track(recording: Recording) -> ToolTrack | None:
     if not np.isfinite(poses).all() or not len(mesh.faces):
         return None
     caster = o3d.t.geometry.RaycastingScene(nthreads=1)
-    caster.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, np.float32)),
-                         o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, np.uint32)))  # fmt: skip
+    caster.add_triangles(
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, np.uint32)),
+    )
     return ToolTrack(mesh, recording.time_s, poses, caster)
 
 
@@ -88,5 +90,6 @@ def camera_scene(recording: Recording, camera: str, tool: ToolTrack | None) -> C
         distance = float(np.median(depth)) if len(depth) else 0.5
         return CameraScene(camera, sightings, tool, recording.table_z_m, pose[:3, 3] + distance * pose[:3, 2], 0.05)
     low, high = np.percentile(points, [2, 98], axis=0)
-    return CameraScene(camera, sightings, tool, recording.table_z_m, (low + high) / 2,
-                       float(np.linalg.norm(high - low) / 2))  # fmt: skip
+    return CameraScene(
+        camera, sightings, tool, recording.table_z_m, (low + high) / 2, float(np.linalg.norm(high - low) / 2)
+    )

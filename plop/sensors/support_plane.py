@@ -164,8 +164,9 @@ def _plane(rays: np.ndarray, depth: np.ndarray, length: np.ndarray) -> tuple[np.
     return best
 
 
-def _described(camera: Camera, rays: np.ndarray, depth: np.ndarray, thing: np.ndarray,
-               on: np.ndarray, share: float) -> Support:  # fmt: skip
+def _described(
+    camera: Camera, rays: np.ndarray, depth: np.ndarray, thing: np.ndarray, on: np.ndarray, share: float
+) -> Support:
     where = np.nonzero(on)
     r, z = rays[on], depth[on]
     pieces = (where[0] * PIECES // depth.shape[0]) * PIECES + where[1] * PIECES // depth.shape[1]
@@ -190,9 +191,15 @@ def _described(camera: Camera, rays: np.ndarray, depth: np.ndarray, thing: np.nd
     # measured along the normal, so that a plane on end has a height, too
     height = world[2] + offset - normal @ world if tilt > 60 else (offset - normal[:2] @ world[:2]) / normal[2]
     low = float(np.percentile(above, 2))
-    return Support(float(height), tilt, float(1e3 * np.sqrt((residual**2).mean())), len(z), share,
-                   bool(abs(low) < RESTS_M or -RESTS_M < low < NEAR_M and np.percentile(above, 98) < 5 * NEAR_M),
-                   _bend(r, z, pieces))  # fmt: skip
+    return Support(
+        float(height),
+        tilt,
+        float(1e3 * np.sqrt((residual**2).mean())),
+        len(z),
+        share,
+        bool(abs(low) < RESTS_M or -RESTS_M < low < NEAR_M and np.percentile(above, 98) < 5 * NEAR_M),
+        _bend(r, z, pieces),
+    )
 
 
 def _bend(rays: np.ndarray, depth: np.ndarray, pieces: np.ndarray) -> Bend:
@@ -218,8 +225,9 @@ def _linear(rays: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(rays * weight[:, None], depth, rcond=None)[0]
 
 
-def _extended(rays: np.ndarray, depth: np.ndarray, column: np.ndarray,
-              pieces: np.ndarray) -> tuple[float, float, float, float]:  # fmt: skip
+def _extended(
+    rays: np.ndarray, depth: np.ndarray, column: np.ndarray, pieces: np.ndarray
+) -> tuple[float, float, float, float]:
     """Fit 1/depth = a . ray + q column; gives q, its error, what q = 1 changes in depth [m], and the misfit."""
     weight = depth**2
     r, y = rays * weight[:, None], depth

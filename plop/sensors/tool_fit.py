@@ -61,12 +61,20 @@ class ToolLook:
     def __init__(self, mesh: Mesh, table_z_m: float | None = None) -> None:
         self._floor = -np.inf if table_z_m is None else table_z_m + ABOVE_M
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self._scene.add_triangles(o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, np.float32)),
-                                  o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, np.uint32)))  # fmt: skip
+        self._scene.add_triangles(
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, np.float32)),
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, np.uint32)),
+        )
         self._reach = float(np.linalg.norm(mesh.vertices, axis=1).max())
 
-    def fit(self, views: Sequence[View], world_from_tool: Sequence[np.ndarray], axes: np.ndarray | None = None,
-            most_px: int = MOST_PX, shift_m: np.ndarray | None = None) -> ToolFit:  # fmt: skip
+    def fit(
+        self,
+        views: Sequence[View],
+        world_from_tool: Sequence[np.ndarray],
+        axes: np.ndarray | None = None,
+        most_px: int = MOST_PX,
+        shift_m: np.ndarray | None = None,
+    ) -> ToolFit:
         """Compare depth with the tool drawn at its poses.
 
         Args:
@@ -146,15 +154,18 @@ class ToolLook:
         """
         found = np.zeros(3)
         for step in (SHIFT_M / 3, SHIFT_M / 9):
-            around = found + step * np.stack(np.meshgrid(*[np.arange(-3, 4) if step > 0.01 else np.arange(-2, 3)] * 3),
-                                             -1).reshape(-1, 3)  # fmt: skip
+            around = found + step * np.stack(
+                np.meshgrid(*[np.arange(-3, 4) if step > 0.01 else np.arange(-2, 3)] * 3), -1
+            ).reshape(-1, 3)
             scores = []
             for shift in around:
                 fits = [self.fit(views, poses, None, FEW_PX // 4, shift) for views, poses in frames]
                 scores.append(sum(f.measured_px - f.through_px for f in fits) - 10 * float(np.linalg.norm(shift)))
             found = around[int(np.argmax(scores))]
-        here, there = (sum((self.fit(views, poses, None, FEW_PX, shift) for views, poses in frames), ToolFit(0, 0))
-                       for shift in (np.zeros(3), found))  # fmt: skip
+        here, there = (
+            sum((self.fit(views, poses, None, FEW_PX, shift) for views, poses in frames), ToolFit(0, 0))
+            for shift in (np.zeros(3), found)
+        )
         clear = there.through is not None and there.through < FITS and there.measured_px > 3 * here.measured_px
         return found if clear else None
 
@@ -171,8 +182,9 @@ class Axes:
 def all_axes() -> Iterator[Axes]:
     """Give the 47 other axes, single turns first, mirrored ones last; each named by turns about fixed axes."""
     known = [np.eye(3)]
-    single = [(f"turned by {angle:+d} deg about {axis}", _turn(axis, angle))
-              for axis in "xyz" for angle in (90, -90, 180)]  # fmt: skip
+    single = [
+        (f"turned by {angle:+d} deg about {axis}", _turn(axis, angle)) for axis in "xyz" for angle in (90, -90, 180)
+    ]
     double = [(f"{a}, then by {b.split('by ')[1]}", n @ m) for a, m in single for b, n in single]
     for name, matrix in single + double:
         if not any(np.array_equal(matrix, other) for other in known):

@@ -56,8 +56,13 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     parameters = {key: {**p, "unit": units[key]} for key, p in parameters.items()}
     engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
     if engine is None:
-        raise PlopError("A learned model needs the engine beside it.", where=folder, expected="an artifact of identify",
-                        found="none", fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
+        raise PlopError(
+            "A learned model needs the engine beside it.",
+            where=folder,
+            expected="an artifact of identify",
+            found="none",
+            fix="Run `plop identify` on the recordings it was trained on.",
+        )
     _copied(folder, out.path / "base")
     if files:
         (out.path / "effects").mkdir(exist_ok=True)
@@ -65,12 +70,14 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
         remember(out.path / "effects" / Path(files[0]).name)
     base = inputs["model"].manifest
     facts = {
-        "schema": MODEL_SCHEMA, "kind": "augmented", "engine": base_to_dict(engine),
+        "schema": MODEL_SCHEMA,
+        "kind": "augmented",
+        "engine": base_to_dict(engine),
         "effects": [{"effect": name, "parameters": parameters}],
         "base": {"stage": base.stage, "fingerprint": base.fingerprint} if base else {},
         "training": read_facts(folder).get("training", {}),
         **({} if config.value or not diagnosis else {"fitted": _fitted_to(inputs["diagnosis"], diagnosis)}),
-    }  # fmt: skip
+    }
     write_json(out.path / "model.json", facts)
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
@@ -99,16 +106,24 @@ def _fitted_to(given: Input, diagnosis: dict[str, Any]) -> dict[str, Any]:
 def _check_present(effect: Effect) -> None:
     if effect.absent:
         names = ", ".join(p.name for p in effect.amplitudes)
-        raise PlopError("With these values the effect is absent.", where=effect.name,
-                        expected=f"one of {names} that is not 0", found=repr(effect),
-                        fix=f"Give an amplitude: --value {effect.amplitudes[0].name}=NUMBER.")  # fmt: skip
+        raise PlopError(
+            "With these values the effect is absent.",
+            where=effect.name,
+            expected=f"one of {names} that is not 0",
+            found=repr(effect),
+            fix=f"Give an amplitude: --value {effect.amplitudes[0].name}=NUMBER.",
+        )
 
 
 def _without(folder: Path, out: Path) -> Summary:
     if read_facts(folder).get("kind") != "augmented":
-        raise PlopError("This model has no added effect.", where=folder, expected="a model of augment",
-                        found=str(read_facts(folder).get("kind")),
-                        fix="Name a model that `plop augment` made; `plop status` lists them.")  # fmt: skip
+        raise PlopError(
+            "This model has no added effect.",
+            where=folder,
+            expected="a model of augment",
+            found=str(read_facts(folder).get("kind")),
+            fix="Name a model that `plop augment` made; `plop status` lists them.",
+        )
     _copied(folder / "base", out)
     return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
 
@@ -129,10 +144,12 @@ def _check_model(inputs: Inputs) -> None:
     if model is not None and diagnosis is not None and not made_from(diagnosis, "model", model):
         judged = diagnosis.inputs["model"]
         raise PlopError(
-            "The diagnosis is of another model.", where=diagnosis.address, expected=f"one of {model.address}",
+            "The diagnosis is of another model.",
+            where=diagnosis.address,
+            expected=f"one of {model.address}",
             found=f"one of {judged['stage']}@{judged['fingerprint'][:8]}",
             fix="Diagnose the recordings with this model, or use --fit RECORDINGS, which does that.",
-        )  # fmt: skip
+        )
 
 
 def _doubts(name: str, diagnosis: dict[str, Any]) -> list[str]:
@@ -162,10 +179,13 @@ def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict
     given = _values(config.value)
     row = next((r for r in [*diagnosis.get("ranking", []), diagnosis.get("base", {})] if r.get("effect") == name), None)
     if not name or (row is None and not given):
-        raise PlopError("There is no effect to add.", where=name or "augment.effect",
-                        expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
-                        found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
-                        fix="Run `plop diagnose` with the recordings, or give --effect and --value.")  # fmt: skip
+        raise PlopError(
+            "There is no effect to add.",
+            where=name or "augment.effect",
+            expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
+            found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
+            fix="Run `plop diagnose` with the recordings, or give --effect and --value.",
+        )
     parameters = {} if row is None else {k: _kept(p) for k, p in row["parameters"].items()}
     for key, value in given.items():
         parameters[key] = {"value": value, "low": None, "high": None}
@@ -185,8 +205,13 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
         try:
             found[key] = float(value if key else "")
         except ValueError:
-            raise PlopError("A value of augment cannot be read.", where="--value", expected="PARAMETER=NUMBER",
-                            found=text, fix="For example --value viscosity_pa_s=40.") from None  # fmt: skip
+            raise PlopError(
+                "A value of augment cannot be read.",
+                where="--value",
+                expected="PARAMETER=NUMBER",
+                found=text,
+                fix="For example --value viscosity_pa_s=40.",
+            ) from None
     return found
 
 

@@ -26,9 +26,17 @@ class Correction:
     """Agreement with the correction applied."""
 
 
-def find_correction(recording: Recording, frames: list[int], margin_m: float, before: dict[str, CameraCheck],
-                    limit_mm: float, gate_m: float, *, trusted: frozenset[str] = frozenset(),
-                    leave_out: frozenset[str] = frozenset()) -> Correction | None:  # fmt: skip
+def find_correction(
+    recording: Recording,
+    frames: list[int],
+    margin_m: float,
+    before: dict[str, CameraCheck],
+    limit_mm: float,
+    gate_m: float,
+    *,
+    trusted: frozenset[str] = frozenset(),
+    leave_out: frozenset[str] = frozenset(),
+) -> Correction | None:
     """Try depth scales, poses, and both, and keep the simplest that is about as good as the best.
 
     Cameras within the limit stay where they are; when none is (two cameras that disagree, say), those that something
@@ -61,13 +69,16 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
     views = read_views(recording, frames[0])
     picks = depth_views([view for view in views if view.camera.name in names], margin_m)
     blank = [np.zeros((*pick.depth_m.shape, 3), np.uint8) for pick in picks]
-    clouds = [voxel_average(cloud_from_depth(p.camera, p.depth_m, rgb, p.region), VOXEL_M)
-              for p, rgb in zip(picks, blank, strict=True)]  # fmt: skip
+    clouds = [
+        voxel_average(cloud_from_depth(p.camera, p.depth_m, rgb, p.region), VOXEL_M)
+        for p, rgb in zip(picks, blank, strict=True)
+    ]
     centers = np.stack([pick.camera.world_from_cam[:3, 3] for pick in picks])
     tried = []
     for kind in ("scale", "pose", "pose and scale"):
-        found = register(clouds, gate_m=gate_m, free_pose="pose" in kind, fixed=fixed,
-                         centers=centers if "scale" in kind else None)  # fmt: skip
+        found = register(
+            clouds, gate_m=gate_m, free_pose="pose" in kind, fixed=fixed, centers=centers if "scale" in kind else None
+        )
         if not (np.isfinite(found.corrections).all() and np.isfinite(found.scales).all()):
             continue  # no answer
         change = _as_change(names, found)
@@ -80,8 +91,10 @@ def find_correction(recording: Recording, frames: list[int], margin_m: float, be
 
 
 def _as_change(names: list[str], found: Registration) -> Change:
-    moved = [not np.allclose(pose, np.eye(4), atol=1e-9) or abs(scale - 1) > 1e-9
-             for pose, scale in zip(found.corrections, found.scales, strict=True)]  # fmt: skip
+    moved = [
+        not np.allclose(pose, np.eye(4), atol=1e-9) or abs(scale - 1) > 1e-9
+        for pose, scale in zip(found.corrections, found.scales, strict=True)
+    ]
     return {name: (found.corrections[i], float(found.scales[i])) for i, name in enumerate(names) if moved[i]}
 
 

@@ -21,8 +21,10 @@ from stages.calibrate.verify import CameraCheck, Change, check_episode, spread_f
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
 
-NOBODY_TELLS = ("no two cameras agree, so that nobody can tell which one is wrong: none was changed (a third camera, "
-                "or a hand-eye calibration of one, would tell)")  # fmt: skip
+NOBODY_TELLS = (
+    "no two cameras agree, so that nobody can tell which one is wrong: none was changed (a third camera, "
+    "or a hand-eye calibration of one, would tell)"
+)
 """Said of cameras that all disagree."""
 
 
@@ -35,9 +37,12 @@ class EpisodeCalibration:
     scans: list[ScanVerdict] = field(default_factory=list)
 
 
-def calibrate_episode(recording: Recording, config: CalibrateConfig,
-                      reprojection_px: Mapping[str, float] | None = None,
-                      trusted: frozenset[str] = frozenset()) -> EpisodeCalibration:  # fmt: skip
+def calibrate_episode(
+    recording: Recording,
+    config: CalibrateConfig,
+    reprojection_px: Mapping[str, float] | None = None,
+    trusted: frozenset[str] = frozenset(),
+) -> EpisodeCalibration:
     """Calibrate one episode.
 
     Args:
@@ -58,16 +63,30 @@ def calibrate_episode(recording: Recording, config: CalibrateConfig,
     shift = _common_offset_ms(offsets, config)
     if shift is not None:
         edits.world_from_tool = shifted_tool_poses(recording, shift)
-    verdicts = [judge(name, before[name], state.after[name], corrected=state.corrected.get(name),
-                      depth_scale=edits.depth_factors.get(f"cameras/{name}", 1.0),
-                      reprojection_px=(reprojection_px or {}).get(name), offset=offsets.get(name),
-                      offset_corrected=shift is not None, evidence=evidence[name], config=config)
-                for name in names]  # fmt: skip
+    verdicts = [
+        judge(
+            name,
+            before[name],
+            state.after[name],
+            corrected=state.corrected.get(name),
+            depth_scale=edits.depth_factors.get(f"cameras/{name}", 1.0),
+            reprojection_px=(reprojection_px or {}).get(name),
+            offset=offsets.get(name),
+            offset_corrected=shift is not None,
+            evidence=evidence[name],
+            config=config,
+        )
+        for name in names
+    ]
     off = _off(before, config)
-    if not state.corrected and not state.faulty and len(off) == sum(c.disagreement_mm is not None
-                                                                    for c in before.values()):  # fmt: skip
-        verdicts = [replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each
-                    for each in verdicts]  # fmt: skip
+    if (
+        not state.corrected
+        and not state.faulty
+        and len(off) == sum(c.disagreement_mm is not None for c in before.values())
+    ):
+        verdicts = [
+            replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each for each in verdicts
+        ]
     scans = []
     for name in recording.scan_names:
         scan, poses = check_scan(recording, name, config)
@@ -110,8 +129,16 @@ def _corrected(recording: Recording, frames: list[int], config: CalibrateConfig,
         return as_recorded
     # a sharp hand-eye answer fixes the whole pose, a table only its height and tilt
     right = frozenset(name for name, each in evidence.items() if each.table_right)
-    found = find_correction(recording, frames, config.region_margin_m, before, config.max_disagreement_mm,
-                            config.gate_m, trusted=trusted or right, leave_out=broken)  # fmt: skip
+    found = find_correction(
+        recording,
+        frames,
+        config.region_margin_m,
+        before,
+        config.max_disagreement_mm,
+        config.gate_m,
+        trusted=trusted or right,
+        leave_out=broken,
+    )
     if found is None:
         return as_recorded
     moved = gather(recording, frames, config, change=found.change)
@@ -133,8 +160,11 @@ def _without_blame(recording: Recording, frames: list[int], config: CalibrateCon
 
 
 def _off(checks: Mapping[str, CameraCheck], config: CalibrateConfig) -> list[str]:
-    return [name for name, check in checks.items()
-            if check.disagreement_mm is not None and check.disagreement_mm > config.max_disagreement_mm]  # fmt: skip
+    return [
+        name
+        for name, check in checks.items()
+        if check.disagreement_mm is not None and check.disagreement_mm > config.max_disagreement_mm
+    ]
 
 
 def _add(edits: Edits, recording: Recording, name: str, move: np.ndarray, factor: float) -> None:

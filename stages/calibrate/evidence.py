@@ -63,8 +63,10 @@ class CameraEvidence:
         """What is odd without being a fault."""
         if self.faults or self.tool is None or self.tool.through is None or self.tool.through <= THROUGH:
             return ""
-        return (f"depth looks through {100 * self.tool.through:.0f} % of the drawn tool: a blade that depth does not "
-                "see (glossy, transparent), or a wrong mesh, mount or clock")  # fmt: skip
+        return (
+            f"depth looks through {100 * self.tool.through:.0f} % of the drawn tool: a blade that depth does not "
+            "see (glossy, transparent), or a wrong mesh, mount or clock"
+        )
 
     @property
     def broken(self) -> bool:
@@ -82,8 +84,9 @@ class CameraEvidence:
         return "table" in self.agreed
 
 
-def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig, *,
-           change: Change | None = None) -> dict[str, CameraEvidence]:  # fmt: skip
+def gather(
+    recording: Recording, frames: Sequence[int], config: CalibrateConfig, *, change: Change | None = None
+) -> dict[str, CameraEvidence]:
     """Make all independent checks of all cameras.
 
     Args:
@@ -105,8 +108,9 @@ def gather(recording: Recording, frames: Sequence[int], config: CalibrateConfig,
     return {name: _with_tool(each, said) for name, each in found.items()}
 
 
-def _one_camera(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook, table: float | None,
-                config: CalibrateConfig) -> CameraEvidence:  # fmt: skip
+def _one_camera(
+    views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook, table: float | None, config: CalibrateConfig
+) -> CameraEvidence:
     support = find_support(views[0])
     tool, edges = look.fit(views, tool_poses), edge_alignment(views)
     faults: dict[Fault, str] = {}
@@ -114,8 +118,11 @@ def _one_camera(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolL
     table_mm = None if support is None or table is None else 1e3 * (support.height_m - table)
     near_px = tolerance_px(views[0].camera.width)
     unaligned = edges is not None and edges.moved(near_px)
-    if support is not None and not unaligned and (
-            said := _turned(views, tool_poses, look, support, table_mm, tool, config)):  # fmt: skip
+    if (
+        support is not None
+        and not unaligned
+        and (said := _turned(views, tool_poses, look, support, table_mm, tool, config))
+    ):
         faults[Fault.TURNED] = said
     if support is not None and not faults:
         if said := _read_as_distance(views[0], support, table, config):
@@ -134,8 +141,9 @@ def _one_camera(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolL
         else:
             faults.setdefault(Fault.TABLE, _table_off(table_mm, support))
     elif support is None and table is not None and (deep := _below_table_mm(views[0], table)) > config.max_table_mm:
-        faults[Fault.TABLE] = (f"part of the object lies {deep:.0f} mm below table_z: its depth, its pose or table_z "
-                               "is wrong")  # fmt: skip
+        faults[Fault.TABLE] = (
+            f"part of the object lies {deep:.0f} mm below table_z: its depth, its pose or table_z is wrong"
+        )
     if tool.through is not None and tool.through < THROUGH / 2:
         agreed.append("tool")
     return CameraEvidence(edges, support, tool, table_mm, faults, tuple(agreed))
@@ -146,8 +154,15 @@ def _is_table(support: Support, table_mm: float) -> bool:
     return support.rests or (abs(table_mm) < 1e3 * FAR_OFF_M and support.tilt_deg < FAR_OFF_DEG)
 
 
-def _turned(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook, support: Support,
-            table_mm: float | None, tool: ToolFit, config: CalibrateConfig) -> str:  # fmt: skip
+def _turned(
+    views: list[View],
+    tool_poses: Sequence[np.ndarray],
+    look: ToolLook,
+    support: Support,
+    table_mm: float | None,
+    tool: ToolFit,
+    config: CalibrateConfig,
+) -> str:
     """Say which turn of the pictures puts table and tool where they should be, "" when they are or none does."""
     off = table_mm is not None and support.is_far(support.height_m - table_mm / 1e3)
     gone = tool.through is not None and tool.through > THROUGH
@@ -160,9 +175,13 @@ def _turned(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook,
     for turns, mirrored in ways:
         trial = [turned(view, turns, mirrored) for view in views]
         plane = find_support(trial[0])
-        if plane is None or (table_mm is not None and (
+        if plane is None or (
+            table_mm is not None
+            and (
                 plane.tilt_deg > config.max_table_deg
-                or abs(1e3 * (plane.height_m - support.height_m) + table_mm) > config.max_table_mm)):  # fmt: skip
+                or abs(1e3 * (plane.height_m - support.height_m) + table_mm) > config.max_table_mm
+            )
+        ):
             continue
         fit = look.fit(trial, tool_poses)
         if fit.through is None or fit.through < (THROUGH if off else THROUGH / 3):
@@ -171,8 +190,11 @@ def _turned(views: list[View], tool_poses: Sequence[np.ndarray], look: ToolLook,
         return ""
     most = max(score for score, *_ in fits)
     what = " or ".join(_turn_name(turns, mirrored) for score, turns, mirrored in fits if score > 0.9 * most)
-    seen = f"the table is seen {table_mm:+.0f} mm and {support.tilt_deg:.0f} deg off" if off else (
-        f"{100 * (tool.through or 0):.0f} % of the tool is looked through")  # fmt: skip
+    seen = (
+        f"the table is seen {table_mm:+.0f} mm and {support.tilt_deg:.0f} deg off"
+        if off
+        else (f"{100 * (tool.through or 0):.0f} % of the tool is looked through")
+    )
     return f"its pictures are not the way its pose says: {what} before ingest ({seen}; so turned it is right)"
 
 
@@ -187,8 +209,10 @@ def _turn_name(turns: int, mirrored: bool) -> str:
 def _read_as_distance(view: View, support: Support, table: float | None, config: CalibrateConfig) -> str:
     """Say so when depth is distance along the ray: by the bend of the table, or by its place."""
     bend = support.bend
-    fix = ("its depth is the distance along the ray, not along the optical axis: divide it by the length of the ray "
-           "(x/f, y/f, 1) before ingest")  # fmt: skip
+    fix = (
+        "its depth is the distance along the ray, not along the optical axis: divide it by the length of the ray "
+        "(x/f, y/f, 1) before ingest"
+    )
     if bend.distance:
         return f"{fix} (the table is bent by {bend.p * bend.by_mm:.0f} mm in just this way)"
     if table is None or bend.p < 0.5 or bend.p < 2.5 * bend.error:
@@ -204,19 +228,28 @@ def _read_as_distance(view: View, support: Support, table: float | None, config:
 
 def _curved(support: Support) -> str:
     bend = support.bend
-    why = "a lens that was not undistorted" if bend.lens_fits < 0.7 else "depth divided by the ray's length" if (
-        abs(bend.p + 1) < 0.3) else "a depth that is warped"  # fmt: skip
+    why = (
+        "a lens that was not undistorted"
+        if bend.lens_fits < 0.7
+        else "depth divided by the ray's length"
+        if (abs(bend.p + 1) < 0.3)
+        else "a depth that is warped"
+    )
     return f"the table is seen bent by {abs(bend.p * bend.by_mm):.0f} mm: {why}; undistort depth before ingest"
 
 
 def _unaligned(edges: EdgeAlignment) -> str:
-    return (f"depth is not aligned to the colour picture: shifted by ({-edges.dx_px:.1f}, {-edges.dy_px:.1f}) px, "
-            f"zoom {1 / edges.zoom:.2f}; align depth to colour before ingest (its own lens has other intrinsics)")
+    return (
+        f"depth is not aligned to the colour picture: shifted by ({-edges.dx_px:.1f}, {-edges.dy_px:.1f}) px, "
+        f"zoom {1 / edges.zoom:.2f}; align depth to colour before ingest (its own lens has other intrinsics)"
+    )
 
 
 def _table_off(table_mm: float, support: Support) -> str:
-    return (f"it sees the table {table_mm:+.1f} mm from table_z, tilted by {support.tilt_deg:.1f} deg: its depth "
-            "(scale, or not aligned to colour), its pose or table_z is wrong")  # fmt: skip
+    return (
+        f"it sees the table {table_mm:+.1f} mm from table_z, tilted by {support.tilt_deg:.1f} deg: its depth "
+        "(scale, or not aligned to colour), its pose or table_z is wrong"
+    )
 
 
 def _below_table_mm(view: View, table: float) -> float:
@@ -234,13 +267,16 @@ def _with_shared_table(found: dict[str, CameraEvidence]) -> dict[str, CameraEvid
     if np.ptp(heights) > 1e3 * SAME_M:
         return found
     z = np.mean([each.support.height_m for each in off if each.support is not None])
-    said = (f"all cameras see the table {np.mean(heights):+.1f} mm from table_z, at z = {z:.4f} m: correct table_z, or "
-            "what all cameras share (the unit or scale of depth, the robot's base)")  # fmt: skip
+    said = (
+        f"all cameras see the table {np.mean(heights):+.1f} mm from table_z, at z = {z:.4f} m: correct table_z, or "
+        "what all cameras share (the unit or scale of depth, the robot's base)"
+    )
     return {name: replace(each, faults={Fault.TABLE: said}) if each in off else each for name, each in found.items()}
 
 
-def _tool_fault(shots: list[list[View]], tool_poses: Sequence[np.ndarray], look: ToolLook,
-                found: Mapping[str, CameraEvidence]) -> str:  # fmt: skip
+def _tool_fault(
+    shots: list[list[View]], tool_poses: Sequence[np.ndarray], look: ToolLook, found: Mapping[str, CameraEvidence]
+) -> str:
     """Say how the tool's mesh would fit what was measured, "" where it does or nothing is clearly better.
 
     Looked at on the frame where the tool is highest, in the cameras without another fault that see most of it.
@@ -252,8 +288,10 @@ def _tool_fault(shots: list[list[View]], tool_poses: Sequence[np.ndarray], look:
     seen = [([shots[frame][order.index(name)]], [tool_poses[frame]]) for name in best]
     axes = look.better_axes(seen)
     if axes is not None:
-        return (f"the tool's mesh has other axes than its pose: {axes.name} about its frame's origin it fits what the "
-                "cameras measured; export the mesh so, or correct flange_from_tool")  # fmt: skip
+        return (
+            f"the tool's mesh has other axes than its pose: {axes.name} about its frame's origin it fits what the "
+            "cameras measured; export the mesh so, or correct flange_from_tool"
+        )
     through = [fit.through for name in best if (fit := found[name].tool) is not None and fit.through is not None]
     if not through or np.median(through) <= THROUGH:
         return ""
@@ -261,8 +299,10 @@ def _tool_fault(shots: list[list[View]], tool_poses: Sequence[np.ndarray], look:
     if shift is None:
         return ""
     x, y, z = 1e3 * shift
-    return (f"the tool is not where its pose says: moved by ({x:+.0f}, {y:+.0f}, {z:+.0f}) mm in its frame it fits "
-            "what the cameras measured; correct flange_from_tool or the mesh")  # fmt: skip
+    return (
+        f"the tool is not where its pose says: moved by ({x:+.0f}, {y:+.0f}, {z:+.0f}) mm in its frame it fits "
+        "what the cameras measured; correct flange_from_tool or the mesh"
+    )
 
 
 def _with_tool(evidence: CameraEvidence, said: str) -> CameraEvidence:

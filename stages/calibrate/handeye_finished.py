@@ -56,9 +56,12 @@ def _read(folder: Path, mount: str) -> FinishedPose | None:
         if facts and "base_from_gripper" not in facts:
             keys = [key for key in KEYS if key in facts]
             if len(keys) != 1:
-                raise PlopError("A hand-eye file holds neither poses to solve from nor one finished pose.", where=path,
-                                expected=f"base_from_gripper, or one of {', '.join(KEYS)}",
-                                found=", ".join(facts))  # fmt: skip
+                raise PlopError(
+                    "A hand-eye file holds neither poses to solve from nor one finished pose.",
+                    where=path,
+                    expected=f"base_from_gripper, or one of {', '.join(KEYS)}",
+                    found=", ".join(facts),
+                )
             notes: list[str] = []
             pose = _pose(facts[keys[0]], keys[0], notes)
             return _checked(folder, path, pose, KEYS[keys[0]], mount, notes)
@@ -116,22 +119,33 @@ def _check_optical(path: Path, frame: str, notes: list[str]) -> None:
     if "optical" in frame:
         return
     if frame.endswith(("_link", "_frame")):
-        raise PlopError("A hand-eye result is of a frame without camera axes.", where=f"{path}: tracking_base_frame",
-                        expected="an optical frame (x right, y down, z forward), e.g. camera_color_optical_frame",
-                        found=f"{frame} (ROS: x forward, y left, z up)",
-                        fix="Multiply by the driver's transform from this frame to its optical frame (tf2_echo), and "
-                            "name that frame.")  # fmt: skip
+        raise PlopError(
+            "A hand-eye result is of a frame without camera axes.",
+            where=f"{path}: tracking_base_frame",
+            expected="an optical frame (x right, y down, z forward), e.g. camera_color_optical_frame",
+            found=f"{frame} (ROS: x forward, y left, z up)",
+            fix="Multiply by the driver's transform from this frame to its optical frame (tf2_echo), and "
+            "name that frame.",
+        )
     notes.append(f"its frame {frame or '(not named)'} is taken for an optical one (z forward)")
 
 
-def _checked(folder: Path, path: Path, pose: np.ndarray, said: str, setting: str,
-             notes: list[str]) -> FinishedPose:  # fmt: skip
+def _checked(folder: Path, path: Path, pose: np.ndarray, said: str, setting: str, notes: list[str]) -> FinishedPose:
     if setting not in ("auto", said):
-        raise PlopError("A finished hand-eye pose is of another mount than handeye_mount says.", where=path,
-                        expected=setting, found=said, fix="Leave handeye_mount away.")  # fmt: skip
+        raise PlopError(
+            "A finished hand-eye pose is of another mount than handeye_mount says.",
+            where=path,
+            expected=setting,
+            found=said,
+            fix="Leave handeye_mount away.",
+        )
     check_rigid(pose, str(path), what="camera")
     if np.abs(pose[:3, 3]).max() > MAX_REACH_M:
-        raise PlopError("A finished hand-eye pose seems to be in millimetres.", where=path, expected="metres",
-                        found=f"a translation of {np.abs(pose[:3, 3]).max():.0f}",
-                        fix="Divide it by 1000.")  # fmt: skip
+        raise PlopError(
+            "A finished hand-eye pose seems to be in millimetres.",
+            where=path,
+            expected="metres",
+            found=f"a translation of {np.abs(pose[:3, 3]).max():.0f}",
+            fix="Divide it by 1000.",
+        )
     return FinishedPose(pose, said, notes)

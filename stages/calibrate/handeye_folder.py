@@ -56,8 +56,14 @@ class _Pairs:
     pattern: Board | None = None
 
 
-def read_handeye(folder: Path, *, board: Board | None = None, matrix: np.ndarray | None = None,
-                 distortion: np.ndarray | None = None, mount: str = "auto") -> HandEyeData:  # fmt: skip
+def read_handeye(
+    folder: Path,
+    *,
+    board: Board | None = None,
+    matrix: np.ndarray | None = None,
+    distortion: np.ndarray | None = None,
+    mount: str = "auto",
+) -> HandEyeData:
     """Read a folder in whichever layout it has.
 
     Args:
@@ -73,10 +79,14 @@ def read_handeye(folder: Path, *, board: Board | None = None, matrix: np.ndarray
     lens = np.zeros(5) if distortion is None else distortion
     pairs = readable(folder, lambda: _pairs(folder, board, matrix, lens))
     if pairs is None:
-        raise PlopError("There are no poses for a hand-eye calibration.", where=folder,
-                        expected="poses.json, or robot_data*.yaml with marker_data*.yaml, or pose_*/data.json, or a "
-                                 "finished pose (easy_handeye's .yaml or .calib, poses.json with world_from_cam)",
-                        found="none of them", fix="See docs/stages/calibrate.md for the layouts.")  # fmt: skip
+        raise PlopError(
+            "There are no poses for a hand-eye calibration.",
+            where=folder,
+            expected="poses.json, or robot_data*.yaml with marker_data*.yaml, or pose_*/data.json, or a "
+            "finished pose (easy_handeye's .yaml or .calib, poses.json with world_from_cam)",
+            found="none of them",
+            fix="See docs/stages/calibrate.md for the layouts.",
+        )
     notes: list[str] = []
     chosen = choose_mount(folder, pairs.mount, mount, notes)
     robot, seen = (by_rows(poses, what, notes) for poses, what in ((pairs.robot, "robot"), (pairs.board, "board")))
@@ -91,8 +101,12 @@ def readable(folder: Path, read: Callable[[], Any]) -> Any:
         return read()
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         said = f"no {error} in it" if isinstance(error, KeyError) else f"{type(error).__name__}: {error}"
-        raise PlopError("The poses of a hand-eye calibration cannot be read.", where=folder,
-                        expected="complete files as docs/stages/calibrate.md shows", found=said) from error  # fmt: skip
+        raise PlopError(
+            "The poses of a hand-eye calibration cannot be read.",
+            where=folder,
+            expected="complete files as docs/stages/calibrate.md shows",
+            found=said,
+        ) from error
 
 
 def read_text(path: Path) -> str:
@@ -103,8 +117,13 @@ def read_text(path: Path) -> str:
     """
     text = path.read_text(encoding="utf-8-sig")
     if not text.strip():
-        raise PlopError("A file of a hand-eye calibration is empty.", where=path, expected="poses", found="no text",
-                        fix="Copy or record it again.")  # fmt: skip
+        raise PlopError(
+            "A file of a hand-eye calibration is empty.",
+            where=path,
+            expected="poses",
+            found="no text",
+            fix="Copy or record it again.",
+        )
     return text
 
 
@@ -137,8 +156,9 @@ def choose_mount(folder: Path, said: str | None, setting: str, notes: list[str])
     if said is None and beside.is_file():
         said = read_text(beside).strip()
     if said is not None and said not in MOUNTS:
-        raise PlopError("The mount of the camera is unknown.", where=where, expected='"wrist" or "fixed"',
-                        found=str(said))  # fmt: skip
+        raise PlopError(
+            "The mount of the camera is unknown.", where=where, expected='"wrist" or "fixed"', found=str(said)
+        )
     if setting != "auto" and said not in (None, setting):
         notes.append(f'its files say mount "{said}", handeye_mount says "{setting}", which is taken')
     return setting if setting != "auto" else said or "wrist"
@@ -179,13 +199,20 @@ def _own(folder: Path, board: Board | None, matrix: np.ndarray | None, distortio
         pairs.board = matrices(facts["cam_from_board"], "cam_from_board")
         return pairs
     if board is None or matrix is None:
-        raise PlopError("Board images need a board and intrinsics.", where=folder / "poses.json",
-                        expected="calibrate.board_* settings, and intrinsics from the recording or board images",
-                        found="none")  # fmt: skip
+        raise PlopError(
+            "Board images need a board and intrinsics.",
+            where=folder / "poses.json",
+            expected="calibrate.board_* settings, and intrinsics from the recording or board images",
+            found="none",
+        )
     names = list(facts["images"])
     if len(names) != len(pairs.robot):
-        raise PlopError("Robot poses and images do not pair up.", where=folder / "poses.json",
-                        expected="as many of each", found=f"{len(pairs.robot)} poses, {len(names)} images")  # fmt: skip
+        raise PlopError(
+            "Robot poses and images do not pair up.",
+            where=folder / "poses.json",
+            expected="as many of each",
+            found=f"{len(pairs.robot)} poses, {len(names)} images",
+        )
     images = [_image(folder, name) for name in names]
     pairs.pattern = settle_pattern(images, board)
     pairs.board, kept = _boards_in(folder, images, pairs.pattern, matrix, distortion)
@@ -193,21 +220,27 @@ def _own(folder: Path, board: Board | None, matrix: np.ndarray | None, distortio
     return pairs
 
 
-def _boards_in(folder: Path, images: Sequence[np.ndarray], board: Board, matrix: np.ndarray,
-               distortion: np.ndarray) -> tuple[np.ndarray, list[int]]:  # fmt: skip
+def _boards_in(
+    folder: Path, images: Sequence[np.ndarray], board: Board, matrix: np.ndarray, distortion: np.ndarray
+) -> tuple[np.ndarray, list[int]]:
     found = {i: corners for i, image in enumerate(images) if (corners := find_board(image, board)) is not None}
     if not found:
-        raise PlopError("The board is found in no image.", where=folder, expected=f"a {board.kind} in each image",
-                        found=f"none in {len(images)}; {what_was_tried(images, board)}",
-                        fix="Check the calibrate.board_* settings.")  # fmt: skip
+        raise PlopError(
+            "The board is found in no image.",
+            where=folder,
+            expected=f"a {board.kind} in each image",
+            found=f"none in {len(images)}; {what_was_tried(images, board)}",
+            fix="Check the calibrate.board_* settings.",
+        )
     return np.stack([board_pose(corners, matrix, distortion)[0] for corners in found.values()]), list(found)
 
 
 def _image(folder: Path, name: str) -> np.ndarray:
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()):
-        raise PlopError("An image lies outside its folder.", where=folder / "poses.json", expected="a plain file name",
-                        found=name)  # fmt: skip
+        raise PlopError(
+            "An image lies outside its folder.", where=folder / "poses.json", expected="a plain file name", found=name
+        )
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
         raise PlopError("An image cannot be read.", where=folder / name, expected="a whole image file")
@@ -227,11 +260,14 @@ def _franka(path: Path) -> tuple[np.ndarray, np.ndarray]:
     facts = readable(path, lambda: read_json(path))
     turn = np.array(facts["T_cam_target_rvec"], dtype=np.float64).reshape(3)
     if np.linalg.norm(turn) > 2 * np.pi:
-        raise PlopError("A rotation vector is longer than a full turn.", where=f"{path}: T_cam_target_rvec",
-                        expected="radians, at most pi", found=f"{np.linalg.norm(turn):.0f}: degrees?",
-                        fix="Give radians, as OpenCV's solvePnP does.")  # fmt: skip
+        raise PlopError(
+            "A rotation vector is longer than a full turn.",
+            where=f"{path}: T_cam_target_rvec",
+            expected="radians, at most pi",
+            found=f"{np.linalg.norm(turn):.0f}: degrees?",
+            fix="Give radians, as OpenCV's solvePnP does.",
+        )
     target = np.eye(4)
     target[:3, :3] = cv2.Rodrigues(turn)[0]
     target[:3, 3] = np.array(facts["T_cam_target_tvec"]).reshape(3)
     return matrices(facts["O_T_EE"], "O_T_EE")[0], target
-

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
 
 
-def contradicted(recorded: Recording, replaced: Recording, names: list[str],
-                 config: CalibrateConfig) -> dict[str, str]:  # fmt: skip
+def contradicted(recorded: Recording, replaced: Recording, names: list[str], config: CalibrateConfig) -> dict[str, str]:
     """Name the cameras whose recorded pose agreed with the others and whose hand-eye pose does not.
 
     Args:
@@ -31,10 +30,15 @@ def contradicted(recorded: Recording, replaced: Recording, names: list[str],
     for name in names:
         if name in before and _agrees(before, name, config) and not _agrees(after, name, config):
             now = after[name].disagreement_mm
-            found[name] = (f"the recorded pose agrees with the other cameras to {before[name].disagreement_mm:.1f} mm, "
-                           + ("with the hand-eye pose it sees nothing that they see" if now is None else
-                              f"the hand-eye pose to {now:.1f} mm")
-                           + ": check its axes (x right, y down, z forward), its frame and units")  # fmt: skip
+            found[name] = (
+                f"the recorded pose agrees with the other cameras to {before[name].disagreement_mm:.1f} mm, "
+                + (
+                    "with the hand-eye pose it sees nothing that they see"
+                    if now is None
+                    else f"the hand-eye pose to {now:.1f} mm"
+                )
+                + ": check its axes (x right, y down, z forward), its frame and units"
+            )
     return found
 
 

@@ -52,30 +52,50 @@ class SolvedCamera:
     def columns(self) -> dict[str, float | str | None]:
         """Give the columns of the verdict."""
         first = self.scores[0] if self.scores else None
-        return {"handeye_method": self.method, "handeye_spread_mm": _rounded(first.spread_mm if first else None, 2),
-                "handeye_spread_deg": _rounded(first.spread_deg if first else None, 3)}  # fmt: skip
+        return {
+            "handeye_method": self.method,
+            "handeye_spread_mm": _rounded(first.spread_mm if first else None, 2),
+            "handeye_spread_deg": _rounded(first.spread_deg if first else None, 3),
+        }
 
     def facts(self) -> dict:
         """Describe everything for calibration.json."""
-        said = {"method": self.method, "mount": self.mount, "transform": self.transform.tolist(), "used": self.used,
-                "why_not": self.why_not, "notes": self.notes,
-                "methods": {s.method: {"spread_mm": _rounded(s.spread_mm, 4), "spread_deg": _rounded(s.spread_deg, 4)}
-                            for s in self.scores}}  # fmt: skip
+        said = {
+            "method": self.method,
+            "mount": self.mount,
+            "transform": self.transform.tolist(),
+            "used": self.used,
+            "why_not": self.why_not,
+            "notes": self.notes,
+            "methods": {
+                s.method: {"spread_mm": _rounded(s.spread_mm, 4), "spread_deg": _rounded(s.spread_deg, 4)}
+                for s in self.scores
+            },
+        }
         if self.judgement is None:
             return said
         judged = self.judgement
-        return {**said, "limit_mm": round(judged.limit_mm, 2), "limit_deg": round(judged.limit_deg, 3),
-                "uncertainty_mm": _rounded(judged.fit.uncertainty_mm, 2), "board_scale": round(judged.scaled.scale, 5),
-                "board_scale_interval": [_rounded(value, 5) for value in judged.scaled.scale_interval]}  # fmt: skip
+        return {
+            **said,
+            "limit_mm": round(judged.limit_mm, 2),
+            "limit_deg": round(judged.limit_deg, 3),
+            "uncertainty_mm": _rounded(judged.fit.uncertainty_mm, 2),
+            "board_scale": round(judged.scaled.scale, 5),
+            "board_scale_interval": [_rounded(value, 5) for value in judged.scaled.scale_interval],
+        }
 
 
-NO_COLUMNS: dict[str, float | str | None] = {"handeye_method": None, "handeye_spread_mm": None,
-                                             "handeye_spread_deg": None}  # fmt: skip
+NO_COLUMNS: dict[str, float | str | None] = {
+    "handeye_method": None,
+    "handeye_spread_mm": None,
+    "handeye_spread_deg": None,
+}
 """The columns of a camera without hand-eye data."""
 
 
-def solve_camera(folder: Path, board: Board, matrix: np.ndarray, distortion: np.ndarray,
-                 config: CalibrateConfig) -> SolvedCamera:  # fmt: skip
+def solve_camera(
+    folder: Path, board: Board, matrix: np.ndarray, distortion: np.ndarray, config: CalibrateConfig
+) -> SolvedCamera:
     """Read one camera's folder and solve or take its pose.
 
     Args:
@@ -95,8 +115,13 @@ def solve_camera(folder: Path, board: Board, matrix: np.ndarray, distortion: np.
     try:
         return _solve(data, config, 1e3 * board.square_m if data.board is not None else None)
     except PlopError as error:
-        raise PlopError(error.problem, where=f"{folder}{f': {error.where}' if error.where else ''}",
-                        expected=error.expected, found=error.found, fix=error.fix) from error  # fmt: skip
+        raise PlopError(
+            error.problem,
+            where=f"{folder}{f': {error.where}' if error.where else ''}",
+            expected=error.expected,
+            found=error.found,
+            fix=error.fix,
+        ) from error
 
 
 def _solve(data: HandEyeData, config: CalibrateConfig, square_mm: float | None) -> SolvedCamera:
@@ -111,8 +136,9 @@ def _solve(data: HandEyeData, config: CalibrateConfig, square_mm: float | None) 
     elif judged.scale_is_off and judged.fault is HandEyeFault.NONE:
         notes.append(f"used, but {judged.scale_text(square_mm)}")
     if judged.fault is HandEyeFault.NONE and judged.doubtful:
-        notes.append(f"its motion leaves the camera's place open by {judged.fit.uncertainty_mm:.0f} mm (standard "
-                     "error)")  # fmt: skip
+        notes.append(
+            f"its motion leaves the camera's place open by {judged.fit.uncertainty_mm:.0f} mm (standard error)"
+        )
     why = judged.why(square_mm)
     try:
         found = choose(robot, board, data.mount, config.hand_eye_method)
@@ -122,16 +148,19 @@ def _solve(data: HandEyeData, config: CalibrateConfig, square_mm: float | None) 
         return SolvedCamera(judged.fit.moving_from_cam, data.mount, "none", why, [], judged, notes)
     best = found.scores[0]
     if not why and (best.spread_mm > judged.limit_mm or best.spread_deg > judged.limit_deg):
-        why = (f"the best answer ({best.method}) lets the board move by {best.spread_mm:.1f} mm and "
-               f"{best.spread_deg:.1f} deg (limits {judged.limit_mm:.1f} mm, {judged.limit_deg:.1f} deg): record more "
-               "poses, or leave hand_eye_method at auto")  # fmt: skip
+        why = (
+            f"the best answer ({best.method}) lets the board move by {best.spread_mm:.1f} mm and "
+            f"{best.spread_deg:.1f} deg (limits {judged.limit_mm:.1f} mm, {judged.limit_deg:.1f} deg): record more "
+            "poses, or leave hand_eye_method at auto"
+        )
     return SolvedCamera(found.result, data.mount, found.method, why, found.scores, judged, notes)
 
 
 def choose(robot: np.ndarray, board: np.ndarray, mount: str, method: str) -> HandEye:
     """Run one method, or all ("auto"; with the robot-world methods for a wrist camera), and keep the best; unjudged."""
-    found = hand_eye(robot, board, mount=mount, judged=True,
-                     methods=tuple(HAND_EYE_METHODS) if method == "auto" else (method,))  # fmt: skip
+    found = hand_eye(
+        robot, board, mount=mount, judged=True, methods=tuple(HAND_EYE_METHODS) if method == "auto" else (method,)
+    )
     if method != "auto" or mount != "wrist":
         return found
     scores = sorted([*found.scores, *robot_world(robot, board).scores], key=lambda each: each.score)

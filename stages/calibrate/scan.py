@@ -53,13 +53,16 @@ def check_scan(recording: Recording, name: str, config: CalibrateConfig) -> tupl
 
     picks = np.unique(np.linspace(0, total - 1, min(total, config.max_scan_views)).astype(int))
     try:
-        found = refine_scan([views[i].rgb for i in picks], [views[i].camera for i in picks],
-                            scale_from=config.scan_scale, depths_m=[views[i].depth_m for i in picks])  # fmt: skip
+        found = refine_scan(
+            [views[i].rgb for i in picks],
+            [views[i].camera for i in picks],
+            scale_from=config.scan_scale,
+            depths_m=[views[i].depth_m for i in picks],
+        )
     except PlopError as error:
         verdict = _verdict(name, total, before, before, None, config)
         return replace(verdict, fix="; ".join(filter(None, [verdict.fix, error.problem]))), None
-    poses = spread_corrections(np.stack([view.camera.world_from_cam for view in views]), picks,
-                               found.world_from_cam)  # fmt: skip
+    poses = spread_corrections(np.stack([view.camera.world_from_cam for view in views]), picks, found.world_from_cam)
     moved = [replace(v, camera=replace(v.camera, world_from_cam=p)) for v, p in zip(views, poses, strict=True)]
     after = scan_disagreement_mm(moved, config.region_margin_m)
     if found.placed.mean() < 0.8 or after is None or (before is not None and after >= before):
@@ -93,8 +96,9 @@ def _clean(view: View) -> View:
     return replace(view, depth_m=np.nan_to_num(view.depth_m, nan=0.0, posinf=0.0, neginf=0.0))
 
 
-def _verdict(name: str, views: int, before: float | None, after: float | None, pixels: float | None,
-             config: CalibrateConfig) -> ScanVerdict:  # fmt: skip
+def _verdict(
+    name: str, views: int, before: float | None, after: float | None, pixels: float | None, config: CalibrateConfig
+) -> ScanVerdict:
     verdict, fix = "good", ""
     if after is None:
         verdict, fix = "unchecked", "its views share no measured surface: scan slower, closer"

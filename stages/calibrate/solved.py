@@ -39,13 +39,20 @@ class Solved:
         """Describe everything for calibration.json."""
         return {
             "intrinsics": {
-                name: {"rms_px": round(f.rms_px, 4), "fx": f.matrix[0, 0], "fy": f.matrix[1, 1],
-                       "cx": f.matrix[0, 2], "cy": f.matrix[1, 2], "distortion": f.distortion.tolist(),
-                       "used": f.used, "missed": f.missed}
+                name: {
+                    "rms_px": round(f.rms_px, 4),
+                    "fx": f.matrix[0, 0],
+                    "fy": f.matrix[1, 1],
+                    "cx": f.matrix[0, 2],
+                    "cy": f.matrix[1, 2],
+                    "distortion": f.distortion.tolist(),
+                    "used": f.used,
+                    "missed": f.missed,
+                }
                 for name, f in self.intrinsics.items()
             },
             "handeye": {name: found.facts() for name, found in self.handeye.items()},
-        }  # fmt: skip
+        }
 
 
 def solve(boards: Path | None, poses: Path | None, recording: Recording, config: CalibrateConfig) -> Solved:
@@ -70,8 +77,9 @@ def solve(boards: Path | None, poses: Path | None, recording: Recording, config:
             solved.warnings.append(f"camera {name}: its ChArUco board has the legacy pattern (OpenCV before 4.6)")
         bend = distortion_px(found)
         if bend > 1.0:
-            solved.warnings.append(f"camera {name}: its lens bends the image by up to {bend:.1f} px: "
-                                   "record undistorted images")  # fmt: skip
+            solved.warnings.append(
+                f"camera {name}: its lens bends the image by up to {bend:.1f} px: record undistorted images"
+            )
     for name, folder in _by_camera(poses, recording, solved.warnings).items():
         matrix, distortion = _opencv_intrinsics(name, solved, recording)
         solved.handeye[name] = solve_camera(folder, board, matrix, distortion, config)
@@ -83,8 +91,15 @@ def solve(boards: Path | None, poses: Path | None, recording: Recording, config:
 
 def board_of(config: CalibrateConfig) -> Board:
     """Collect the board's settings."""
-    return Board(config.board_kind, config.board_columns, config.board_rows, config.board_square_m,
-                 config.board_marker_m, config.board_dictionary, config.board_marker_id)  # fmt: skip
+    return Board(
+        config.board_kind,
+        config.board_columns,
+        config.board_rows,
+        config.board_square_m,
+        config.board_marker_m,
+        config.board_dictionary,
+        config.board_marker_id,
+    )
 
 
 def edits_for(recording: Recording, solved: Solved, config: CalibrateConfig) -> Edits:
@@ -103,36 +118,53 @@ def edits_for(recording: Recording, solved: Solved, config: CalibrateConfig) -> 
         camera = recording.camera(name, 0, group=groups[0])
         scale = camera.width / found.width
         if abs(camera.height / found.height - scale) > 0.01 * scale:
-            raise PlopError("Board images and recording have different shapes.", where=f"camera {name}",
-                            expected=f"the proportions of {camera.width}x{camera.height}",
-                            found=f"{found.width}x{found.height}")  # fmt: skip
+            raise PlopError(
+                "Board images and recording have different shapes.",
+                where=f"camera {name}",
+                expected=f"the proportions of {camera.width}x{camera.height}",
+                found=f"{found.width}x{found.height}",
+            )
         for group in groups:
             edits.intrinsics[f"{group}/{name}"] = found.half_integer_matrix * np.array([[scale], [scale], [1.0]])
     for name, answer in solved.handeye.items():
         if not answer.used:
             continue
         if name not in recording.camera_names:
-            raise PlopError("A wrist camera's recorded place in the gripper is unknown.",
-                            where=f"{recording.path}: camera {name}", expected="the camera in /cameras and /scan",
-                            found="it is in /scan only",
-                            fix="Correct the wrist camera's gripper offset in the raw data, then ingest "
-                                "again.")  # fmt: skip
+            raise PlopError(
+                "A wrist camera's recorded place in the gripper is unknown.",
+                where=f"{recording.path}: camera {name}",
+                expected="the camera in /cameras and /scan",
+                found="it is in /scan only",
+                fix="Correct the wrist camera's gripper offset in the raw data, then ingest again.",
+            )
         old = np.stack([recording.camera(name, frame).world_from_cam for frame in range(len(recording))])
         if answer.mount == "fixed":
-            _check_constant(name, old, recording, "A fixed camera moves in the recording.", "one pose for all frames",
-                            'Say "mount": "wrist" in poses.json, or --handeye-mount wrist.')  # fmt: skip
+            _check_constant(
+                name,
+                old,
+                recording,
+                "A fixed camera moves in the recording.",
+                "one pose for all frames",
+                'Say "mount": "wrist" in poses.json, or --handeye-mount wrist.',
+            )
             edits.poses[f"cameras/{name}"] = np.tile(answer.transform, (len(recording), 1, 1))
             continue
         tool_from_flange = invert_rigid(pose_from_euler_xyz(np.array(config.flange_from_tool)))
         flange = recording.world_from_tool @ tool_from_flange
         offsets = invert_rigid(flange) @ old
-        _check_constant(name, offsets, recording, "A wrist camera does not move with the tool.",
-                        "a constant pose in the gripper", 'Say "mount": "fixed" in poses.json, or --handeye-mount '
-                        "fixed, or correct calibrate.flange_from_tool.")  # fmt: skip
+        _check_constant(
+            name,
+            offsets,
+            recording,
+            "A wrist camera does not move with the tool.",
+            "a constant pose in the gripper",
+            'Say "mount": "fixed" in poses.json, or --handeye-mount fixed, or correct calibrate.flange_from_tool.',
+        )
         edits.poses[f"cameras/{name}"] = flange @ answer.transform
         if name in recording.scan_names:
-            scan = np.stack([recording.camera(name, i, group="scan").world_from_cam
-                             for i in range(recording.scan_length(name))])  # fmt: skip
+            scan = np.stack(
+                [recording.camera(name, i, group="scan").world_from_cam for i in range(recording.scan_length(name))]
+            )
             edits.poses[f"scan/{name}"] = scan @ invert_rigid(offsets[0]) @ answer.transform
     return edits
 
@@ -158,9 +190,13 @@ def _by_camera(folder: Path | None, recording: Recording, warnings: list[str]) -
     inside = sorted(p for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
     named = {p.name: p for p in inside if p.name in known}
     if not named:
-        raise PlopError("No sub-folder is named after a camera.", where=folder, expected=" or ".join(known),
-                        found=", ".join(p.name for p in inside) or "no sub-folder",
-                        fix="Put each camera's files into a folder with the camera's name.")  # fmt: skip
+        raise PlopError(
+            "No sub-folder is named after a camera.",
+            where=folder,
+            expected=" or ".join(known),
+            found=", ".join(p.name for p in inside) or "no sub-folder",
+            fix="Put each camera's files into a folder with the camera's name.",
+        )
     others = [p.name for p in inside if p.name not in named and not p.name.startswith((".", "__"))]
     if others:
         warnings.append(f"{folder}: {', '.join(others)} names no camera ({', '.join(known)}) and was not read")
@@ -175,10 +211,14 @@ def _opencv_intrinsics(name: str, solved: Solved, recording: Recording) -> tuple
     return matrix, np.zeros(5)
 
 
-def _check_constant(name: str, poses: np.ndarray, recording: Recording, problem: str, expected: str,
-                    fix: str) -> None:  # fmt: skip
+def _check_constant(name: str, poses: np.ndarray, recording: Recording, problem: str, expected: str, fix: str) -> None:
     apart = [difference(poses[0], pose) for pose in poses]
     angle, distance = max(a for a, _ in apart), max(d for _, d in apart)
     if angle > 1.0 or distance > 5.0:
-        raise PlopError(problem, where=f"{recording.path}: camera {name}", expected=f"{expected} (within 1 deg, 5 mm)",
-                        found=f"{angle:.1f} deg, {distance:.0f} mm", fix=fix)  # fmt: skip
+        raise PlopError(
+            problem,
+            where=f"{recording.path}: camera {name}",
+            expected=f"{expected} (within 1 deg, 5 mm)",
+            found=f"{angle:.1f} deg, {distance:.0f} mm",
+            fix=fix,
+        )

@@ -33,12 +33,19 @@ def check_recording(recording: Recording, frames: list[int]) -> None:
 def _check_seen(recording: Recording, views: list[View], frames: list[int]) -> None:
     names = ", ".join(recording.camera_names)
     if not any(view.object_mask.any() for view in views):
-        raise PlopError("No camera sees the object at the first frame.", where=f"{recording.path}:/cameras/*/mask[0]",
-                        expected="a mask with pixels of the object (1)", found=f"none in {names}",
-                        fix="Check the masks (`plop view`) and ingest again.")  # fmt: skip
+        raise PlopError(
+            "No camera sees the object at the first frame.",
+            where=f"{recording.path}:/cameras/*/mask[0]",
+            expected="a mask with pixels of the object (1)",
+            found=f"none in {names}",
+            fix="Check the masks (`plop view`) and ingest again.",
+        )
     later = (view for frame in frames[1:] for view in read_views(recording, frame))
     if not any((view.depth_m > 0).any() for views_of in (views, later) for view in views_of):
-        raise PlopError("No camera measured any depth.", where=f"{recording.path}:/cameras/*/depth_m",
-                        expected="metres along the optical axis in one camera or more",
-                        found=f"only 0 or NaN in {names}, frames {', '.join(map(str, frames))}",
-                        fix="Check the depth in the raw data and ingest again.")  # fmt: skip
+        raise PlopError(
+            "No camera measured any depth.",
+            where=f"{recording.path}:/cameras/*/depth_m",
+            expected="metres along the optical axis in one camera or more",
+            found=f"only 0 or NaN in {names}, frames {', '.join(map(str, frames))}",
+            fix="Check the depth in the raw data and ingest again.",
+        )

@@ -106,13 +106,21 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
         out.progress(done + 1, len(recordings.names), name)
     if not rows:
         with remembering(solved.warnings):
-            raise PlopError("No episode could be calibrated.", where=recordings.folder,
-                            expected="at least one episode",
-                            found=next(iter(skipped.values()), "the set is empty"))  # fmt: skip
+            raise PlopError(
+                "No episode could be calibrated.",
+                where=recordings.folder,
+                expected="at least one episode",
+                found=next(iter(skipped.values()), "the set is empty"),
+            )
     facts = {"episodes": rows, "cameras": _worst(rows), "skipped": skipped, **solved.facts()}
     write_json(out.path / "calibration.json", facts)
-    replace(recordings, folder=out.path, train=[n for n in recordings.train if n in rows],
-            test=[n for n in recordings.test if n in rows], skipped=skipped).save()  # fmt: skip
+    replace(
+        recordings,
+        folder=out.path,
+        train=[n for n in recordings.train if n in rows],
+        test=[n for n in recordings.test if n in rows],
+        skipped=skipped,
+    ).save()
     for name in recordings.names:
         (folder / f"{name}.json.part").unlink(missing_ok=True)
     return _summary(facts, [n for n in skipped if n not in recordings.skipped], solved.warnings)
@@ -137,8 +145,9 @@ def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateC
             given = edits_for(recording, solved, config)
         stay = _place(source, plain, first, given, solved, config) if given else {}
         with Recording(first if first.exists() else source) as recording:
-            trusted = frozenset(n for n, each in solved.handeye.items()
-                                if n not in stay and each.trusted(config.max_disagreement_mm))  # fmt: skip
+            trusted = frozenset(
+                n for n, each in solved.handeye.items() if n not in stay and each.trusted(config.max_disagreement_mm)
+            )
             result = calibrate_episode(recording, config, solved.reprojection_px, trusted)
             if not config.keep_bad:
                 check_usable(result.cameras, recordings.path(name))
@@ -148,12 +157,15 @@ def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateC
     finally:
         first.unlink(missing_ok=True)
         plain.unlink(missing_ok=True)
-    return {"cameras": [_with_handeye(asdict(verdict), solved, stay) for verdict in result.cameras],
-            "scan": [asdict(verdict) for verdict in result.scans]}  # fmt: skip
+    return {
+        "cameras": [_with_handeye(asdict(verdict), solved, stay) for verdict in result.cameras],
+        "scan": [asdict(verdict) for verdict in result.scans],
+    }
 
 
-def _place(source: Path, plain: Path, first: Path, given: Edits, solved: Solved,
-           config: CalibrateConfig) -> dict[str, str]:  # fmt: skip
+def _place(
+    source: Path, plain: Path, first: Path, given: Edits, solved: Solved, config: CalibrateConfig
+) -> dict[str, str]:
     """Write the recording with what the user gave; keep recorded poses that the hand-eye ones only make worse."""
     pass_on(source, first, given)
     names = [name for name in solved.handeye if f"cameras/{name}" in given.poses]
@@ -179,17 +191,37 @@ def _with_handeye(entry: dict, solved: Solved, stay: dict[str, str]) -> dict:
 
 
 def _check(config: CalibrateConfig) -> None:
-    check_choices(config, "calibrate", {
-        "refine_scan": ("auto", "always", "never"), "scan_scale": ("poses", "depth"),
-        "hand_eye_method": ("auto", *HAND_EYE_METHODS), "handeye_mount": ("auto", *MOUNTS),
-    })  # fmt: skip
-    check_ranges(config, "calibrate", {
-        "check_frames": (1, inf), "max_disagreement_mm": (1e-6, inf), "gate_m": (1e-6, inf), "region_margin_m": (0, 10),
-        "max_reprojection_px": (1e-6, inf), "max_table_mm": (1e-6, inf), "max_table_deg": (1e-6, 90),
-        "max_offset_ms": (0, inf), "max_offset_search_ms": (0, inf),
-        "board_columns": (2, inf), "board_rows": (2, inf), "max_scan_views": (2, inf),
-        "board_square_m": (1e-6, 1), "board_marker_m": (0, 1), "board_marker_id": (0, inf),
-    })  # fmt: skip
+    check_choices(
+        config,
+        "calibrate",
+        {
+            "refine_scan": ("auto", "always", "never"),
+            "scan_scale": ("poses", "depth"),
+            "hand_eye_method": ("auto", *HAND_EYE_METHODS),
+            "handeye_mount": ("auto", *MOUNTS),
+        },
+    )
+    check_ranges(
+        config,
+        "calibrate",
+        {
+            "check_frames": (1, inf),
+            "max_disagreement_mm": (1e-6, inf),
+            "gate_m": (1e-6, inf),
+            "region_margin_m": (0, 10),
+            "max_reprojection_px": (1e-6, inf),
+            "max_table_mm": (1e-6, inf),
+            "max_table_deg": (1e-6, 90),
+            "max_offset_ms": (0, inf),
+            "max_offset_search_ms": (0, inf),
+            "board_columns": (2, inf),
+            "board_rows": (2, inf),
+            "max_scan_views": (2, inf),
+            "board_square_m": (1e-6, 1),
+            "board_marker_m": (0, 1),
+            "board_marker_id": (0, inf),
+        },
+    )
     board_of(config).check()
 
 
@@ -210,19 +242,42 @@ def _badness(entry: dict) -> tuple[int, float]:
 
 
 def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
-    columns = ("camera", "verdict", "reprojection_px", "disagreement_mm", "edges_px", "table_mm", "table_deg",
-               "tool_share", "time_offset_ms", "depth_scale", "checks", *NO_COLUMNS, "fix")  # fmt: skip
+    columns = (
+        "camera",
+        "verdict",
+        "reprojection_px",
+        "disagreement_mm",
+        "edges_px",
+        "table_mm",
+        "table_deg",
+        "tool_share",
+        "time_offset_ms",
+        "depth_scale",
+        "checks",
+        *NO_COLUMNS,
+        "fix",
+    )
     table = [{key: entry[key] for key in columns} for _, entry in sorted(facts["cameras"].items())]
     counts = {kind: sum(entry["verdict"] == kind for entry in facts["cameras"].values()) for kind in ORDER}
-    figures = {"episodes": len(facts["episodes"]), "skipped": len(skipped),
-               **{f"cameras_{kind}": count for kind, count in counts.items()}}  # fmt: skip
+    figures = {
+        "episodes": len(facts["episodes"]),
+        "skipped": len(skipped),
+        **{f"cameras_{kind}": count for kind, count in counts.items()},
+    }
     known = [e["disagreement_mm"] for e in facts["cameras"].values() if e["disagreement_mm"] is not None]
     if known:
         figures["worst_disagreement_mm"] = max(known)
-    warnings = [f"camera {name} ({entry['episode']}): {entry['fix']}" for name, entry in
-                sorted(facts["cameras"].items()) if entry["fix"]]  # fmt: skip
-    warnings += [f"scan {scan['camera']} ({name}): {scan['fix']}" for name, row in facts["episodes"].items()
-                 for scan in row["scan"] if scan["fix"]]  # fmt: skip
+    warnings = [
+        f"camera {name} ({entry['episode']}): {entry['fix']}"
+        for name, entry in sorted(facts["cameras"].items())
+        if entry["fix"]
+    ]
+    warnings += [
+        f"scan {scan['camera']} ({name}): {scan['fix']}"
+        for name, row in facts["episodes"].items()
+        for scan in row["scan"]
+        if scan["fix"]
+    ]
     return Summary(figures, table, said + warnings + [f"{n} was skipped: {facts['skipped'][n]}" for n in skipped])
 
 

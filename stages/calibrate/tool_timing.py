@@ -53,8 +53,9 @@ def episode_offsets(recording: Recording, max_offset_ms: float) -> dict[str, Off
     if len(time) < 4 or not np.isfinite(poses).all():
         return {}
     frames = _moving_frames(time, poses)
-    found = {name: _camera_offset(recording, name, frames, time, poses, max_offset_ms)
-             for name in recording.camera_names}  # fmt: skip
+    found = {
+        name: _camera_offset(recording, name, frames, time, poses, max_offset_ms) for name in recording.camera_names
+    }
     return {name: offset for name, offset in found.items() if offset is not None}
 
 
@@ -74,8 +75,9 @@ def _moving_frames(time: np.ndarray, poses: np.ndarray) -> np.ndarray:
     return moving[np.unique(np.linspace(0, len(moving) - 1, MAX_FRAMES).astype(int))] if len(moving) else moving
 
 
-def _camera_offset(recording: Recording, name: str, frames: np.ndarray, time: np.ndarray, poses: np.ndarray,
-                   max_offset_ms: float) -> Offset | None:  # fmt: skip
+def _camera_offset(
+    recording: Recording, name: str, frames: np.ndarray, time: np.ndarray, poses: np.ndarray, max_offset_ms: float
+) -> Offset | None:
     views = []
     for frame in frames:
         view = recording.view(name, int(frame))

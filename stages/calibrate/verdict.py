@@ -64,9 +64,19 @@ class CameraVerdict:
     more than right cameras do even in coarse pictures. A camera may be "bad" by a little and usable."""
 
 
-def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str | None, depth_scale: float,
-          reprojection_px: float | None, offset: Offset | None, offset_corrected: bool, evidence: CameraEvidence,
-          config: CalibrateConfig) -> CameraVerdict:  # fmt: skip
+def judge(
+    name: str,
+    before: CameraCheck,
+    after: CameraCheck,
+    *,
+    corrected: str | None,
+    depth_scale: float,
+    reprojection_px: float | None,
+    offset: Offset | None,
+    offset_corrected: bool,
+    evidence: CameraEvidence,
+    config: CalibrateConfig,
+) -> CameraVerdict:
     """Turn measurements of one camera into a verdict.
 
     Args:
@@ -109,11 +119,20 @@ def judge(name: str, before: CameraCheck, after: CameraCheck, *, corrected: str 
     fixes += filter(None, [evidence.remark])
     far = after.disagreement_mm is None or after.disagreement_mm > UNUSABLE * config.max_disagreement_mm
     usable = verdict != "bad" or not (evidence.faults or far)
-    return CameraVerdict(name, verdict, "; ".join(fixes), _rounded(after.disagreement_mm),
-                         _rounded(before.disagreement_mm), round(depth_scale, 6), _rounded(reprojection_px),
-                         _rounded(offset.offset_ms if offset else None),
-                         _rounded(offset.resolution_ms if offset else None),
-                         after.partners, **_looked_at(evidence), usable=usable)  # fmt: skip
+    return CameraVerdict(
+        name,
+        verdict,
+        "; ".join(fixes),
+        _rounded(after.disagreement_mm),
+        _rounded(before.disagreement_mm),
+        round(depth_scale, 6),
+        _rounded(reprojection_px),
+        _rounded(offset.offset_ms if offset else None),
+        _rounded(offset.resolution_ms if offset else None),
+        after.partners,
+        **_looked_at(evidence),
+        usable=usable,
+    )
 
 
 def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
@@ -143,10 +162,13 @@ def check_usable(cameras: list[CameraVerdict], where: Path) -> None:
     said: dict[str, list[str]] = {}
     for each in sorted(cameras, key=lambda each: each.faults[:1] != cause):
         said.setdefault(each.fix, []).append(each.camera)
-    raise PlopError("All its cameras are bad: nothing that is made of it would be right.", where=where,
-                    expected="one camera or more that can be used",
-                    found="; ".join(f"{', '.join(names)}: {fix}" for fix, names in said.items()),
-                    fix="Mend the first cause and ingest again, or --keep-bad to go on.")  # fmt: skip
+    raise PlopError(
+        "All its cameras are bad: nothing that is made of it would be right.",
+        where=where,
+        expected="one camera or more that can be used",
+        found="; ".join(f"{', '.join(names)}: {fix}" for fix, names in said.items()),
+        fix="Mend the first cause and ingest again, or --keep-bad to go on.",
+    )
 
 
 def tolerance_ms(offset: Offset, config: CalibrateConfig) -> float:

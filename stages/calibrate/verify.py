@@ -81,8 +81,13 @@ def depth_views(views: list[View], margin_m: float) -> list[DepthView]:
     return out
 
 
-def check_episode(recording: Recording, frames: list[int], margin_m: float, change: Change | None = None,
-                  leave_out: frozenset[str] = frozenset()) -> dict[str, CameraCheck]:  # fmt: skip
+def check_episode(
+    recording: Recording,
+    frames: list[int],
+    margin_m: float,
+    change: Change | None = None,
+    leave_out: frozenset[str] = frozenset(),
+) -> dict[str, CameraCheck]:
     """Compare every pair of cameras on some frames: around the object, and on the object alone.
 
     A shift along the table does not show on the table, so the worse of the two counts.

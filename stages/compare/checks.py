@@ -24,8 +24,13 @@ def check_conventions(inputs: Inputs, recordings: RecordingSet) -> None:
             for key, wanted in CONVENTIONS.items():
                 found = str(file.attrs.get(key, "nothing"))
                 if found != wanted:
-                    raise PlopError("A recording follows another convention.", where=f"{recordings.path(name)}: {key}",
-                                    expected=wanted, found=found, fix="Convert it: `plop ingest`.")  # fmt: skip
+                    raise PlopError(
+                        "A recording follows another convention.",
+                        where=f"{recordings.path(name)}: {key}",
+                        expected=wanted,
+                        found=found,
+                        fix="Convert it: `plop ingest`.",
+                    )
     own = inputs["recordings"].manifest
     for part in ("init", "tracks"):
         made = inputs[part].manifest
@@ -33,8 +38,11 @@ def check_conventions(inputs: Inputs, recordings: RecordingSet) -> None:
         if made is None or own is None or source is None:
             continue  # called from Python with bare folders: the contents are checked where they are read
         if not made_from(made, "recordings", own):
-            raise PlopError("Results of different recordings are not compared.", where=f"compare.{part}",
-                            expected=f"made from {own.address}",
-                            found=f"made from {source['stage']}@{source['fingerprint'][:8]}",
-                            fix="Cameras and clocks may differ between the two: run `plop fit-init` and `plop filter` "
-                                "on the recordings that you compare with.")  # fmt: skip
+            raise PlopError(
+                "Results of different recordings are not compared.",
+                where=f"compare.{part}",
+                expected=f"made from {own.address}",
+                found=f"made from {source['stage']}@{source['fingerprint'][:8]}",
+                fix="Cameras and clocks may differ between the two: run `plop fit-init` and `plop filter` "
+                "on the recordings that you compare with.",
+            )

@@ -68,8 +68,10 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     for folder in ("fields", *(["pictures"] if config.pictures else [])):
         (out.path / folder).mkdir(exist_ok=True)
     fields, cameras = [], []
-    tasks = (delayed(_compare)(inputs["model"].path, recordings.path(e.name), init / e.name, e, config, out.path)
-             for e in episodes)  # fmt: skip
+    tasks = (
+        delayed(_compare)(inputs["model"].path, recordings.path(e.name), init / e.name, e, config, out.path)
+        for e in episodes
+    )
     for field, seen in Parallel(n_jobs=config.jobs, return_as="generator")(tasks):
         fields.append(field)
         cameras += seen
@@ -123,19 +125,26 @@ def _same_object(inputs: Inputs, config: CompareConfig, recordings: RecordingSet
     if config.other_object:
         return
     made = inputs["model"].manifest
-    check_same_object(inputs["model"].path, recordings.environment, episodes,
-                      about=made.environment if made is not None else None,
-                      fix="Choose a model of this object, or give --other-object.")  # fmt: skip
+    check_same_object(
+        inputs["model"].path,
+        recordings.environment,
+        episodes,
+        about=made.environment if made is not None else None,
+        fix="Choose a model of this object, or give --other-object.",
+    )
 
 
 def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
     pools = {"all": recordings.names, "train": recordings.train, "test": recordings.test}
     names = [name for name in pools[config.split] if fnmatchcase(name, config.episodes)]
     if not names:
-        raise PlopError("No episode is chosen.", where=recordings.folder,
-                        expected=f"an episode of split {config.split} that matches {config.episodes}",
-                        found=", ".join(pools[config.split]) or "no episode in this split",
-                        fix="Change --split or --episodes.")  # fmt: skip
+        raise PlopError(
+            "No episode is chosen.",
+            where=recordings.folder,
+            expected=f"an episode of split {config.split} that matches {config.episodes}",
+            found=", ".join(pools[config.split]) or "no episode in this split",
+            fix="Change --split or --episodes.",
+        )
     return names
 
 
@@ -145,14 +154,19 @@ def _shown(frames: int, count: int) -> list[int]:
 
 
 def _facts(
-    recordings: RecordingSet, episodes: list[Episode], fields: list[ErrorField],
-    found: dict[str, list[dict[str, Any]]], cameras: list[dict[str, Any]], left_out: dict[str, str],
-) -> dict[str, Any]:  # fmt: skip
+    recordings: RecordingSet,
+    episodes: list[Episode],
+    fields: list[ErrorField],
+    found: dict[str, list[dict[str, Any]]],
+    cameras: list[dict[str, Any]],
+    left_out: dict[str, str],
+) -> dict[str, Any]:
     return {
         "schema": COMPARE_SCHEMA,
         "environment": recordings.environment,
         "size_mm": [round(1000 * float(edge), 1) for edge in size_m(episodes)],
-        "conventions": CONVENTIONS | {
+        "conventions": CONVENTIONS
+        | {
             "error": "distance between measured and predicted place of the same point; RMS over points and frames",
             "first_frame": "given, counts nowhere",
             "floor": "RMS error that the measurement's noise alone gives: sqrt(6) times that of one coordinate",
@@ -160,7 +174,7 @@ def _facts(
             "persistence": "nothing moves",
             "rigid": "best motion of the points as one body, fitted to each frame's measurement: an oracle",
             "camera": "Gaussians carried by predicted points and rendered, mean absolute difference; "
-                      "_floor: carried by the measured points; _persistence, _rigid: by those of the baselines",
+            "_floor: carried by the measured points; _persistence, _rigid: by those of the baselines",
             "n": "points times frames; for cameras, pixels",
         },
         "units": {"_mm": "mm", "in_noise": "-", "colour": "0..1", "outline": "share of pixels"},
@@ -170,7 +184,7 @@ def _facts(
         "camera_frames": cameras,
         "left_out": left_out,
         "held_out": [f.name for f in fields if f.name in recordings.test],
-    }  # fmt: skip
+    }
 
 
 def _episode_facts(field: ErrorField) -> dict[str, Any]:
@@ -178,19 +192,30 @@ def _episode_facts(field: ErrorField) -> dict[str, Any]:
         return [round(1000 * float(v), 4) for v in values]
 
     return {
-        "points": len(field.episode.patch), "noise_mm": round(1000 * field.episode.noise_m, 4),
-        "floor_mm": round(1000 * field.floor_m, 4), "worst_frame": field.worst_frame,
-        "time_s": [round(float(t), 6) for t in field.episode.times], "phase": field.tool.phase.tolist(),
-        "error_mm": mm(field.over_time()), "persistence_mm": mm(field.over_time("persistence_m")),
+        "points": len(field.episode.patch),
+        "noise_mm": round(1000 * field.episode.noise_m, 4),
+        "floor_mm": round(1000 * field.floor_m, 4),
+        "worst_frame": field.worst_frame,
+        "time_s": [round(float(t), 6) for t in field.episode.times],
+        "phase": field.tool.phase.tolist(),
+        "error_mm": mm(field.over_time()),
+        "persistence_mm": mm(field.over_time("persistence_m")),
         "rigid_mm": mm(field.over_time("rigid_m")),
-    }  # fmt: skip
+    }
 
 
 def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], left_out: dict[str, str]) -> Summary:
     """Say where and when it fails, worst first."""
     whole = found["all"][0]
-    keys = {"rms_mm": "rms_mm", "in_noise": "in_noise", "p95_mm": "p95_mm", "rigid_mm": "rigid_mm",
-            "persistence_mm": "still_mm", "floor_mm": "floor_mm", "n": "n"}  # fmt: skip
+    keys = {
+        "rms_mm": "rms_mm",
+        "in_noise": "in_noise",
+        "p95_mm": "p95_mm",
+        "rigid_mm": "rigid_mm",
+        "persistence_mm": "still_mm",
+        "floor_mm": "floor_mm",
+        "n": "n",
+    }
 
     def short(row: dict[str, Any]) -> dict[str, Any]:
         return {shown: round(row[key], 2) for key, shown in keys.items()}
@@ -205,10 +230,12 @@ def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], l
     phase = PHASES[int(worst.tool.phase[worst.worst_frame])]
     since = worst.episode.times[worst.worst_frame] - worst.episode.times[0]
     figures = {
-        "episodes": len(fields), "rms_mm": round(whole["rms_mm"], 3), "in_noise": round(whole["in_noise"], 2),
+        "episodes": len(fields),
+        "rms_mm": round(whole["rms_mm"], 3),
+        "in_noise": round(whole["in_noise"], 2),
         "floor_mm": round(whole["floor_mm"], 3),
         "worst": f"{worst.name} at {since:.2f} s ({phase}): {1000 * worst.over_time().max():.2f} mm",
-    }  # fmt: skip
+    }
     figures |= {f"camera_{row['camera']}_depth_mm": row["depth_mm"] for row in found["camera"]}
     return Summary(figures, rows, [f"{name} is left out: {why}" for name, why in left_out.items()])
 

@@ -30,36 +30,51 @@ def facts_of(
     left = found.verdict.evidence.get("left")
     return {
         "schema": SCHEMA,
-        "verdict": {"kind": found.verdict.kind, "named": found.verdict.named, "text": found.verdict.text,
-                    "evidence": json_ready(found.verdict.evidence)},
+        "verdict": {
+            "kind": found.verdict.kind,
+            "named": found.verdict.named,
+            "text": found.verdict.text,
+            "evidence": json_ready(found.verdict.evidence),
+        },
         "ranking": [row for row, f in zip(ranking, found.findings, strict=True) if f is not found.findings[-1]],
         "base": ranking[-1],
         "confounded": confounded,
         "limits": json_ready(found.limits),
         "sensors": sensors,
         "shams": {"count": len(found.shams), "quantile_98": float(np.quantile(found.shams, 0.98))},
-        "error": found.size.error, "floor": found.size.floor, "excess": found.size.excess,
+        "error": found.size.error,
+        "floor": found.size.floor,
+        "excess": found.size.excess,
         "closed_share": found.size.closed(left),
         "next_step": next_step(found),
         "next_motion": next_motion(found) or settling_motion(found),
         "episodes": [e.name for e in found.evidence],
         "reference_episodes": [e.name for e in found.control],
         "dropped": {**left_out, **found.dropped},
-    }  # fmt: skip
+    }
 
 
 def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None) -> dict[str, Any]:
     kind = types.get(finding.name)
     return {
-        "effect": finding.name, "kind": finding.kind, "help": kind.help if kind else "",
-        "law": kind.law if kind else "", "source": kind.source if kind else "",
-        "gain": finding.gain, "gain_error": finding.gain_error, "p": finding.p,
+        "effect": finding.name,
+        "kind": finding.kind,
+        "help": kind.help if kind else "",
+        "law": kind.law if kind else "",
+        "source": kind.source if kind else "",
+        "gain": finding.gain,
+        "gain_error": finding.gain_error,
+        "p": finding.p,
         "contrast": json_ready(finding.contrast and finding.contrast.errors),
         "contrast_p": json_ready(finding.contrast and finding.contrast.p),
-        "size_mm": None if size_m is None else 1000 * size_m, "shown": finding.shown, "shown_by": finding.shown_by,
-        "alone": json_ready(finding.alone), "parameters": json_ready(_parameters(finding, kind)),
-        "passes": finding.passes(), "reasons": finding.reasons(),
-    }  # fmt: skip
+        "size_mm": None if size_m is None else 1000 * size_m,
+        "shown": finding.shown,
+        "shown_by": finding.shown_by,
+        "alone": json_ready(finding.alone),
+        "parameters": json_ready(_parameters(finding, kind)),
+        "passes": finding.passes(),
+        "reasons": finding.reasons(),
+    }
 
 
 def _parameters(finding: Finding, kind: EffectType | None) -> dict[str, dict[str, Any]]:
@@ -80,12 +95,16 @@ def rows_of(facts: Mapping[str, Any], most: int = 6) -> list[dict[str, Any]]:
     rows = []
     for row in [*facts["ranking"][:most], facts["base"]]:
         first: tuple[str, dict[str, Any]] | None = next(iter(row["parameters"].items()), None)
-        rows.append({
-            "effect": row["effect"], "explains": explained_text(row["gain"], row["gain_error"]), "p": row["p"],
-            "moves_mm": None if row["size_mm"] is None else round(row["size_mm"], 3),
-            "parameter": first and _parameter_text(*first),
-            "verdict": "named" if row["effect"] in facts["verdict"]["named"] else (row["reasons"] or ["passes"])[0],
-        })  # fmt: skip
+        rows.append(
+            {
+                "effect": row["effect"],
+                "explains": explained_text(row["gain"], row["gain_error"]),
+                "p": row["p"],
+                "moves_mm": None if row["size_mm"] is None else round(row["size_mm"], 3),
+                "parameter": first and _parameter_text(*first),
+                "verdict": "named" if row["effect"] in facts["verdict"]["named"] else (row["reasons"] or ["passes"])[0],
+            }
+        )
     return rows
 
 

@@ -36,16 +36,32 @@ def sensor_findings(
     ):
         per_episode.append(found)
         out.progress(len(per_episode), len(names), f"sensors of {names[len(per_episode) - 1]}")
-    return [_entry(finding.camera, fault) for finding in pool(per_episode) for fault in finding.found
-            if finding.camera not in without]  # fmt: skip
+    return [
+        _entry(finding.camera, fault)
+        for finding in pool(per_episode)
+        for fault in finding.found
+        if finding.camera not in without
+    ]
 
 
 def _entry(camera: str, fault: FaultEstimate) -> dict[str, Any]:
     units = {parameter.name: parameter.unit for parameter in FAULTS[fault.fault].parameters}
-    values: dict[str, dict[str, Any]] = {key: {"value": value, "low": value - 1.96 * fault.standard_errors[key],
-                    "high": value + 1.96 * fault.standard_errors[key], "unit": units[key]}
-              for key, value in fault.values.items()}  # fmt: skip
+    values: dict[str, dict[str, Any]] = {
+        key: {
+            "value": value,
+            "low": value - 1.96 * fault.standard_errors[key],
+            "high": value + 1.96 * fault.standard_errors[key],
+            "unit": units[key],
+        }
+        for key, value in fault.values.items()
+    }
     shown = ", ".join(parameter_text(key, v) for key, v in values.items() if abs(v["value"]) > 0)
     other = f", or {', '.join(fault.alternatives)}" if fault.alternatives else ""
-    return {"camera": camera, "fault": fault.fault, "text": f"{fault.fault}{other} of {camera}: {shown}", "z": fault.z,
-            "values": values, "alternatives": list(fault.alternatives)}  # fmt: skip
+    return {
+        "camera": camera,
+        "fault": fault.fault,
+        "text": f"{fault.fault}{other} of {camera}: {shown}",
+        "z": fault.z,
+        "values": values,
+        "alternatives": list(fault.alternatives),
+    }

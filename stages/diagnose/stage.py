@@ -81,23 +81,40 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         judges = judges_of(model)
         names, warnings = _unseen(others.names, trained_on(model) - set(judges))
         # what was added to the base was fitted to recordings that have it; the base's own have not
-        reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed,
-                                    judges=judges)  # fmt: skip
+        reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed, judges=judges)
         seen = dict.fromkeys(set(others.names) - set(names), "the model was trained on it")
         left_out |= {f"reference {name}": why for name, why in sorted((more | seen).items())}
     sensors = _sensors(recordings, measured, config, out)
     runs = Runs(out.cache or out.path / ".jobs", files, config.jobs, config.scheduler, out.progress)
-    found = diagnose(measured, engine, types, runs, reference=reference, effects=config.effects or None,
-                     sensors=[s["text"] for s in sensors], shams=config.shams, seed=config.seed,
-                     told=runs.begin)  # fmt: skip
+    found = diagnose(
+        measured,
+        engine,
+        types,
+        runs,
+        reference=reference,
+        effects=config.effects or None,
+        sensors=[s["text"] for s in sensors],
+        shams=config.shams,
+        seed=config.seed,
+        told=runs.begin,
+    )
     runs.forget()
     facts = facts_of(found, types, sensors, left_out)
-    facts |= {"environment": recordings.environment, "seconds": round(time.perf_counter() - started, 1),
-              "seconds_screen": round(found.screen_s, 1), "engine_runs": runs.done}  # fmt: skip
+    facts |= {
+        "environment": recordings.environment,
+        "seconds": round(time.perf_counter() - started, 1),
+        "seconds_screen": round(found.screen_s, 1),
+        "engine_runs": runs.done,
+    }
     write_json(out.path / "diagnosis.json", facts, sort_keys=False)
-    figures = {"verdict": found.verdict.kind, "named": ", ".join(found.verdict.named) or "-",
-               "text": found.verdict.text, "next": facts["next_step"], "episodes": len(found.evidence),
-               "engine_runs": runs.done}  # fmt: skip
+    figures = {
+        "verdict": found.verdict.kind,
+        "named": ", ".join(found.verdict.named) or "-",
+        "text": found.verdict.text,
+        "next": facts["next_step"],
+        "episodes": len(found.evidence),
+        "engine_runs": runs.done,
+    }
     warnings += [f"{name} is left out: {why}" for name, why in facts["dropped"].items()]
     return Summary(figures, rows_of(facts), warnings)
 
@@ -115,9 +132,11 @@ def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[
     unseen = [name for name in names if name not in seen]
     if not seen or len(unseen) >= LEAST_UNSEEN:
         return unseen, []
-    return names, [f"the model was trained on {len(seen)} of {len(names)} reference episodes: its error there is too "
-                   "low, and small errors may pass for missing physics; train it with `--folds 2`, or give a "
-                   f"reference with {LEAST_UNSEEN} episodes or more that it has not seen"]  # fmt: skip
+    return names, [
+        f"the model was trained on {len(seen)} of {len(names)} reference episodes: its error there is too "
+        "low, and small errors may pass for missing physics; train it with `--folds 2`, or give a "
+        f"reference with {LEAST_UNSEEN} episodes or more that it has not seen"
+    ]
 
 
 def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:
@@ -131,9 +150,15 @@ def _names(recordings: RecordingSet, split: str) -> list[str]:
 
 
 def _measured(
-    recordings: RecordingSet, inputs: Inputs, prefix: str, names: list[str], model: Path, seed: int, *,
+    recordings: RecordingSet,
+    inputs: Inputs,
+    prefix: str,
+    names: list[str],
+    model: Path,
+    seed: int,
+    *,
     judges: Mapping[str, Path] = MappingProxyType({}),
-) -> tuple[Measured, dict[str, str]]:  # fmt: skip
+) -> tuple[Measured, dict[str, str]]:
     """Read tracked episodes, with the prediction of a base that is not the bare engine.
 
     An episode for which there is a judge is predicted by it instead.
@@ -156,9 +181,13 @@ def _engine(inputs: Inputs) -> EngineBase:
     if engine is None and "engine" in inputs:
         engine = engine_of(inputs["engine"].path)
     if engine is None:
-        raise PlopError("A learned model needs the engine beside it.", where=inputs["model"].path,
-                        expected="an artifact of identify", found="none",
-                        fix="Run `plop identify` on the recordings it was trained on.")  # fmt: skip
+        raise PlopError(
+            "A learned model needs the engine beside it.",
+            where=inputs["model"].path,
+            expected="an artifact of identify",
+            found="none",
+            fix="Run `plop identify` on the recordings it was trained on.",
+        )
     return engine
 
 
@@ -178,8 +207,13 @@ def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
         effect_type(name, types)
     check_choices(config, "diagnose", {"split": _SPLITS})
     if config.shams < 49:
-        raise PlopError("Too few shams for a verdict.", where="diagnose.shams", expected="49 or more",
-                        found=str(config.shams), fix="Leave --shams out for the usual number.")  # fmt: skip
+        raise PlopError(
+            "Too few shams for a verdict.",
+            where="diagnose.shams",
+            expected="49 or more",
+            found=str(config.shams),
+            fix="Leave --shams out for the usual number.",
+        )
 
 
 def check_inputs(inputs: Inputs, config: DiagnoseConfig) -> None:
@@ -196,8 +230,12 @@ def check_inputs(inputs: Inputs, config: DiagnoseConfig) -> None:
 
 
 def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode]) -> None:
-    check_same_object(model, recordings.environment, episodes,
-                      fix="Give recordings of the same object; materials are compared under one name.")  # fmt: skip
+    check_same_object(
+        model,
+        recordings.environment,
+        episodes,
+        fix="Give recordings of the same object; materials are compared under one name.",
+    )
 
 
 STAGE = Stage(

@@ -62,8 +62,9 @@ class RigidFit:
             rounds.append((0.5 * float(forward.mean() + backward.mean()), pose))
             if len(rounds) > 1 and rounds[-1][0] > rounds[-2][0] - _STOP_M:
                 break
-            pose = kabsch(np.concatenate([self._sample, self._source[at_source]]),
-                          np.concatenate([tree.data[at_target], sample]))  # fmt: skip
+            pose = kabsch(
+                np.concatenate([self._sample, self._source[at_source]]), np.concatenate([tree.data[at_target], sample])
+            )
         return rounds
 
     def _draw(self, points: np.ndarray) -> np.ndarray:

@@ -121,8 +121,9 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
     for index in range(len(recording)):
         measured = [recording.view(name, index) for name in names]
         cameras = [view.camera for view in measured]
-        cloud = back_project_all(cameras, [view.depth_m for view in measured], [view.object_mask for view in measured],
-                                 seed=config.seed)  # fmt: skip
+        cloud = back_project_all(
+            cameras, [view.depth_m for view in measured], [view.object_mask for view in measured], seed=config.seed
+        )
         if fit is None and len(cloud):
             fit = RigidFit(cloud.points, config.seed)
         elif fit is not None and len(cloud):
@@ -138,9 +139,13 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
 def _read_init(init: Path) -> tuple[Gaussians, Gaussians]:
     for part in ("object.ply", "tool.ply"):
         if not (init / part).is_file():
-            raise PlopError("An episode has no fitted Gaussians.", where=init / part, expected=f"a fit of {init.name}",
-                            found="no file",
-                            fix="Give the `plop fit-init` artifact that the rollout started from.")  # fmt: skip
+            raise PlopError(
+                "An episode has no fitted Gaussians.",
+                where=init / part,
+                expected=f"a fit of {init.name}",
+                found="no file",
+                fix="Give the `plop fit-init` artifact that the rollout started from.",
+            )
     return read_splat(init / "object.ply"), read_splat(init / "tool.ply")
 
 
@@ -153,5 +158,10 @@ def _check_match(views: ViewFile, recording: Recording) -> None:
     }
     for what, (expected, found) in pairs.items():
         if expected != found:
-            raise PlopError(f"The rollout and the recording differ in {what}.", where=views.path, expected=expected,
-                            found=found, fix="Give the recordings that the rollout was made from.")  # fmt: skip
+            raise PlopError(
+                f"The rollout and the recording differ in {what}.",
+                where=views.path,
+                expected=expected,
+                found=found,
+                fix="Give the recordings that the rollout was made from.",
+            )

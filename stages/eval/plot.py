@@ -9,8 +9,14 @@ from matplotlib.figure import Figure
 
 from plop.artifacts.atomic_file import whole
 
-TITLES = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "hd_mm": "HD [mm]", "psnr_db": "PSNR [dB]", "ssim": "SSIM [-]",
-          "j_score": "J [-]"}  # fmt: skip
+TITLES = {
+    "cd_mm": "CD [mm]",
+    "emd_mm": "EMD [mm]",
+    "hd_mm": "HD [mm]",
+    "psnr_db": "PSNR [dB]",
+    "ssim": "SSIM [-]",
+    "j_score": "J [-]",
+}
 _STYLES = (("tab:blue", "-", 3), ("tab:gray", "--", 2), ("tab:orange", ":", 1))
 
 

@@ -90,8 +90,10 @@ def write_csv(path: Path, rows: Rows) -> None:
 def _parts(rows: Rows) -> dict[str, dict[str, float | None]]:
     last = max(row["frame"] for row in rows)
     wanted: dict[str, Callable[[int], bool]] = {
-        "episode": lambda frame: frame > 0, "end": lambda frame: frame == last, "start": lambda frame: frame == 0,
-    }  # fmt: skip
+        "episode": lambda frame: frame > 0,
+        "end": lambda frame: frame == last,
+        "start": lambda frame: frame == 0,
+    }
     metrics = [metric for metric in CONVENTIONS if any(metric in row for row in rows)]
     return {
         part: {metric: mean_defined([row.get(metric) for row in rows if keep(row["frame"])]) for metric in metrics}
@@ -128,6 +130,8 @@ def _notes(rows: Rows, metrics: list[str], episodes: int) -> list[str]:
             missing = [row for row in rows if row["method"] == method and row.get(metric) is None]
             if missing and metric not in ("lpips", "emd_mm"):
                 first = missing[0]
-                notes.append(f"{metric} of {method} is undefined in {len(missing)} frame(s) (an empty mask or cloud), "
-                             f"first in {first['episode']} frame {first['frame']}.")  # fmt: skip
+                notes.append(
+                    f"{metric} of {method} is undefined in {len(missing)} frame(s) (an empty mask or cloud), "
+                    f"first in {first['episode']} frame {first['frame']}."
+                )
     return notes

@@ -91,12 +91,21 @@ def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
     found = sorted(folder.parent.name for folder in rollouts.glob("*/images.h5"))
     unknown = [name for name in found if name not in recordings.names]
     if unknown:
-        raise PlopError("A rollout is of another set of recordings.", where=rollouts / unknown[0],
-                        expected=", ".join(recordings.names), found=unknown[0],
-                        fix="Give the recordings that the rollout was made from.")  # fmt: skip
+        raise PlopError(
+            "A rollout is of another set of recordings.",
+            where=rollouts / unknown[0],
+            expected=", ".join(recordings.names),
+            found=unknown[0],
+            fix="Give the recordings that the rollout was made from.",
+        )
     if not found:
-        raise PlopError("There is nothing to score.", where=rollouts, expected="<episode>/images.h5 of `plop rollout`",
-                        found="no episode", fix="Run `plop rollout`.")  # fmt: skip
+        raise PlopError(
+            "There is nothing to score.",
+            where=rollouts,
+            expected="<episode>/images.h5 of `plop rollout`",
+            found="no episode",
+            fix="Run `plop rollout`.",
+        )
     return found
 
 

@@ -95,40 +95,60 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
 def _check(config: FilterConfig) -> None:
     check_choices(config, "filter", {"split": ("train", "test", "all")})
     check_jobs(config, "filter")
-    check_ranges(config, "filter", {
-        "iterations": (0, inf), "views": (1, inf), "cells_across": (1, 64), "isometry": (0, inf), "contact": (0, inf),
-        "depth_weight": (0, inf), "settle": (0, inf),
-    })  # fmt: skip
+    check_ranges(
+        config,
+        "filter",
+        {
+            "iterations": (0, inf),
+            "views": (1, inf),
+            "cells_across": (1, 64),
+            "isometry": (0, inf),
+            "contact": (0, inf),
+            "depth_weight": (0, inf),
+            "settle": (0, inf),
+        },
+    )
 
 
 @deterministic()
 def _filter_episode(
     recordings: RecordingSet, init: Path, model_folder: Path | None, config: FilterConfig, name: str, out: Output
-) -> None:  # fmt: skip
+) -> None:
     splat = init / name / "object.ply"
     if not splat.is_file():
-        raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
-                        found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
+        raise PlopError(
+            "An episode has no fitted Gaussians.",
+            where=splat,
+            expected="object.ply of `plop fit-init`",
+            found="no file",
+            fix="Run `plop fit-init` on the same recordings.",
+        )
     device = chosen_device(config.device)
     model: DynamicsModel = ConstantVelocity()
     if model_folder is not None:
         model = load_model(model_folder, device)
         device = device_of(model)
     update = UpdateConfig(
-        iterations=config.iterations, views=config.views, cells_across=config.cells_across,
-        isometry=config.isometry, contact=config.contact, weights=RenderWeights(depth=config.depth_weight),
-    )  # fmt: skip
+        iterations=config.iterations,
+        views=config.views,
+        cells_across=config.cells_across,
+        isometry=config.isometry,
+        contact=config.contact,
+        weights=RenderWeights(depth=config.depth_weight),
+    )
     generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
     with recordings.open(name) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
-        first = settled(read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update,
-                        config.settle)  # fmt: skip
+        first = settled(
+            read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update, config.settle
+        )
         writer.append("updated", 0, first, side=at_rest(first).side)
         for step in run_filter(model, recording, first, update, cameras=cameras, generator=generator):
             _store(writer, step)
-            frames.append({"frame": step.frame, "time_s": float(recording.time_s[step.frame]),
-                           "cameras": step.innovation})  # fmt: skip
+            frames.append(
+                {"frame": step.frame, "time_s": float(recording.time_s[step.frame]), "cameras": step.innovation}
+            )
             out.progress(step.frame + 1, len(recording), name, gaussians=len(step.updated.side))
     innovation = {"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}
     write_text(out.path / f"{name}.json", json.dumps(innovation))

@@ -48,8 +48,9 @@ class EpisodeFit:
     """Measured | predicted | difference of the scored views, uint8, by name."""
 
 
-def fit_episode(recording: Recording, training_episode: Recording | None, cloud: Path | None, config: FitInitConfig,
-                report: Report) -> EpisodeFit:  # fmt: skip
+def fit_episode(
+    recording: Recording, training_episode: Recording | None, cloud: Path | None, config: FitInitConfig, report: Report
+) -> EpisodeFit:
     """Fit object and tool.
 
     Args:
@@ -69,7 +70,11 @@ def fit_episode(recording: Recording, training_episode: Recording | None, cloud:
 
 
 def _fitted(
-    recording: Recording, training_episode: Recording | None, cloud: Path | None, config: FitInitConfig, report: Report,
+    recording: Recording,
+    training_episode: Recording | None,
+    cloud: Path | None,
+    config: FitInitConfig,
+    report: Report,
     warnings: list[str],
 ) -> EpisodeFit:
     check_held_out(config.held_out, len(recording.camera_names), f"{recording.path}:/cameras")
@@ -84,8 +89,9 @@ def _fitted(
     shell, inner = fit_object(surface, training, recording.table_z_m, config, report)
     gaussians = concatenate([shell, inner])
     gaussians = gaussians.with_(ids=torch.arange(len(gaussians)))
-    tool, tool_seen = tool_gaussians(recording.tool_mesh, _tool_views(recording, training_episode, training),
-                                     config.tool_count, config.seed)  # fmt: skip
+    tool, tool_seen = tool_gaussians(
+        recording.tool_mesh, _tool_views(recording, training_episode, training), config.tool_count, config.seed
+    )
     if tool_seen == 0:
         warnings.append("no camera shows the tool: its Gaussians are grey")
     if config.filling != "none" and len(inner) == 0:
@@ -138,8 +144,9 @@ def fit_object(
     inner_count = int(config.inner_share * config.count) if config.filling == "solid" else 0
     shell_count = config.count - inner_count
     start = shell_count if config.densifications <= 0 else int(config.start_share * shell_count)
-    seeds = seed_gaussians(surface, max(start, 4), opacity=_SEED_OPACITY, overlap=config.overlap,
-                           flatness=config.flatness)  # fmt: skip
+    seeds = seed_gaussians(
+        surface, max(start, 4), opacity=_SEED_OPACITY, overlap=config.overlap, flatness=config.flatness
+    )
     higher = torch.zeros(len(seeds), (config.sh_degree + 1) ** 2 - 1, 3)
     seeds = seeds.with_(sh=torch.cat([seeds.sh, higher], dim=1))
     prepare = target_over_measured if config.background == "measured" else target_from_view
@@ -148,12 +155,26 @@ def fit_object(
     targets = [(view.camera, prepare(view, device=device)) for view in shown]
     filler: Fill | None = None
     if config.filling == "solid":
-        filler = solid_filler(views, inner_count, cells=config.fill_cells, floor_z_m=table_z_m,
-                              opacity=config.inner_opacity, overlap=config.overlap, seed=config.seed)  # fmt: skip
+        filler = solid_filler(
+            views,
+            inner_count,
+            cells=config.fill_cells,
+            floor_z_m=table_z_m,
+            opacity=config.inner_opacity,
+            overlap=config.overlap,
+            seed=config.seed,
+        )
     elif config.filling == "paper":
         filler = paper_filler(_PAPER_CELLS, table_z_m)
-    shell, inner = fit(seeds.to(device), targets, config, spacing_m=typical_spacing(seeds.means),
-                       max_count=shell_count, fill=filler, report=report)  # fmt: skip
+    shell, inner = fit(
+        seeds.to(device),
+        targets,
+        config,
+        spacing_m=typical_spacing(seeds.means),
+        max_count=shell_count,
+        fill=filler,
+        report=report,
+    )
     return shell.to("cpu"), inner.to("cpu")
 
 
@@ -171,10 +192,13 @@ def usable_views(recording: Recording, warnings: list[str]) -> list[View]:
         else:
             views.append(view)
     if not views:
-        raise PlopError("No camera sees the object at frame 0.", where=recording.path,
-                        expected=f"a mask with at least {_LEAST_PIXELS} pixels of the object",
-                        found=f"none in {', '.join(recording.camera_names) or 'no camera'}",
-                        fix="Check the masks (`plop view`), then run `plop ingest` again.")  # fmt: skip
+        raise PlopError(
+            "No camera sees the object at frame 0.",
+            where=recording.path,
+            expected=f"a mask with at least {_LEAST_PIXELS} pixels of the object",
+            found=f"none in {', '.join(recording.camera_names) or 'no camera'}",
+            fix="Check the masks (`plop view`), then run `plop ingest` again.",
+        )
     return views
 
 
@@ -198,12 +222,20 @@ def _surface(recording: Recording, cloud: Path | None, training: list[View]) -> 
         extent = float(np.ptp(surface.points, axis=0).max())
         surface = surface.select(seen_by(surface.points, training, _SEEN_SHARE * extent))
     if len(surface.points) < _LEAST_POINTS:
-        raise PlopError("The object's surface was not measured.", where=cloud or recording.path,
-                        expected=f"at least {_LEAST_POINTS} points that a training camera sees",
-                        found=f"{len(surface.points)}", fix="Run `plop fuse` on these recordings again.")  # fmt: skip
+        raise PlopError(
+            "The object's surface was not measured.",
+            where=cloud or recording.path,
+            expected=f"at least {_LEAST_POINTS} points that a training camera sees",
+            found=f"{len(surface.points)}",
+            fix="Run `plop fuse` on these recordings again.",
+        )
     longest = float(np.ptp(surface.points, axis=0).max())
     if not EXTENT_M[0] <= longest <= EXTENT_M[1]:
-        raise PlopError("The object's size cannot be in metres.", where=cloud or recording.path,
-                        expected=f"a longest side of {EXTENT_M[0]} to {EXTENT_M[1]} m", found=f"{longest:.4g} m",
-                        fix="Check the depth scale: millimetres must be divided by 1000.")  # fmt: skip
+        raise PlopError(
+            "The object's size cannot be in metres.",
+            where=cloud or recording.path,
+            expected=f"a longest side of {EXTENT_M[0]} to {EXTENT_M[1]} m",
+            found=f"{longest:.4g} m",
+            fix="Check the depth scale: millimetres must be divided by 1000.",
+        )
     return surface

@@ -53,10 +53,13 @@ def check_held_out(count: int, cameras: int, where: str) -> None:
     """
     most = max(cameras - _LEAST_TRAINING, 1)
     if count > most:
-        raise PlopError("More cameras are to be held out than there are to spare.", where=where,
-                        expected=f"held_out from 0 to {most}: of {cameras} cameras {_LEAST_TRAINING} always train",
-                        found=f"held_out = {count}",
-                        fix=f"Choose --held-out {most} or less, or record more cameras.")  # fmt: skip
+        raise PlopError(
+            "More cameras are to be held out than there are to spare.",
+            where=where,
+            expected=f"held_out from 0 to {most}: of {cameras} cameras {_LEAST_TRAINING} always train",
+            found=f"held_out = {count}",
+            fix=f"Choose --held-out {most} or less, or record more cameras.",
+        )
 
 
 def choose_held_out(views: list[View], count: int) -> tuple[list[View], list[View]]:

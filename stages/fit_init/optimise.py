@@ -54,8 +54,9 @@ def fit(
     """
     generator = torch.Generator("cpu").manual_seed(config.seed)
     parameters = Parameters(seeds, config, spacing_m)
-    weights = RenderWeights(config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight,
-                            config.depth_unit_m)  # fmt: skip
+    weights = RenderWeights(
+        config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight, config.depth_unit_m
+    )
     inner = seeds.select(seeds.ids.new_zeros(0))
     growth, fill_step = _growth_steps(config), int(config.fill_at * config.steps)
     pull, order = seeds.means.new_zeros(len(parameters)), torch.zeros(0, dtype=torch.int64, device="cpu")

@@ -52,13 +52,23 @@ def surface_from_cloud(path: Path) -> Surface:
     needed = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
     missing = [name for name in needed if name not in table]
     if missing:
-        raise PlopError("The cloud lacks something that the fit needs.", where=path, expected=", ".join(needed),
-                        found=f"no {', '.join(missing)}", fix="Run `plop fuse` again.")  # fmt: skip
+        raise PlopError(
+            "The cloud lacks something that the fit needs.",
+            where=path,
+            expected=", ".join(needed),
+            found=f"no {', '.join(missing)}",
+            fix="Run `plop fuse` again.",
+        )
     columns = np.stack([np.asarray(table[name], dtype=np.float64) for name in needed], axis=-1)
     columns = columns[np.isfinite(columns).all(1) & (np.abs(columns[:, 3:6]).sum(1) > 0)]
     if len(columns) == 0:
-        raise PlopError("The cloud is empty.", where=path, expected="points with normals", found="none",
-                        fix="Look at the object masks of frame 0, then run `plop fuse` again.")  # fmt: skip
+        raise PlopError(
+            "The cloud is empty.",
+            where=path,
+            expected="points with normals",
+            found="none",
+            fix="Look at the object masks of frame 0, then run `plop fuse` again.",
+        )
     normals = columns[:, 3:6] / np.linalg.norm(columns[:, 3:6], axis=1, keepdims=True)
     return _thin(Surface(columns[:, :3], normals, columns[:, 6:] / 255))
 
@@ -74,10 +84,13 @@ def surface_from_views(views: list[View]) -> Surface:
     """
     parts = [part for part in (_surface_of_view(view) for view in views) if len(part.points)]
     if not parts:
-        raise PlopError("No camera measured the depth of the object at frame 0.",
-                        where=", ".join(view.camera.name for view in views),
-                        expected="depth inside the object's mask", found="none",
-                        fix="Give a cloud from `plop fuse`, or check depth and masks.")  # fmt: skip
+        raise PlopError(
+            "No camera measured the depth of the object at frame 0.",
+            where=", ".join(view.camera.name for view in views),
+            expected="depth inside the object's mask",
+            found="none",
+            fix="Give a cloud from `plop fuse`, or check depth and masks.",
+        )
     stacked = (np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "normals", "colours"))
     return _thin(Surface(*stacked))
 

@@ -62,8 +62,9 @@ class Sight:
         camera = self.view.camera
         pixel, depth = camera.project(points)
         place = (pixel - 0.5).T[::-1]
-        row, column = np.clip(np.floor(np.clip(pixel.T[::-1], -1e6, 1e6)), 0,
-                              [[camera.height - 1], [camera.width - 1]]).astype(int)  # fmt: skip
+        row, column = np.clip(
+            np.floor(np.clip(pixel.T[::-1], -1e6, 1e6)), 0, [[camera.height - 1], [camera.width - 1]]
+        ).astype(int)
         inside = (np.abs(pixel / [camera.width, camera.height] - 0.5) < 0.5).all(1) & (depth > 0)
         images = (self.possible, self.pure, self.view.depth_m, *np.moveaxis(self.rgb, 2, 0))
         covered, pure, surface_m, *colour = (map_coordinates(image, place, order=1, mode="nearest") for image in images)
@@ -77,8 +78,13 @@ class Sight:
         outline = inside & ~through & (covered < 1)
         beyond_m = np.where(outline & seen, (1 - covered) * pixel_m, np.inf)
         beyond_m[seen & (pure == 1) & (np.abs(surface_m - depth) < _ON_IT_PX * pixel_m)] = 0
-        return Said(inside & ((covered < _OUTSIDE) | through), np.stack(colour, axis=1), weight, beyond_m,
-                    np.where(outline, covered * pixel_m, np.inf))  # fmt: skip
+        return Said(
+            inside & ((covered < _OUTSIDE) | through),
+            np.stack(colour, axis=1),
+            weight,
+            beyond_m,
+            np.where(outline, covered * pixel_m, np.inf),
+        )
 
 
 def _unmixed(view: View) -> np.ndarray:

@@ -116,8 +116,12 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = [name for name in recordings.names if Path(name).match(config.episodes)]
     if not names:
-        raise PlopError("No episode was chosen.", where=recordings.folder, expected=", ".join(recordings.names),
-                        found=f"episodes = {config.episodes!r}")  # fmt: skip
+        raise PlopError(
+            "No episode was chosen.",
+            where=recordings.folder,
+            expected=", ".join(recordings.names),
+            found=f"episodes = {config.episodes!r}",
+        )
     clouds = inputs["clouds"].path if "clouds" in inputs else None
     jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
     found = dict(each_piece(partial(_fit, recordings, clouds, config), names, out, jobs=jobs))
@@ -151,15 +155,32 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
 def _check(config: FitInitConfig) -> None:
     check_choices(config, "fit-init", {"filling": FILLINGS, "background": BACKGROUNDS})
     check_jobs(config, "fit-init")
-    check_ranges(config, "fit-init", {
-        "count": (8, 1e7), "inner_share": (0, 0.95), "steps": (0, 1e7), "sh_degree": (0, 3), "fill_at": (0, 1),
-        "held_out": (0, 1000), "virtual_views": (0, 1000), "overlap": (0.05, 5), "flatness": (1, 100),
-        "depth_unit_m": (1e-6, 1e6),
-        "start_share": (0.05, 1), "fill_cells": (4, 256), "tool_count": (4, 1e6), "inner_opacity": (0, 1),
-        "densifications": (0, 1000), "prune_opacity": (0, 1), "anisotropy_ratio": (1, inf), "max_scale": (0.01, 100),
-        **{f"{name}_weight": (0, inf) for name in ("ssim", "l1", "depth", "mask", "anisotropy")},
-        **{f"lr_{name}": (0, 1) for name in ("means", "quats", "scales", "opacities", "sh")},
-    })  # fmt: skip
+    check_ranges(
+        config,
+        "fit-init",
+        {
+            "count": (8, 1e7),
+            "inner_share": (0, 0.95),
+            "steps": (0, 1e7),
+            "sh_degree": (0, 3),
+            "fill_at": (0, 1),
+            "held_out": (0, 1000),
+            "virtual_views": (0, 1000),
+            "overlap": (0.05, 5),
+            "flatness": (1, 100),
+            "depth_unit_m": (1e-6, 1e6),
+            "start_share": (0.05, 1),
+            "fill_cells": (4, 256),
+            "tool_count": (4, 1e6),
+            "inner_opacity": (0, 1),
+            "densifications": (0, 1000),
+            "prune_opacity": (0, 1),
+            "anisotropy_ratio": (1, inf),
+            "max_scale": (0.01, 100),
+            **{f"{name}_weight": (0, inf) for name in ("ssim", "l1", "depth", "mask", "anisotropy")},
+            **{f"lr_{name}": (0, 1) for name in ("means", "quats", "scales", "opacities", "sh")},
+        },
+    )
 
 
 def _write_episode(folder: Path, result: EpisodeFit) -> None:
@@ -172,8 +193,10 @@ def _write_episode(folder: Path, result: EpisodeFit) -> None:
 
 
 def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -> Summary:
-    table = [{"episode": name, **{key: score[key] for key in ("gaussians", "inner", "psnr_db", "depth_error_mm")}}
-             for name, score in scores.items()]  # fmt: skip
+    table = [
+        {"episode": name, **{key: score[key] for key in ("gaussians", "inner", "psnr_db", "depth_error_mm")}}
+        for name, score in scores.items()
+    ]
     figures: dict[str, Any] = {"episodes": len(scores), "skipped": len(skipped)}
     for key in ("psnr_db", "depth_error_mm"):
         known = [score[key] for score in scores.values() if score[key] is not None]

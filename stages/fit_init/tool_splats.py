@@ -49,8 +49,11 @@ def spread_over(recording: Recording, cameras: list[str]) -> ToolViews:
 
 def same_tool(one: Mesh, two: Mesh) -> bool:
     """Tell whether two recordings have the same mesh as their tool."""
-    return (one.vertices.shape == two.vertices.shape and np.array_equal(one.faces, two.faces)
-            and np.allclose(one.vertices, two.vertices, atol=_SAME_M))  # fmt: skip
+    return (
+        one.vertices.shape == two.vertices.shape
+        and np.array_equal(one.faces, two.faces)
+        and np.allclose(one.vertices, two.vertices, atol=_SAME_M)
+    )
 
 
 def tool_gaussians(mesh: Mesh, views: Sequence[ToolViews], count: int, seed: int) -> tuple[Gaussians, float]:

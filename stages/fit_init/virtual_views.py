@@ -73,9 +73,16 @@ def _cameras(drawn: _Drawn, views: list[View], count: int) -> list[Camera]:
     aside = np.sqrt(1 - up**2)
     toward = np.stack([np.cos(turn) * aside, np.sin(turn) * aside, up], axis=1)
     like = views[0].camera
-    return [Camera(f"virtual_{k:02d}", like.width, like.height, like.intrinsics,
-                   look_at(middle + distance.mean() * direction, middle, np.array([0.0, 0.0, 1.0])))
-            for k, direction in enumerate(toward)]  # fmt: skip
+    return [
+        Camera(
+            f"virtual_{k:02d}",
+            like.width,
+            like.height,
+            like.intrinsics,
+            look_at(middle + distance.mean() * direction, middle, np.array([0.0, 0.0, 1.0])),
+        )
+        for k, direction in enumerate(toward)
+    ]
 
 
 @dataclass(frozen=True)
@@ -100,15 +107,25 @@ class _Drawn:
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         first = 4 * np.arange(len(squares))[:, None]
         faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]], axis=1).reshape(-1, 3)
-        scene.add_triangles(o3d.core.Tensor.from_numpy(squares.reshape(-1, 3).astype(np.float32)),
-                            o3d.core.Tensor.from_numpy(faces.astype(np.uint32)))  # fmt: skip
+        scene.add_triangles(
+            o3d.core.Tensor.from_numpy(squares.reshape(-1, 3).astype(np.float32)),
+            o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
+        )
         points = np.concatenate([plane.points[plane.facing > FACING_LEAST] for plane in planes])
-        widths = [np.median(view.depth_m[view.object_mask & (view.depth_m > 0)]) / view.camera.intrinsics[0, 0]
-                  for view in measured]  # fmt: skip
+        widths = [
+            np.median(view.depth_m[view.object_mask & (view.depth_m > 0)]) / view.camera.intrinsics[0, 0]
+            for view in measured
+        ]
         behind = np.concatenate([view.rgb[view.mask == MaskLabel.BACKGROUND] for view in views])
         background = behind.mean(0) if len(behind) else np.full(3, 128.0)
-        return cls(scene, np.stack([points.min(0), points.max(0)]), float(np.median(widths)),
-                   [Sight.of(view) for view in views], [_shrunk(view) for view in views], background)  # fmt: skip
+        return cls(
+            scene,
+            np.stack([points.min(0), points.max(0)]),
+            float(np.median(widths)),
+            [Sight.of(view) for view in views],
+            [_shrunk(view) for view in views],
+            background,
+        )
 
     @property
     def tolerance_m(self) -> float:

@@ -90,9 +90,14 @@ def _fused(
     used = [i for i, view in enumerate(views) if (masks[i] & (view.depth_m > 0)).any()]
     views, masks = [views[i] for i in used], [masks[i] for i in used]
     if not views:
-        raise PlopError("No camera sees the object.", where=recording.path,
-                        expected="pixels that are object (mask) and have depth", found="none in any camera",
-                        fix="Check the masks and depth images of this episode.", cause=Cause.MASKS)  # fmt: skip
+        raise PlopError(
+            "No camera sees the object.",
+            where=recording.path,
+            expected="pixels that are object (mask) and have depth",
+            found="none in any camera",
+            fix="Check the masks and depth images of this episode.",
+            cause=Cause.MASKS,
+        )
     clouds = [cloud_from_depth(v.camera, v.depth_m, v.rgb, m) for v, m in zip(views, masks, strict=True)]
     before = view_disagreement_mm(views, masks)
     views, clouds, registered = _registered(views, masks, clouds, before, config, warnings)
@@ -103,17 +108,29 @@ def _fused(
     else:
         cloud = voxel_average(join(clouds), config.voxel_m)
     cloud = _cleaned(cloud, recording, masked, config)
-    facts = CloudFacts(len(cloud), [round(float(e), 6) for e in cloud.extent_m], len(views),
-                       "scan" if scan else "first-frame", method, None if before is None else round(before, 4),
-                       registered, warnings)  # fmt: skip
+    facts = CloudFacts(
+        len(cloud),
+        [round(float(e), 6) for e in cloud.extent_m],
+        len(views),
+        "scan" if scan else "first-frame",
+        method,
+        None if before is None else round(before, 4),
+        registered,
+        warnings,
+    )
     _check_size(facts, recording, config)
     return EpisodeCloud(cloud, facts)
 
 
 def _views(recording: Recording, config: FuseConfig, scan: bool) -> tuple[list[View], list[str]]:
     if scan and not recording.scan_names:
-        raise PlopError("The recording has no scan.", where=recording.path, expected="frames in /scan", found="none",
-                        fix="Use --set fuse.source=first-frame.")  # fmt: skip
+        raise PlopError(
+            "The recording has no scan.",
+            where=recording.path,
+            expected="frames in /scan",
+            found="none",
+            fix="Use --set fuse.source=first-frame.",
+        )
     group = "scan" if scan else "cameras"
     picks = [(name, config.frame) for name in recording.camera_names]
     if scan:
@@ -135,8 +152,11 @@ def _without_bad(views: list[View], bad: Mapping[str, str], warnings: list[str])
     good = [view for view in views if view.camera.name not in bad]
     if not any(view.object_mask.any() for view in good) or len(good) == len(views):
         return views
-    warnings += [f"camera {view.camera.name} is left out, calibrate calls it bad: {bad[view.camera.name]}"
-                 for view in views if view.camera.name in bad]  # fmt: skip
+    warnings += [
+        f"camera {view.camera.name} is left out, calibrate calls it bad: {bad[view.camera.name]}"
+        for view in views
+        if view.camera.name in bad
+    ]
     return good
 
 
@@ -151,8 +171,9 @@ def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | 
     Returns:
         Median over pairs of the median absolute difference [mm]; None when no pair overlaps.
     """
-    picks = [DepthView(view.camera, np.where(mask, view.depth_m, 0), mask)
-             for view, mask in zip(views, masks, strict=True)]  # fmt: skip
+    picks = [
+        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask) for view, mask in zip(views, masks, strict=True)
+    ]
     if len(picks) > 20:
         picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 20).astype(int)]
     pairs = [disagreement(a, b) for a in picks for b in picks if a is not b]
@@ -161,21 +182,28 @@ def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | 
 
 
 def _registered(
-    views: list[View], masks: list[np.ndarray], clouds: list[PointCloud], before: float | None, config: FuseConfig,
+    views: list[View],
+    masks: list[np.ndarray],
+    clouds: list[PointCloud],
+    before: float | None,
+    config: FuseConfig,
     warnings: list[str],
-) -> tuple[list[View], list[PointCloud], bool]:  # fmt: skip
+) -> tuple[list[View], list[PointCloud], bool]:
     """Move the views to fit each other where they disagree, if that makes them agree better."""
     if before is None or before <= config.icp_above_mm or len(views) < 2:
         return views, clouds, False
     result = register([voxel_average(cloud, config.voxel_m) for cloud in clouds], gate_m=config.icp_gate_m)
-    moved = [replace(v, camera=replace(v.camera, world_from_cam=m @ v.camera.world_from_cam))
-             for v, m in zip(views, result.corrections, strict=True)]  # fmt: skip
+    moved = [
+        replace(v, camera=replace(v.camera, world_from_cam=m @ v.camera.world_from_cam))
+        for v, m in zip(views, result.corrections, strict=True)
+    ]
     refusal = _why_not_kept(result, clouds, config)
     if not refusal:
         after = view_disagreement_mm(moved, masks)
         if after is not None and after < before:
-            warnings.append(f"the views disagreed by {before:.1f} mm and were registered: they disagree by "
-                            f"{after:.1f} mm now")  # fmt: skip
+            warnings.append(
+                f"the views disagreed by {before:.1f} mm and were registered: they disagree by {after:.1f} mm now"
+            )
             return moved, [c.moved(m) for c, m in zip(clouds, result.corrections, strict=True)], True
         refusal = "the views would not overlap then" if after is None else f"they would disagree by {after:.1f} mm"
     text = f"the views disagree by {before:.1f} mm and registration did not help ({refusal}): run `plop calibrate`"
@@ -190,8 +218,9 @@ def _why_not_kept(result: Registration, clouds: list[PointCloud], config: FuseCo
     if not np.isfinite(result.corrections).all() or not np.isfinite(result.residual_after_mm):
         return "it found no finite answer"
     middles = [c.points.mean(0) for c in clouds]
-    moved = max(float(np.linalg.norm(m[:3, :3] @ p + m[:3, 3] - p))
-                for m, p in zip(result.corrections, middles, strict=True))  # fmt: skip
+    moved = max(
+        float(np.linalg.norm(m[:3, :3] @ p + m[:3, 3] - p)) for m, p in zip(result.corrections, middles, strict=True)
+    )
     if moved > config.max_correction_m:
         return f"it would move a view by {1e3 * moved:.1f} mm"
     if not result.residual_after_mm < result.residual_before_mm:
@@ -218,12 +247,20 @@ def _cleaned(cloud: PointCloud, recording: Recording, masked: bool, config: Fuse
 
 def _check_size(facts: CloudFacts, recording: Recording, config: FuseConfig) -> None:
     if facts.points < config.min_points:
-        raise PlopError("Too few points are left of the object.", where=recording.path,
-                        expected=f"at least {config.min_points}", found=f"{facts.points}",
-                        fix="Check masks and table height, or lower --set fuse.voxel_m.",
-                        cause=Cause.MASKS)  # fmt: skip
+        raise PlopError(
+            "Too few points are left of the object.",
+            where=recording.path,
+            expected=f"at least {config.min_points}",
+            found=f"{facts.points}",
+            fix="Check masks and table height, or lower --set fuse.voxel_m.",
+            cause=Cause.MASKS,
+        )
     if max(facts.extent_m) > config.max_extent_m:
-        raise PlopError("The object is too large to be true.", where=recording.path,
-                        expected=f"below {config.max_extent_m} m", found=f"{max(facts.extent_m):.2f} m",
-                        fix="Check the masks and that poses and depth are in metres.",
-                        cause=Cause.MASKS)  # fmt: skip
+        raise PlopError(
+            "The object is too large to be true.",
+            where=recording.path,
+            expected=f"below {config.max_extent_m} m",
+            found=f"{max(facts.extent_m):.2f} m",
+            fix="Check the masks and that poses and depth are in metres.",
+            cause=Cause.MASKS,
+        )

@@ -74,8 +74,13 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
         out.progress(done + 1, len(names), name)
     if not rows:
         reason = next(iter(skipped.values()), "the set holds no episode")
-        raise PlopError("No episode could be fused.", where=recordings.folder, expected="at least one object cloud",
-                        found=reason, fix=advice or "Ingest recordings with an episode that can be used.")  # fmt: skip
+        raise PlopError(
+            "No episode could be fused.",
+            where=recordings.folder,
+            expected="at least one object cloud",
+            found=reason,
+            fix=advice or "Ingest recordings with an episode that can be used.",
+        )
     write_json(out.path / "fuse.json", {"episodes": rows, "skipped": skipped})
     for name in names:
         (out.path / "clouds" / f"{name}.json.part").unlink(missing_ok=True)
@@ -96,29 +101,55 @@ def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path, 
 
 def _usable(recording: Recording, config: FuseConfig) -> Recording:
     if config.frame >= len(recording):
-        raise PlopError("The recording is shorter than the frame to fuse.", where=recording.path,
-                        expected=f"more than {config.frame} frames", found=f"{len(recording)} frames",
-                        fix="Lower --set fuse.frame.")  # fmt: skip
+        raise PlopError(
+            "The recording is shorter than the frame to fuse.",
+            where=recording.path,
+            expected=f"more than {config.frame} frames",
+            found=f"{len(recording)} frames",
+            fix="Lower --set fuse.frame.",
+        )
     return recording
 
 
 def _check(config: FuseConfig) -> None:
     check_choices(config, "fuse", {"source": ("auto", "first-frame", "scan"), "method": ("auto", "points", "tsdf")})
-    check_ranges(config, "fuse", {
-        "voxel_m": (1e-4, 0.1), "frame": (0, inf), "scan_views": (1, inf), "icp_above_mm": (0, inf),
-        "icp_gate_m": (0, 1), "max_correction_m": (0, 1), "table_margin_m": (0, 1), "below_table_m": (0, 1),
-        "outlier_deviations": (0, inf), "min_points": (1, inf), "max_extent_m": (1e-3, 100),
-    })  # fmt: skip
+    check_ranges(
+        config,
+        "fuse",
+        {
+            "voxel_m": (1e-4, 0.1),
+            "frame": (0, inf),
+            "scan_views": (1, inf),
+            "icp_above_mm": (0, inf),
+            "icp_gate_m": (0, 1),
+            "max_correction_m": (0, 1),
+            "table_margin_m": (0, 1),
+            "below_table_m": (0, 1),
+            "outlier_deviations": (0, inf),
+            "min_points": (1, inf),
+            "max_extent_m": (1e-3, 100),
+        },
+    )
 
 
 def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
-    table = [{"episode": name, "points": row["points"],
-              "extent_mm": "x".join(f"{1e3 * e:.0f}" for e in row["extent_m"]),
-              "views": row["views"], "disagreement_mm": row["disagreement_mm"], "registered": row["registered"]}
-             for name, row in rows.items()]  # fmt: skip
+    table = [
+        {
+            "episode": name,
+            "points": row["points"],
+            "extent_mm": "x".join(f"{1e3 * e:.0f}" for e in row["extent_m"]),
+            "views": row["views"],
+            "disagreement_mm": row["disagreement_mm"],
+            "registered": row["registered"],
+        }
+        for name, row in rows.items()
+    ]
     worst = [row["disagreement_mm"] for row in rows.values() if row["disagreement_mm"] is not None]
-    figures = {"episodes": len(rows), "skipped": len(skipped),
-               "points_median": int(np.median([row["points"] for row in rows.values()]))}  # fmt: skip
+    figures = {
+        "episodes": len(rows),
+        "skipped": len(skipped),
+        "points_median": int(np.median([row["points"] for row in rows.values()])),
+    }
     if worst:
         figures["disagreement_mm"] = max(worst)
     warnings = [f"{name} was skipped: {reason}" for name, reason in skipped.items()]

@@ -19,8 +19,14 @@ def check_table(recording: Recording, views: list[View]) -> None:
     planes = {view.camera.name: find_support(view) for view in views}
     known = {name: plane for name, plane in planes.items() if plane is not None and plane.rests}
     if known and all(plane.is_far(table) for plane in known.values()):
-        seen = "; ".join(f"{name} sees it at z = {plane.height_m:.3f} m, tilted by {plane.tilt_deg:.0f} deg"
-                         for name, plane in sorted(known.items()))  # fmt: skip
-        raise PlopError("The cameras see the table elsewhere than it is.", where=recording.path,
-                        expected=f"the plane under the object at table_z = {table:.3f} m", found=seen,
-                        fix="Run `plop calibrate`: it says whether pictures are turned or poses wrong.")  # fmt: skip
+        seen = "; ".join(
+            f"{name} sees it at z = {plane.height_m:.3f} m, tilted by {plane.tilt_deg:.0f} deg"
+            for name, plane in sorted(known.items())
+        )
+        raise PlopError(
+            "The cameras see the table elsewhere than it is.",
+            where=recording.path,
+            expected=f"the plane under the object at table_z = {table:.3f} m",
+            found=seen,
+            fix="Run `plop calibrate`: it says whether pictures are turned or poses wrong.",
+        )

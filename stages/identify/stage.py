@@ -81,8 +81,9 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = _names(recordings, config)
-    episodes, left_out = tracked_episodes(recordings, inputs["init"].path, inputs["tracks"].path, names,
-                                          seed=config.seed)  # fmt: skip
+    episodes, left_out = tracked_episodes(
+        recordings, inputs["init"].path, inputs["tracks"].path, names, seed=config.seed
+    )
     spacing = config.spacing_m or spacing_for(episodes)
     base = EngineBase(_material(config), spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
@@ -91,16 +92,28 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     left_out |= odd
     episodes = [episode for episode in episodes if episode.name not in odd]
     base, found = identify(
-        episodes, base, config.fit, iterations=config.iterations, jobs=config.jobs,
+        episodes,
+        base,
+        config.fit,
+        iterations=config.iterations,
+        jobs=config.jobs,
         progress=lambda step, steps, rms: out.progress(step, steps, "Gauss-Newton", rms_mm=1000 * rms),
-    )  # fmt: skip
-    facts = {"schema": MODEL_SCHEMA, "kind": "engine", "engine": base_to_dict(base),
-             "estimates": {name: _estimate(name, e) for name, e in found.estimates.items()},
-             "training": {"environment": recordings.environment, "size_m": size_m(episodes).tolist(),
-                          "episodes": [e.name for e in episodes],
-                          "recordings": recordings_content(inputs["recordings"].manifest),
-                          "rms_before_mm": 1000 * found.rms_before_m, "rms_after_mm": 1000 * found.rms_after_m,
-                          "engine_runs": found.rollouts}}  # fmt: skip
+    )
+    facts = {
+        "schema": MODEL_SCHEMA,
+        "kind": "engine",
+        "engine": base_to_dict(base),
+        "estimates": {name: _estimate(name, e) for name, e in found.estimates.items()},
+        "training": {
+            "environment": recordings.environment,
+            "size_m": size_m(episodes).tolist(),
+            "episodes": [e.name for e in episodes],
+            "recordings": recordings_content(inputs["recordings"].manifest),
+            "rms_before_mm": 1000 * found.rms_before_m,
+            "rms_after_mm": 1000 * found.rms_after_m,
+            "engine_runs": found.rollouts,
+        },
+    }
     write_json(out.path / "model.json", facts)
     return _summary(base, found, len(episodes), left_out)
 
@@ -117,8 +130,13 @@ def _check(config: IdentifyConfig) -> None:
     for name in config.fit:
         one_of(name, PARAMETERS, "parameter to fit", where="identify.fit")
     if not config.fit:
-        raise PlopError("There is nothing to fit.", where="identify.fit", expected=f"some of {', '.join(PARAMETERS)}",
-                        found="none", fix="Leave --fit out for the usual ones.")  # fmt: skip
+        raise PlopError(
+            "There is nothing to fit.",
+            where="identify.fit",
+            expected=f"some of {', '.join(PARAMETERS)}",
+            found="none",
+            fix="Leave --fit out for the usual ones.",
+        )
     _material(config)
 
 
@@ -130,9 +148,13 @@ def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     if not _names(recordings, config):
-        raise PlopError("There is no episode to fit the engine to.", where=recordings.folder,
-                        expected=f"an episode of split {config.split}", found="none",
-                        fix="Change --split: \"all\" takes every episode.")  # fmt: skip
+        raise PlopError(
+            "There is no episode to fit the engine to.",
+            where=recordings.folder,
+            expected=f"an episode of split {config.split}",
+            found="none",
+            fix='Change --split: "all" takes every episode.',
+        )
 
 
 def _names(recordings: RecordingSet, config: IdentifyConfig) -> list[str]:
@@ -151,15 +173,31 @@ def _estimate(name: str, estimate: Estimate) -> dict[str, Any]:
 
 
 def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[str, str]) -> Summary:
-    rows = [{"parameter": name, "value": round(e.value, 4), "low": _shown(e.low), "high": _shown(e.high),
-             "unit": e.unit, "told": "yes" if is_determined(name, e) else NOT_DETERMINED}
-            for name, e in found.estimates.items()]  # fmt: skip
-    figures = {"episodes": count, "rms_before_mm": round(1000 * found.rms_before_m, 3),
-               "rms_after_mm": round(1000 * found.rms_after_m, 3), "spacing_mm": round(1000 * base.spacing_m, 2),
-               "settled": base.settled, "engine_runs": found.rollouts}  # fmt: skip
+    rows = [
+        {
+            "parameter": name,
+            "value": round(e.value, 4),
+            "low": _shown(e.low),
+            "high": _shown(e.high),
+            "unit": e.unit,
+            "told": "yes" if is_determined(name, e) else NOT_DETERMINED,
+        }
+        for name, e in found.estimates.items()
+    ]
+    figures = {
+        "episodes": count,
+        "rms_before_mm": round(1000 * found.rms_before_m, 3),
+        "rms_after_mm": round(1000 * found.rms_after_m, 3),
+        "spacing_mm": round(1000 * base.spacing_m, 2),
+        "settled": base.settled,
+        "engine_runs": found.rollouts,
+    }
     warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
-    warnings += [f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, give it and leave it out of --fit."
-                 for name, e in found.estimates.items() if not is_determined(name, e)]  # fmt: skip
+    warnings += [
+        f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, give it and leave it out of --fit."
+        for name, e in found.estimates.items()
+        if not is_determined(name, e)
+    ]
     return Summary(figures, rows, warnings)
 
 

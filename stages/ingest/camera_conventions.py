@@ -42,9 +42,13 @@ RANGE_M = (0.15, 4.0)
 NEAR_M = 0.02
 """Points of two cameras nearer than this are of one surface [m]."""
 DEPTH_UNITS = {
-    0.1: "0.1 mm (RealSense D405)", 0.2: "0.2 mm (1/5000 m, TUM)", 0.25: "0.25 mm (RealSense L515)",
-    10.0: "cm", 1000.0: "m", 0.001: "um",
-}  # fmt: skip
+    0.1: "0.1 mm (RealSense D405)",
+    0.2: "0.2 mm (1/5000 m, TUM)",
+    0.25: "0.25 mm (RealSense L515)",
+    10.0: "cm",
+    1000.0: "m",
+    0.001: "um",
+}
 """Millimetres a count -> the unit's name."""
 
 
@@ -80,9 +84,12 @@ class _Fit:
 
 
 def check_conventions(
-    pictures: Mapping[str, Picture], stored: Mapping[str, np.ndarray], workspace: np.ndarray,
-    table_z_m: float | None, episode: str,
-) -> None:  # fmt: skip
+    pictures: Mapping[str, Picture],
+    stored: Mapping[str, np.ndarray],
+    workspace: np.ndarray,
+    table_z_m: float | None,
+    episode: str,
+) -> None:
     """Refuse cameras that another convention, or another unit of depth, puts right.
 
     Args:
@@ -105,8 +112,7 @@ def check_conventions(
     for names in (list(looks), wrong):
         likely = _best(names, looks, own, stored, workspace, table_z_m)
         if likely:
-            raise _refusal(names, likely, [_as_stored(looks[name], own[name], workspace) for name in names],
-                           episode)
+            raise _refusal(names, likely, [_as_stored(looks[name], own[name], workspace) for name in names], episode)
 
 
 def _refusal(names: list[str], likely: list[tuple[_Guess, float]], as_stored: list[str], episode: str) -> PlopError:
@@ -116,15 +122,25 @@ def _refusal(names: list[str], likely: list[tuple[_Guess, float]], as_stored: li
     if units:
         factors = " or ".join(f"{guess.scale:g}" for guess, _ in likely)
         which = "" if len(likely) == 1 else " (table_z in plop_episode.json would tell which)"
-        return PlopError("Depth is in another unit.", where=f"{episode}: camera {', '.join(names)}",
-                         expected="millimetres", found=told, cause=Cause.DEPTH,
-                         fix=f"Multiply the depth pictures by {factors} and run again{which}. (If they are in "
-                             "millimetres, workspace or table_z of plop_episode.json is wrong.)")  # fmt: skip
-    return PlopError("Poses of cameras are in another convention.", where=f"{episode}: camera {', '.join(names)}",
-                     expected="camera -> robot base, metres, extrinsic xyz Euler angles in radians, OpenCV axes "
-                     "(right, down, forward)", found=f"probably {told}; {planes}", cause=Cause.EXTRINSICS,
-                     fix="Convert the poses to plop's convention and run again. (If they are in it, workspace or "
-                     "table_z of plop_episode.json is wrong.)")  # fmt: skip
+        return PlopError(
+            "Depth is in another unit.",
+            where=f"{episode}: camera {', '.join(names)}",
+            expected="millimetres",
+            found=told,
+            cause=Cause.DEPTH,
+            fix=f"Multiply the depth pictures by {factors} and run again{which}. (If they are in "
+            "millimetres, workspace or table_z of plop_episode.json is wrong.)",
+        )
+    return PlopError(
+        "Poses of cameras are in another convention.",
+        where=f"{episode}: camera {', '.join(names)}",
+        expected="camera -> robot base, metres, extrinsic xyz Euler angles in radians, OpenCV axes "
+        "(right, down, forward)",
+        found=f"probably {told}; {planes}",
+        cause=Cause.EXTRINSICS,
+        fix="Convert the poses to plop's convention and run again. (If they are in it, workspace or "
+        "table_z of plop_episode.json is wrong.)",
+    )
 
 
 def _look(picture: Picture, count: int = 3000) -> _Look:
@@ -155,39 +171,59 @@ def _fits(look: _Look, guess: _Guess, workspace: np.ndarray) -> Iterator[_Fit]:
         at = transform_points(guess.pose, middle * guess.scale)
         height = float(at[2])
         above = across & (world[:, 2] > height - NEAR_M) & (world[:, 2] < max(workspace[1, 2], height + 0.3))
-        yield _Fit(float(np.degrees(np.arccos(np.clip(up[2], -1, 1)))), height, float(above.mean()),
-                   world[above & (world[:, 2] > height + NEAR_M)])  # fmt: skip
+        yield _Fit(
+            float(np.degrees(np.arccos(np.clip(up[2], -1, 1)))),
+            height,
+            float(above.mean()),
+            world[above & (world[:, 2] > height + NEAR_M)],
+        )
 
 
 def _loose(look: _Look, guess: _Guess, workspace: np.ndarray, table_z_m: float | None) -> bool:
     low, high = (workspace[0, 2], workspace[1, 2]) if table_z_m is None else (table_z_m, table_z_m)
-    return any(fit.tilt_deg < LOOSE_DEG and low - LOOSE_M <= fit.height_m <= high + LOOSE_M
-               for fit in _fits(look, guess, workspace))  # fmt: skip
+    return any(
+        fit.tilt_deg < LOOSE_DEG and low - LOOSE_M <= fit.height_m <= high + LOOSE_M
+        for fit in _fits(look, guess, workspace)
+    )
 
 
 def _strict(look: _Look, guess: _Guess, workspace: np.ndarray, table_z_m: float | None) -> list[_Fit]:
     low, high = (workspace[0, 2], workspace[1, 2]) if table_z_m is None else (table_z_m, table_z_m)
-    return [fit for fit in _fits(look, guess, workspace) if fit.tilt_deg < TILT_DEG and fit.in_workspace > IN_WORKSPACE
-            and low - HEIGHT_M <= fit.height_m <= high + HEIGHT_M]  # fmt: skip
+    return [
+        fit
+        for fit in _fits(look, guess, workspace)
+        if fit.tilt_deg < TILT_DEG
+        and fit.in_workspace > IN_WORKSPACE
+        and low - HEIGHT_M <= fit.height_m <= high + HEIGHT_M
+    ]
 
 
 def _apart(
     looks: Mapping[str, _Look], own: Mapping[str, _Guess], workspace: np.ndarray, table_z_m: float | None
 ) -> list[str]:
     """Give all cameras where each has a level plane, but at heights that cannot be one table; else none."""
-    heights = [[fit.height_m for fit in _fits(look, own[name], workspace) if fit.tilt_deg < LOOSE_DEG]
-               for name, look in looks.items() if look.planes]  # fmt: skip
+    heights = [
+        [fit.height_m for fit in _fits(look, own[name], workspace) if fit.tilt_deg < LOOSE_DEG]
+        for name, look in looks.items()
+        if look.planes
+    ]
     if table_z_m is not None or len(heights) < 2:
         return []
-    apart = min(max(abs(height - near) for near in (min(other, key=lambda z: abs(z - height)) for other in heights))
-                for height in heights[0])  # fmt: skip
+    apart = min(
+        max(abs(height - near) for near in (min(other, key=lambda z: abs(z - height)) for other in heights))
+        for height in heights[0]
+    )
     return list(looks) if apart > LOOSE_M * 2 else []
 
 
 def _best(
-    names: list[str], looks: Mapping[str, _Look], own: Mapping[str, _Guess], stored: Mapping[str, np.ndarray],
-    workspace: np.ndarray, table_z_m: float | None,
-) -> list[tuple[_Guess, float]]:  # fmt: skip
+    names: list[str],
+    looks: Mapping[str, _Look],
+    own: Mapping[str, _Guess],
+    stored: Mapping[str, np.ndarray],
+    workspace: np.ndarray,
+    table_z_m: float | None,
+) -> list[tuple[_Guess, float]]:
     """Give the guesses that put all `names` right beside the others, with the table's height; the likeliest first.
 
     One guess is the same for all of `names`. Fewer departures are likelier, then clouds of cameras that agree.
@@ -228,8 +264,12 @@ def _guesses(own: _Guess, pose6: np.ndarray, *, units: bool) -> Iterator[_Guess]
 
 def _agreement(clouds: list[np.ndarray]) -> float:
     """Share of points above the table that another camera sees, too; 0 for a single camera."""
-    shares = [float((cKDTree(other).query(cloud)[0] < NEAR_M).mean()) for i, cloud in enumerate(clouds)
-              for j, other in enumerate(clouds) if i != j and len(cloud) and len(other)]  # fmt: skip
+    shares = [
+        float((cKDTree(other).query(cloud)[0] < NEAR_M).mean())
+        for i, cloud in enumerate(clouds)
+        for j, other in enumerate(clouds)
+        if i != j and len(cloud) and len(other)
+    ]
     return float(np.mean(shares)) if shares else 0.0
 
 

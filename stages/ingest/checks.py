@@ -65,30 +65,43 @@ def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smalles
     """
     tool = float(np.ptp(sequence.tool_vertices, axis=0).max())
     over_time = np.ptp(sequence.vertices, axis=1).max(1)
-    sizes = {"object": float(np.ptp(sequence.rest, axis=0).max()), "object in the first frame": float(over_time[0]),
-             "tool": tool}  # fmt: skip
+    sizes = {
+        "object": float(np.ptp(sequence.rest, axis=0).max()),
+        "object in the first frame": float(over_time[0]),
+        "tool": tool,
+    }
     larger = max(sizes.values())
     for what, size in sizes.items():
         if size > largest_m or size < smallest_m / _FLATTEST or larger < smallest_m:
-            fits = {name: key for name, (key, scale) in _UNITS.items()
-                    if smallest_m <= larger * scale <= largest_m}  # fmt: skip
+            fits = {name: key for name, (key, scale) in _UNITS.items() if smallest_m <= larger * scale <= largest_m}
             judged = size if larger >= smallest_m else larger  # one of both alone, or the whole scene
             small = next((factor for factor in (10, 100, 1000) if factor * judged > _USUAL_M), None)
-            guess = f": {' or '.join(fits)}?" if size > largest_m and fits else \
-                f": {small} times too small?" if size <= largest_m and small else ""
+            guess = (
+                f": {' or '.join(fits)}?"
+                if size > largest_m and fits
+                else f": {small} times too small?"
+                if size <= largest_m and small
+                else ""
+            )
             unit = f'"{next(iter(fits.values()))}"' if size > largest_m and len(fits) == 1 else "..."
             key = "tool_vertices" if what == "tool" else "vertices"
-            raise PlopError(f"The {what} has an implausible size.", where=f"{path}: {key}",
-                            expected=f"{smallest_m:g} to {largest_m:g} m for the larger of object and tool",
-                            found=f"{size:.4g} m{guess}",
-                            fix=f"Convert it to metres; where object, tool and poses share the unit, state it in "
-                                f"{path.with_suffix('.json').name}: \"units\": {{\"length\": {unit}}}. Where the size "
-                                "is right: --largest-m, --smallest-m.")  # fmt: skip
+            raise PlopError(
+                f"The {what} has an implausible size.",
+                where=f"{path}: {key}",
+                expected=f"{smallest_m:g} to {largest_m:g} m for the larger of object and tool",
+                found=f"{size:.4g} m{guess}",
+                fix=f"Convert it to metres; where object, tool and poses share the unit, state it in "
+                f'{path.with_suffix(".json").name}: "units": {{"length": {unit}}}. Where the size '
+                "is right: --largest-m, --smallest-m.",
+            )
     if over_time.max() > _BLOWN_UP * largest_m:
-        raise PlopError("The object has an implausible size.",
-                        where=f"{path}: vertices, frame {int(over_time.argmax())}",
-                        expected=f"at most {_BLOWN_UP * largest_m:g} m at any time", found=f"{over_time.max():.4g} m",
-                        fix="The simulation probably blew up: leave it out.")  # fmt: skip
+        raise PlopError(
+            "The object has an implausible size.",
+            where=f"{path}: vertices, frame {int(over_time.argmax())}",
+            expected=f"at most {_BLOWN_UP * largest_m:g} m at any time",
+            found=f"{over_time.max():.4g} m",
+            fix="The simulation probably blew up: leave it out.",
+        )
 
 
 def check_place(sequence: MeshSequence, *, workspace_m: float) -> None:
@@ -103,10 +116,13 @@ def check_place(sequence: MeshSequence, *, workspace_m: float) -> None:
     """
     middle = (sequence.vertices[0].min(0) + sequence.vertices[0].max(0)) / 2
     if np.linalg.norm(middle) > workspace_m:
-        raise PlopError("The object lies outside the workspace.", where=sequence.name,
-                        expected=f"within {workspace_m:g} m of the world's origin",
-                        found=f"middle at {np.round(middle, 3).tolist()} m",
-                        fix="Check the frame and the unit, or raise workspace_m.")  # fmt: skip
+        raise PlopError(
+            "The object lies outside the workspace.",
+            where=sequence.name,
+            expected=f"within {workspace_m:g} m of the world's origin",
+            found=f"middle at {np.round(middle, 3).tolist()} m",
+            fix="Check the frame and the unit, or raise workspace_m.",
+        )
 
 
 def tool_gap_m(sequence: MeshSequence) -> float:
@@ -133,5 +149,9 @@ def check_contact(sequence: MeshSequence, path: Path) -> None:
     """
     gap = tool_gap_m(sequence)
     if gap > _TOUCH_M:
-        raise untouched(f"{path}: world_from_tool", _TOUCH_M, f"{sequence.name}, {1000 * gap:.1f} mm at its nearest",
-                        "Correct the tool's poses or mesh")  # fmt: skip
+        raise untouched(
+            f"{path}: world_from_tool",
+            _TOUCH_M,
+            f"{sequence.name}, {1000 * gap:.1f} mm at its nearest",
+            "Correct the tool's poses or mesh",
+        )

@@ -108,27 +108,59 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
 
 def _check(config: DroidConfig) -> None:
     check_choices(config, COMMAND, {"outcome": ("any", "success", "failure")})
-    check_ranges(config, COMMAND, {
-        "size": (8, 8192), "stride": (1, 1e4), "min_frames": (2, 1e6), "scan_frames": (1, 1e4), "test_every": (2, 1e6),
-        "idle_s": (0, 1e6), "idle_m": (0, 1), "touch_m": (0, 1), "exterior_focal_px": (0, 1e5),
-        "wrist_focal_px": (0, 1e5), "baseline_m": (0, 1), "match_width": (16, 8192), "nearest_m": (0.01, 100),
-        "farthest_m": (config.nearest_m, 1000), "camera_delay_ms": (-1e4, 1e4),
-    })  # fmt: skip
+    check_ranges(
+        config,
+        COMMAND,
+        {
+            "size": (8, 8192),
+            "stride": (1, 1e4),
+            "min_frames": (2, 1e6),
+            "scan_frames": (1, 1e4),
+            "test_every": (2, 1e6),
+            "idle_s": (0, 1e6),
+            "idle_m": (0, 1),
+            "touch_m": (0, 1),
+            "exterior_focal_px": (0, 1e5),
+            "wrist_focal_px": (0, 1e5),
+            "baseline_m": (0, 1),
+            "match_width": (16, 8192),
+            "nearest_m": (0.01, 100),
+            "farthest_m": (config.nearest_m, 1000),
+            "camera_delay_ms": (-1e4, 1e4),
+        },
+    )
     rules = SimpleNamespace(**{f"mask.{key}": value for key, value in asdict(config.mask).items()})
-    check_ranges(rules, COMMAND, {
-        "mask.table_clear_m": (0, 0.5), "mask.tool_margin_m": (0, 0.5), "mask.tool_margin_px": (0, 100),
-        "mask.hand_radius_m": (0, 1), "mask.hand_from_m": (-2, 2), "mask.hand_to_m": (config.mask.hand_from_m, 2),
-        "mask.refine_px": (0, 100), "mask.refine_rounds": (0, 100), "mask.min_area_px": (0, 1e6),
-    })  # fmt: skip
+    check_ranges(
+        rules,
+        COMMAND,
+        {
+            "mask.table_clear_m": (0, 0.5),
+            "mask.tool_margin_m": (0, 0.5),
+            "mask.tool_margin_px": (0, 100),
+            "mask.hand_radius_m": (0, 1),
+            "mask.hand_from_m": (-2, 2),
+            "mask.hand_to_m": (config.mask.hand_from_m, 2),
+            "mask.refine_px": (0, 100),
+            "mask.refine_rounds": (0, 100),
+            "mask.min_area_px": (0, 1e6),
+        },
+    )
     corners = {"workspace_min": config.workspace_min, "workspace_max": config.workspace_max}
     for name, corner in corners.items():
         if not np.abs(corner).max() <= WORKSPACE_M:
-            raise PlopError("A setting is out of range.", where=f"ingest.droid.{name}", found=str(corner),
-                            expected=f"each within {WORKSPACE_M:g} m of the robot's base")  # fmt: skip
+            raise PlopError(
+                "A setting is out of range.",
+                where=f"ingest.droid.{name}",
+                found=str(corner),
+                expected=f"each within {WORKSPACE_M:g} m of the robot's base",
+            )
     if not (np.array(config.workspace_min) < config.workspace_max).all():
-        raise PlopError("The workspace has no inside.", where="ingest.droid.workspace_min, ingest.droid.workspace_max",
-                        expected="min below max on every axis",
-                        found=f"{config.workspace_min} .. {config.workspace_max}")  # fmt: skip
+        raise PlopError(
+            "The workspace has no inside.",
+            where="ingest.droid.workspace_min, ingest.droid.workspace_max",
+            expected="min below max on every axis",
+            found=f"{config.workspace_min} .. {config.workspace_max}",
+        )
 
 
 def _check_given(config: DroidConfig, given: Mapping[str, str | Path]) -> None:
@@ -138,13 +170,21 @@ def _check_given(config: DroidConfig, given: Mapping[str, str | Path]) -> None:
 
 
 def _chosen(found: list[DroidFolder], config: DroidConfig, root: Path) -> list[DroidFolder]:
-    chosen = [folder for folder in found if any(fnmatch(folder.name, pattern) for pattern in config.episodes)
-              and config.outcome in ("any", folder.outcome)]  # fmt: skip
+    chosen = [
+        folder
+        for folder in found
+        if any(fnmatch(folder.name, pattern) for pattern in config.episodes)
+        and config.outcome in ("any", folder.outcome)
+    ]
     if not chosen:
-        raise PlopError("No episode is chosen.", where=root, expected=f"names like {', '.join(config.episodes)}, "
-                        f"outcome {config.outcome}", found=", ".join(folder.name for folder in found[:5]) +
-                        (f" and {len(found) - 5} more" if len(found) > 5 else ""),
-                        fix="Correct episodes or outcome.")  # fmt: skip
+        raise PlopError(
+            "No episode is chosen.",
+            where=root,
+            expected=f"names like {', '.join(config.episodes)}, outcome {config.outcome}",
+            found=", ".join(folder.name for folder in found[:5])
+            + (f" and {len(found) - 5} more" if len(found) > 5 else ""),
+            fix="Correct episodes or outcome.",
+        )
     return chosen
 
 
@@ -153,34 +193,58 @@ def _droid_options(inputs: Inputs, config: DroidConfig, root: Path) -> DroidOpti
     for name, file in (("intrinsics", "intrinsics.json"), ("extrinsics", "cam2base_extrinsics.json")):
         paths[name] = inputs[name].path if name in inputs else root / file
         if name in inputs and not paths[name].is_file():
-            raise PlopError(f"There is no such file of {name}.", where=paths[name], expected=file, found="nothing",
-                            fix="Correct the path.")  # fmt: skip
+            raise PlopError(
+                f"There is no such file of {name}.",
+                where=paths[name],
+                expected=file,
+                found="nothing",
+                fix="Correct the path.",
+            )
     return DroidOptions(
-        config, load_side_file(paths["intrinsics"], "intrinsics"), paths["intrinsics"].name,
-        load_side_file(paths["extrinsics"], "extrinsics"), paths["extrinsics"].name,
-    )  # fmt: skip
+        config,
+        load_side_file(paths["intrinsics"], "intrinsics"),
+        paths["intrinsics"].name,
+        load_side_file(paths["extrinsics"], "extrinsics"),
+        paths["extrinsics"].name,
+    )
 
 
 def _ingest(
-    folder: DroidFolder, options: DroidOptions, inputs: Inputs, config: DroidConfig, out: Output, number: int,
+    folder: DroidFolder,
+    options: DroidOptions,
+    inputs: Inputs,
+    config: DroidConfig,
+    out: Output,
+    number: int,
     total: int,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Ingest one episode; gives its report, which says why when it is skipped."""
-    choice = RowChoice(config.keep_skipped, config.idle_s, config.idle_m, config.stride, config.min_frames,
-                       config.scan_frames)  # fmt: skip
+    choice = RowChoice(
+        config.keep_skipped, config.idle_s, config.idle_m, config.stride, config.min_frames, config.scan_frames
+    )
     write = WriteOptions(
-        environment=config.environment or folder.lab or "droid", size=config.size,
-        workspace=np.array([config.workspace_min, config.workspace_max]), rules=config.mask,
-        masks=inputs["masks"].path if "masks" in inputs else None, binary_masks=config.binary_masks,
-        touch_m=config.touch_m, keep_untouched=config.keep_untouched,
-    )  # fmt: skip
-    facts: dict[str, Any] = {"lab": folder.lab, "outcome": folder.outcome, "stamp": folder.stamp,
-                             "folder": folder.folder.relative_to(folder.root).as_posix(), "warnings": []}  # fmt: skip
+        environment=config.environment or folder.lab or "droid",
+        size=config.size,
+        workspace=np.array([config.workspace_min, config.workspace_max]),
+        rules=config.mask,
+        masks=inputs["masks"].path if "masks" in inputs else None,
+        binary_masks=config.binary_masks,
+        touch_m=config.touch_m,
+        keep_untouched=config.keep_untouched,
+    )
+    facts: dict[str, Any] = {
+        "lab": folder.lab,
+        "outcome": folder.outcome,
+        "stamp": folder.stamp,
+        "folder": folder.folder.relative_to(folder.root).as_posix(),
+        "warnings": [],
+    }
     try:
         episode = open_episode(folder, options, choice)
         path = out.path / "episodes" / f"{folder.name}.h5"
-        written = write_episode(episode, path, write, lambda done, all_: out.progress(
-            number + done / all_, total, folder.name, frames=done))  # fmt: skip
+        written = write_episode(
+            episode, path, write, lambda done, all_: out.progress(number + done / all_, total, folder.name, frames=done)
+        )
     except PlopError as error:
         reason = error.first_cause()
         said = _relative(reason.one_line(), folder.root)
@@ -200,9 +264,13 @@ def _finish(
     usable = [name for name in reports if name not in skipped]
     if not usable:
         advice = next((str(report["fix"]) for report in reports.values() if report.get("fix")), "")
-        raise PlopError("No episode can be used.", where=root, expected="one usable episode or more",
-                        found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
-                        fix=f"{advice} See docs/your-data.md for what an episode must have.".strip())  # fmt: skip
+        raise PlopError(
+            "No episode can be used.",
+            where=root,
+            expected="one usable episode or more",
+            found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
+            fix=f"{advice} See docs/your-data.md for what an episode must have.".strip(),
+        )
     test = _test_names(usable, config)
     train = [name for name in usable if name not in test]
     environment = config.environment or chosen[0].lab or "droid"
@@ -216,10 +284,21 @@ def _finish(
     if not train:
         warnings.append("no episode is left for training: all usable ones are test episodes")
     columns = ("frames", "scan_frames", "depth", "object_px", "table_z_m", "closest_touch_mm")
-    table = [{"episode": name, "cameras": len(reports[name]["cameras"]), **{key: reports[name][key] for key in columns},
-              "split": "test" if name in test else "train"} for name in usable]  # fmt: skip
-    figures = {"environment": environment, "episodes": len(usable), "skipped": len(skipped),
-               "frames": sum(reports[name]["frames"] for name in usable)}  # fmt: skip
+    table = [
+        {
+            "episode": name,
+            "cameras": len(reports[name]["cameras"]),
+            **{key: reports[name][key] for key in columns},
+            "split": "test" if name in test else "train",
+        }
+        for name in usable
+    ]
+    figures = {
+        "environment": environment,
+        "episodes": len(usable),
+        "skipped": len(skipped),
+        "frames": sum(reports[name]["frames"] for name in usable),
+    }
     return Summary(figures=figures, table=table, warnings=list(dict.fromkeys(warnings)))
 
 
@@ -235,8 +314,11 @@ def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
 
     ignored = {"trajectory_im128.h5"}
     suffixes = () if zed_sdk_present() else (".svo", ".svo2")
-    return sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in ignored
-                  and path.suffix not in suffixes)  # fmt: skip
+    return sorted(
+        path
+        for path in folder.rglob("*")
+        if path.is_file() and path.name not in ignored and path.suffix not in suffixes
+    )
 
 
 def _relative(text: str, root: Path) -> str:

@@ -62,46 +62,63 @@ def check_object(
     """
     blind = [serial for serial, cloud in clouds.items() if not len(cloud)]
     if len(blind) < len(clouds):
-        return [f"{episode}: camera {serial} does not see the object in the first frame (empty mask)"
-                for serial in blind]  # fmt: skip
+        return [
+            f"{episode}: camera {serial} does not see the object in the first frame (empty mask)" for serial in blind
+        ]
     points = np.concatenate([world_points(p.camera, p.depth_m)[p.depth_m > 0] for p in pictures.values()])
     inside = ((points >= workspace[0]) & (points <= workspace[1])).all(1)
     low, middle, high = np.percentile(points, [10, 50, 90], axis=0).round(3).tolist()
     box = f"workspace {workspace[0].round(3).tolist()} .. {workspace[1].round(3).tolist()} m"
     if not inside.any():
-        raise PlopError("The object is outside the workspace: no measured point lies in it.", where=episode,
-                        expected=box, found=f"points around {middle} (most within {low} .. {high}) m",
-                        fix="Set workspace and table_z in plop_episode.json (metres, robot base); "
-                            "points ten or a thousand times too far mean wrong units or extrinsics.",
-                        cause=Cause.MASKS)  # fmt: skip
-    raise PlopError("The object's masks are empty in the first frame.", where=episode,
-                    expected=f"an object above the table in the {box}",
-                    found=f"{int(inside.sum())} points in the box, all of table, tool or hand",
-                    fix="Check table_z and workspace in plop_episode.json, or give --masks.",
-                    cause=Cause.MASKS)  # fmt: skip
+        raise PlopError(
+            "The object is outside the workspace: no measured point lies in it.",
+            where=episode,
+            expected=box,
+            found=f"points around {middle} (most within {low} .. {high}) m",
+            fix="Set workspace and table_z in plop_episode.json (metres, robot base); "
+            "points ten or a thousand times too far mean wrong units or extrinsics.",
+            cause=Cause.MASKS,
+        )
+    raise PlopError(
+        "The object's masks are empty in the first frame.",
+        where=episode,
+        expected=f"an object above the table in the {box}",
+        found=f"{int(inside.sum())} points in the box, all of table, tool or hand",
+        fix="Check table_z and workspace in plop_episode.json, or give --masks.",
+        cause=Cause.MASKS,
+    )
 
 
 def check_views(
-    pictures: Mapping[str, Picture], clouds: Mapping[str, np.ndarray], workspace: np.ndarray, table_z_m: float,
+    pictures: Mapping[str, Picture],
+    clouds: Mapping[str, np.ndarray],
+    workspace: np.ndarray,
+    table_z_m: float,
     episode: str,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Warn about cameras whose table or object is not where the others see it: a sign of wrong extrinsics."""
     warnings = _torn_planes(pictures, episode)
     for serial, picture in pictures.items():
         points = world_points(picture.camera, picture.depth_m)[picture.depth_m > 0]
         height = estimate_table_z(points, workspace)
         if height is not None and abs(height - table_z_m) > TABLE_TOLERANCE_M:
-            text = (f"{episode}: camera {serial} sees the table {1000 * (height - table_z_m):+.0f} mm from "
-                    f"table_z = {table_z_m:.3f} m: extrinsics or table_z are off (plop calibrate)")  # fmt: skip
+            text = (
+                f"{episode}: camera {serial} sees the table {1000 * (height - table_z_m):+.0f} mm from "
+                f"table_z = {table_z_m:.3f} m: extrinsics or table_z are off (plop calibrate)"
+            )
             warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     names = [serial for serial, cloud in clouds.items() if len(cloud) > 20]
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
-            near = [float(np.percentile(cKDTree(clouds[a]).query(clouds[b])[0], 25))
-                    for a, b in ((first, second), (second, first))]  # fmt: skip
+            near = [
+                float(np.percentile(cKDTree(clouds[a]).query(clouds[b])[0], 25))
+                for a, b in ((first, second), (second, first))
+            ]
             if min(near) > VIEWS_TOLERANCE_M:
-                text = (f"{episode}: cameras {first} and {second} see the object {1000 * min(near):.0f} mm "
-                        "apart: extrinsics of one are off; run `plop calibrate`")  # fmt: skip
+                text = (
+                    f"{episode}: cameras {first} and {second} see the object {1000 * min(near):.0f} mm "
+                    "apart: extrinsics of one are off; run `plop calibrate`"
+                )
                 warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     return warnings
 
@@ -109,16 +126,23 @@ def check_views(
 def _torn_planes(pictures: Mapping[str, Picture], episode: str) -> list[str]:
     """Warn about pairs of cameras neither of which has points on the largest flat surface of the other."""
     clouds = {serial: world_points(p.camera, p.depth_m)[p.depth_m > 0] for serial, p in pictures.items()}
-    planes = {serial: find_plane(cloud, threshold_m=TABLE_TOLERANCE_M / 2) for serial, cloud in clouds.items()
-              if len(cloud) >= 50}  # fmt: skip
+    planes = {
+        serial: find_plane(cloud, threshold_m=TABLE_TOLERANCE_M / 2)
+        for serial, cloud in clouds.items()
+        if len(cloud) >= 50
+    }
     warnings: list[str] = []
     for first, second in combinations(planes, 2):
-        shares = [float((np.abs(planes[a].signed_distance(clouds[b])) < TABLE_TOLERANCE_M).mean())
-                  for a, b in ((first, second), (second, first))]  # fmt: skip
+        shares = [
+            float((np.abs(planes[a].signed_distance(clouds[b])) < TABLE_TOLERANCE_M).mean())
+            for a, b in ((first, second), (second, first))
+        ]
         if max(shares) < SHARED_LEAST:
-            text = (f"{episode}: cameras {first} and {second} contradict each other: the largest flat surface (table) "
-                    f"of one lies {_between(planes[first], planes[second], clouds[second])} from the other's: "
-                    "extrinsics of one or both are off")  # fmt: skip
+            text = (
+                f"{episode}: cameras {first} and {second} contradict each other: the largest flat surface (table) "
+                f"of one lies {_between(planes[first], planes[second], clouds[second])} from the other's: "
+                "extrinsics of one or both are off"
+            )
             warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     return warnings
 
@@ -164,7 +188,9 @@ def moved_cameras(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
             shift = float(np.linalg.norm(moved[:3, 3] - pose[:3, 3]))
             turn = float(np.degrees(Rotation.from_matrix(pose[:3, :3].T @ moved[:3, :3]).magnitude()))
             if apart_s <= MOVED_WITHIN_S and (shift > MOVED_M or turn > MOVED_DEG):
-                warnings.append(f"camera {serial} moves by {1000 * shift:.0f} mm and {turn:.1f} deg between {name} and "
-                                f"{other}, {apart_s:.0f} s apart: it was moved, or one pose is wrong; "
-                                "run `plop calibrate`")  # fmt: skip
+                warnings.append(
+                    f"camera {serial} moves by {1000 * shift:.0f} mm and {turn:.1f} deg between {name} and "
+                    f"{other}, {apart_s:.0f} s apart: it was moved, or one pose is wrong; "
+                    "run `plop calibrate`"
+                )
     return warnings

@@ -79,9 +79,8 @@ def write_episode(
 
 
 def _written(
-    episode: DroidEpisode, path: Path, options: WriteOptions, progress: Callable[[int, int], None],
-    warnings: list[str],
-) -> Written:  # fmt: skip
+    episode: DroidEpisode, path: Path, options: WriteOptions, progress: Callable[[int, int], None], warnings: list[str]
+) -> Written:
     name = episode.folder.name
     workspace = options.workspace if episode.notes.workspace is None else episode.notes.workspace
     first = _first_pictures(episode, options, warnings)
@@ -101,9 +100,16 @@ def _written(
     warnings += check_object(first, clouds, workspace, name)
     gap = _closest_touch(episode, np.concatenate(list(clouds.values())), options)
     cameras = [camera for camera in episode.cameras if camera.serial in first]
-    writer = RecordingWriter(path, name=name, source="droid", environment=options.environment, table_z_m=table_z,
-                             time_s=episode.time_s, tool_mesh=episode.tool,
-                             world_from_tool=episode.world_from_tool)  # fmt: skip
+    writer = RecordingWriter(
+        path,
+        name=name,
+        source="droid",
+        environment=options.environment,
+        table_z_m=table_z,
+        time_s=episode.time_s,
+        tool_mesh=episode.tool,
+        world_from_tool=episode.world_from_tool,
+    )
     with writer:
         area = _write_pictures(writer, episode, cameras, masker, options, progress, warnings)
         if episode.scan is not None:
@@ -112,13 +118,16 @@ def _written(
         if isinstance(camera.depth, ExportedDepth):
             warnings += camera.depth.warnings()
     return Written(
-        frames=len(episode.rows), cameras=[camera.serial for camera in cameras],
+        frames=len(episode.rows),
+        cameras=[camera.serial for camera in cameras],
         scan_frames=len(episode.scan.rows) if episode.scan else 0,
-        depth=", ".join(sorted({camera.depth.name for camera in cameras})), object_px=round(area, 1),
-        table_z_m=round(table_z, 4), closest_touch_mm=round(1000 * gap, 1),
+        depth=", ".join(sorted({camera.depth.name for camera in cameras})),
+        object_px=round(area, 1),
+        table_z_m=round(table_z, 4),
+        closest_touch_mm=round(1000 * gap, 1),
         poses={camera.serial: camera.world_from_cam[episode.rows[0]].round(6).tolist() for camera in cameras},
         warnings=warnings,
-    )  # fmt: skip
+    )
 
 
 def _first_pictures(episode: DroidEpisode, options: WriteOptions, warnings: list[str]) -> dict[str, Picture]:
@@ -134,9 +143,14 @@ def _first_pictures(episode: DroidEpisode, options: WriteOptions, warnings: list
         else:
             pictures[camera.serial] = picture
     if not pictures:
-        raise PlopError("No camera sees anything.", where=episode.folder.folder, expected="a picture with depth",
-                        found="; ".join(reasons), fix="Check the videos and depth of this episode.",
-                        cause=Cause.DEPTH)  # fmt: skip
+        raise PlopError(
+            "No camera sees anything.",
+            where=episode.folder.folder,
+            expected="a picture with depth",
+            found="; ".join(reasons),
+            fix="Check the videos and depth of this episode.",
+            cause=Cause.DEPTH,
+        )
     return pictures
 
 
@@ -146,8 +160,15 @@ def _picture(
     width, height = camera.size(size)
     row = episode.rows[index]
     pinhole = Camera(camera.serial, width, height, camera.intrinsics_at(width, height), camera.world_from_cam[row])
-    return Picture(pinhole, rgb, depth, episode.world_from_tool[index], episode.world_from_flange[index],
-                   episode.folder.name, int(camera.frame_of_row[row]))  # fmt: skip
+    return Picture(
+        pinhole,
+        rgb,
+        depth,
+        episode.world_from_tool[index],
+        episode.world_from_flange[index],
+        episode.folder.name,
+        int(camera.frame_of_row[row]),
+    )
 
 
 def _table_height(
@@ -167,9 +188,12 @@ def _table_height(
 def _closest_touch(episode: DroidEpisode, cloud: np.ndarray, options: WriteOptions) -> float:
     gap, frame = closest_touch_m(_surface_points(episode.tool), episode.world_from_tool, cloud)
     if gap > options.touch_m and not options.keep_untouched:
-        raise untouched(episode.folder.folder, options.touch_m,
-                        f"{1000 * gap:.0f} mm at its nearest, in frame {frame}, row {episode.rows[frame]}",
-                        "Check flange_from_tool, the units of the tool's mesh, and interaction")  # fmt: skip
+        raise untouched(
+            episode.folder.folder,
+            options.touch_m,
+            f"{1000 * gap:.0f} mm at its nearest, in frame {frame}, row {episode.rows[frame]}",
+            "Check flange_from_tool, the units of the tool's mesh, and interaction",
+        )
     return gap
 
 
@@ -181,15 +205,21 @@ def _surface_points(mesh: Mesh, count: int = 2000) -> np.ndarray:
 
 
 def _write_pictures(
-    writer: RecordingWriter, episode: DroidEpisode, cameras: list[DroidCamera], masker: Masker,
-    options: WriteOptions, progress: Callable[[int, int], None], warnings: list[str],
-) -> float:  # fmt: skip
+    writer: RecordingWriter,
+    episode: DroidEpisode,
+    cameras: list[DroidCamera],
+    masker: Masker,
+    options: WriteOptions,
+    progress: Callable[[int, int], None],
+    warnings: list[str],
+) -> float:
     """Write all cameras; gives the mean area of the object's mask [px]."""
     areas: list[int] = []
     for number, camera in enumerate(cameras):
         width, height = camera.size(options.size)
-        writer.add_camera(camera.serial, camera.intrinsics_at(width, height), camera.world_from_cam[episode.rows],
-                          height, width)  # fmt: skip
+        writer.add_camera(
+            camera.serial, camera.intrinsics_at(width, height), camera.world_from_cam[episode.rows], height, width
+        )
         empty = []
         for index, (rgb, depth) in enumerate(camera.images(episode.rows, width, height)):
             mask = masker.mask(_picture(episode, camera, options.size, index, rgb, depth))
@@ -199,8 +229,10 @@ def _write_pictures(
                 empty.append(index)
             progress(number * len(episode.rows) + index + 1, len(cameras) * len(episode.rows))
         if empty:
-            warnings.append(f"{episode.folder.name}: camera {camera.serial}: the object's mask is empty in "
-                            f"{len(empty)} of {len(episode.rows)} frames, the first is frame {empty[0]}")  # fmt: skip
+            warnings.append(
+                f"{episode.folder.name}: camera {camera.serial}: the object's mask is empty in "
+                f"{len(empty)} of {len(episode.rows)} frames, the first is frame {empty[0]}"
+            )
     return float(np.mean(areas))
 
 
@@ -210,8 +242,14 @@ def _write_scan(
     scan = episode.scan
     assert scan is not None
     camera, (width, height) = scan.camera, scan.camera.size(options.size)
-    writer.add_camera(camera.serial, camera.intrinsics_at(width, height), camera.world_from_cam[scan.rows], height,
-                      width, group="scan")  # fmt: skip
+    writer.add_camera(
+        camera.serial,
+        camera.intrinsics_at(width, height),
+        camera.world_from_cam[scan.rows],
+        height,
+        width,
+        group="scan",
+    )
     seen = 0
     for index, (rgb, depth) in enumerate(camera.images(scan.rows, width, height)):
         row = scan.rows[index]

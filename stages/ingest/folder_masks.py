@@ -30,13 +30,18 @@ class FolderMasker:
         self, folder: Path, frames: Mapping[tuple[str, str], int], *, binary: bool, geometric: GeometricMasker
     ) -> None:
         self.folder, self.binary, self.geometric = folder, binary, geometric
-        self.pictures = {key: find_side_pictures(folder.joinpath(*key), count, what="masks", cause=Cause.MASKS)
-                         for key, count in frames.items()}  # fmt: skip
+        self.pictures = {
+            key: find_side_pictures(folder.joinpath(*key), count, what="masks", cause=Cause.MASKS)
+            for key, count in frames.items()
+        }
 
     def warnings(self) -> list[Noticed]:
         """Say what was assumed about the numbers."""
-        return [Noticed(note, Cause.MASKS, "Check the numbers of the masks.")
-                for pictures in self.pictures.values() for note in pictures.notes]  # fmt: skip
+        return [
+            Noticed(note, Cause.MASKS, "Check the numbers of the masks.")
+            for pictures in self.pictures.values()
+            for note in pictures.notes
+        ]
 
     def mask(self, picture: Picture) -> np.ndarray:
         """See Masker.
@@ -47,10 +52,14 @@ class FolderMasker:
         pictures = self.pictures[picture.episode, picture.camera.name]
         path = pictures.paths.get(picture.frame)
         if path is None:
-            raise PlopError("A frame has no mask.", where=f"{pictures.folder}: frame {picture.frame}",
-                            expected=f"{picture.frame:06d}.png", found=f"no such picture; {pictures.range_text()}",
-                            fix="Write one mask per frame of the video, counted from 0.",
-                            cause=Cause.MASKS)  # fmt: skip
+            raise PlopError(
+                "A frame has no mask.",
+                where=f"{pictures.folder}: frame {picture.frame}",
+                expected=f"{picture.frame:06d}.png",
+                found=f"no such picture; {pictures.range_text()}",
+                fix="Write one mask per frame of the video, counted from 0.",
+                cause=Cause.MASKS,
+            )
         values = _mask_values(path)
         height, width = picture.depth_m.shape
         values = cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST)
@@ -68,15 +77,25 @@ def _mask_values(path: Path) -> np.ndarray:
         with Image.open(path) as picture:
             mode, values = picture.mode, np.asarray(picture)
     except (OSError, ValueError, SyntaxError) as error:
-        raise PlopError("A mask cannot be read.", where=path, expected="an 8-bit PNG of one channel",
-                        found=str(error), fix="Write the masks again.", cause=Cause.MASKS) from error  # fmt: skip
+        raise PlopError(
+            "A mask cannot be read.",
+            where=path,
+            expected="an 8-bit PNG of one channel",
+            found=str(error),
+            fix="Write the masks again.",
+            cause=Cause.MASKS,
+        ) from error
     if mode == "1":
         return values.astype(np.uint8)
     if values.dtype != np.uint8 or (values.ndim == 3 and not (values[..., :1] == values[..., :3]).all()):
-        raise PlopError("A mask cannot be used.", where=path, expected="an 8-bit PNG of one channel, or with a palette",
-                        found=f"{values.dtype}, {values.shape} ({mode})",
-                        fix="Write labels, not colours: 0 background, 1 object, 2 tool, 255 undecided.",
-                        cause=Cause.MASKS)  # fmt: skip
+        raise PlopError(
+            "A mask cannot be used.",
+            where=path,
+            expected="an 8-bit PNG of one channel, or with a palette",
+            found=f"{values.dtype}, {values.shape} ({mode})",
+            fix="Write labels, not colours: 0 background, 1 object, 2 tool, 255 undecided.",
+            cause=Cause.MASKS,
+        )
     return values if values.ndim == 2 else np.ascontiguousarray(values[..., 0])
 
 
@@ -85,10 +104,14 @@ def _checked_labels(values: np.ndarray, path: Path) -> np.ndarray:
     strange = present - {int(label) for label in MaskLabel}
     if strange or present == {0, 255}:
         two = len(present) == 2 and 0 in present
-        raise PlopError("A mask has other values than labels.", where=path,
-                        expected="0 background, 1 object, 2 tool, 255 undecided",
-                        found=f"the values {sorted(present)[:8]}" + (": two values, so object or not" if two else ""),
-                        fix="Use --binary-masks: any value but 0 means the object." if two else
-                        "Relabel it, or use --binary-masks if any value but 0 means the object.",
-                        cause=Cause.MASKS)  # fmt: skip
+        raise PlopError(
+            "A mask has other values than labels.",
+            where=path,
+            expected="0 background, 1 object, 2 tool, 255 undecided",
+            found=f"the values {sorted(present)[:8]}" + (": two values, so object or not" if two else ""),
+            fix="Use --binary-masks: any value but 0 means the object."
+            if two
+            else "Relabel it, or use --binary-masks if any value but 0 means the object.",
+            cause=Cause.MASKS,
+        )
     return values

@@ -78,8 +78,10 @@ class GeometricMasker:
     def __init__(self, workspace: np.ndarray, table_z_m: float, tool: Mesh, rules: MaskRules) -> None:
         self.workspace, self.table_z_m, self.rules = workspace, table_z_m, rules
         self._tool = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self._tool.add_triangles(o3d.core.Tensor.from_numpy(tool.vertices.astype(np.float32)),
-                                 o3d.core.Tensor.from_numpy(tool.faces.astype(np.uint32)))  # fmt: skip
+        self._tool.add_triangles(
+            o3d.core.Tensor.from_numpy(tool.vertices.astype(np.float32)),
+            o3d.core.Tensor.from_numpy(tool.faces.astype(np.uint32)),
+        )
 
     def mask(self, picture: Picture) -> np.ndarray:
         """See Masker."""

@@ -46,18 +46,28 @@ def check_table(sequence: MeshSequence, path: Path) -> list[str]:
     what = f"an object from z = {first[:, 2].min():.4g} to {first[:, 2].max():.4g} m in the first frame"
     on_table = f"an object that stands on table_z_m = {height:g} m"
     if axis and not (gap > 0 and "up" in sequence.declared):
-        raise PlopError("The object does not stand on its table: another axis seems to be up.",
-                        where=f"{path}: table_z_m", expected=f"{on_table}, {sequence.up} up", found=what,
-                        fix=f"With {axis} up it stands on it: {_turn(sequence.up, axis)}. State it in "
-                            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses; where the axes are '
-                            "right, correct table_z_m (null: no table).")  # fmt: skip
+        raise PlopError(
+            "The object does not stand on its table: another axis seems to be up.",
+            where=f"{path}: table_z_m",
+            expected=f"{on_table}, {sequence.up} up",
+            found=what,
+            fix=f"With {axis} up it stands on it: {_turn(sequence.up, axis)}. State it in "
+            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses; where the axes are '
+            "right, correct table_z_m (null: no table).",
+        )
     if gap < 0:
         below = "far below" if height > first[:, 2].max() else "partly in"
-        raise PlopError(f"The object lies {below} its table.", where=f"{path}: table_z_m", expected=on_table,
-                        found=f"{what}: {1000 * -gap:.3g} mm too low",
-                        fix="Correct table_z_m (null: no table), or the frame of the vertices.")  # fmt: skip
-    return [f"the object floats {1000 * gap:.3g} mm above its table and does not fall: is table_z_m = {height:g} "
-            "right? (null: no table)"]  # fmt: skip
+        raise PlopError(
+            f"The object lies {below} its table.",
+            where=f"{path}: table_z_m",
+            expected=on_table,
+            found=f"{what}: {1000 * -gap:.3g} mm too low",
+            fix="Correct table_z_m (null: no table), or the frame of the vertices.",
+        )
+    return [
+        f"the object floats {1000 * gap:.3g} mm above its table and does not fall: is table_z_m = {height:g} "
+        "right? (null: no table)"
+    ]
 
 
 def _allowed_m(points: np.ndarray) -> float:
@@ -97,14 +107,19 @@ def _tool_below(sequence: MeshSequence, path: Path, height: float) -> list[str]:
     axis = _better_axis(sequence, height)
     turn = WORLD_FROM_UP[axis] @ WORLD_FROM_UP[sequence.up].T if axis else np.eye(3)
     if axis and "up" not in sequence.declared and height - _lowest_tool(sequence, turn) < _CONTACT_M:
-        raise PlopError("The tool is deep in the table: another axis seems to be up.", where=f"{path}: table_z_m",
-                        expected=f"a tool above table_z_m = {height:g} m, {sequence.up} up",
-                        found=f"a tool {1000 * deep:.3g} mm below it",
-                        fix=f"With {axis} up it stays above: {_turn(sequence.up, axis)}. State the axis in "
-                            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses.')  # fmt: skip
+        raise PlopError(
+            "The tool is deep in the table: another axis seems to be up.",
+            where=f"{path}: table_z_m",
+            expected=f"a tool above table_z_m = {height:g} m, {sequence.up} up",
+            found=f"a tool {1000 * deep:.3g} mm below it",
+            fix=f"With {axis} up it stays above: {_turn(sequence.up, axis)}. State the axis in "
+            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses.',
+        )
     return [f"the tool goes {1000 * deep:.3g} mm below the table"]
 
 
 def _lowest_tool(sequence: MeshSequence, turn: np.ndarray) -> float:
-    return min(float((transform_points(pose, sequence.tool_vertices) @ turn.T)[:, 2].min())
-               for pose in sequence.world_from_tool)  # fmt: skip
+    return min(
+        float((transform_points(pose, sequence.tool_vertices) @ turn.T)[:, 2].min())
+        for pose in sequence.world_from_tool
+    )

@@ -27,17 +27,30 @@ def select(entries: Sequence[RawEpisode], *, environment: str, episodes: str, wh
     """
     known = known_environments(entries)
     if environment and environment not in known:
-        raise PlopError("There is no such environment.", where=where, expected=", ".join(known), found=environment,
-                        fix=f"Choose one, e.g. --environment {known[0]}.")  # fmt: skip
+        raise PlopError(
+            "There is no such environment.",
+            where=where,
+            expected=", ".join(known),
+            found=environment,
+            fix=f"Choose one, e.g. --environment {known[0]}.",
+        )
     fitting = [e for e in entries if environment in ("", e.environment) or e.environment not in known]
     chosen = [entry for entry in fitting if fnmatchcase(entry.name, episodes)]
     if not chosen:
-        raise PlopError("No episode has such a name.", where=where, expected=f"names that fit {episodes!r}",
-                        found=", ".join(entry.name for entry in fitting[:8]) + (" ..." if len(fitting) > 8 else ""),
-                        fix="Correct --episodes.")  # fmt: skip
+        raise PlopError(
+            "No episode has such a name.",
+            where=where,
+            expected=f"names that fit {episodes!r}",
+            found=", ".join(entry.name for entry in fitting[:8]) + (" ..." if len(fitting) > 8 else ""),
+            fix="Correct --episodes.",
+        )
     found = sorted({entry.environment for entry in chosen} & set(known))
     if len(found) > 1:
-        raise PlopError("The folder holds several environments.", where=where,
-                        expected="one environment for each set of recordings", found=", ".join(found),
-                        fix=f"Choose one, e.g. --environment {found[0]}.")  # fmt: skip
+        raise PlopError(
+            "The folder holds several environments.",
+            where=where,
+            expected="one environment for each set of recordings",
+            found=", ".join(found),
+            fix=f"Choose one, e.g. --environment {found[0]}.",
+        )
     return sorted(chosen, key=lambda entry: entry.name)

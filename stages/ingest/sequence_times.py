@@ -40,38 +40,61 @@ def check_clock(sequence: MeshSequence, path: Path) -> list[str]:
     """
     times, steps = sequence.times, np.diff(sequence.times)
     if not len(steps):
-        raise PlopError("The episode is too short: nothing moves in it.", where=f"{path}: times",
-                        expected="2 frames or more", found="1 frame",
-                        fix="Record it again, or leave it out with --skip-bad.")  # fmt: skip
+        raise PlopError(
+            "The episode is too short: nothing moves in it.",
+            where=f"{path}: times",
+            expected="2 frames or more",
+            found="1 frame",
+            fix="Record it again, or leave it out with --skip-bad.",
+        )
     step, (slow, fast) = float(np.median(steps)), _speeds(sequence)
-    odd = ("The frames are too far apart in time." if step > LONGEST_STEP_S else
-           "Everything moves too slowly for these times." if fast < SPEED_M_S[0] else
-           "The tool moves too fast for these times." if slow > SPEED_M_S[1] else None)
+    odd = (
+        "The frames are too far apart in time."
+        if step > LONGEST_STEP_S
+        else "Everything moves too slowly for these times."
+        if fast < SPEED_M_S[0]
+        else "The tool moves too fast for these times."
+        if slow > SPEED_M_S[1]
+        else None
+    )
     if "time" in sequence.declared:
         return [f"{odd} The unit of its times is declared, and believed: {_read_as(step, fast)}"] if odd else []
     side, whole = path.with_suffix(".json").name, bool((times == np.round(times)).all())
-    fits = [unit for unit, length in SECONDS.items() if unit != "s" and _STEP_S[0] <= step * length <= _STEP_S[1]
-            and fast / length >= SPEED_M_S[0] and slow / length <= SPEED_M_S[1]]  # fmt: skip
+    fits = [
+        unit
+        for unit, length in SECONDS.items()
+        if unit != "s"
+        and _STEP_S[0] <= step * length <= _STEP_S[1]
+        and fast / length >= SPEED_M_S[0]
+        and slow / length <= SPEED_M_S[1]
+    ]
     if whole and step <= LONGEST_STEP_S:
-        raise PlopError("The times look like frame numbers.", where=f"{path}: times", expected="seconds",
-                        found=f"{times[0]:g}, {times[1]:g} ... {times[-1]:g}: whole numbers only",
-                        fix=f"Divide them by the frame rate, or state it in {side}: \"units\": "
-                            f'{{"frames_per_second": 30}}. If they are seconds: "units": {{"time": "s"}}'
-                            + (', if milliseconds: "ms".' if "ms" in fits else "."))  # fmt: skip
+        raise PlopError(
+            "The times look like frame numbers.",
+            where=f"{path}: times",
+            expected="seconds",
+            found=f"{times[0]:g}, {times[1]:g} ... {times[-1]:g}: whole numbers only",
+            fix=f'Divide them by the frame rate, or state it in {side}: "units": '
+            f'{{"frames_per_second": 30}}. If they are seconds: "units": {{"time": "s"}}'
+            + (', if milliseconds: "ms".' if "ms" in fits else "."),
+        )
     if odd is None:
         return []
     if fits:
-        fix = f"Convert them to seconds, or state their unit in {side}: \"units\": {{\"time\": \"{fits[0]}\"}}."
+        fix = f'Convert them to seconds, or state their unit in {side}: "units": {{"time": "{fits[0]}"}}.'
     elif slow > SPEED_M_S[1] and SPEED_M_S[0] < fast / 1000 < SPEED_M_S[1]:
         fix = "They are about 1000 times too short: multiply them by 1000."
     else:
-        fix = f"Write them in seconds, or state their unit in {side}: \"units\": {{\"time\": ...}}."
+        fix = f'Write them in seconds, or state their unit in {side}: "units": {{"time": ...}}.'
     guess = [_NAMES[unit] for unit in fits] + ["frame numbers"] * (whole and step < _LONGEST_FRAME_STEP)
-    raise PlopError(odd, where=f"{path}: times",
-                    expected=f"seconds: a median step of at most {LONGEST_STEP_S:g} s, a motion of "
-                             f"{1000 * SPEED_M_S[0]:g} mm/s to {SPEED_M_S[1]:g} m/s",
-                    found=_read_as(step, fast) + (f": {' or '.join(guess)}?" if guess else ""),
-                    fix=f'{fix} Where they are right: "units": {{"time": "s"}}.')  # fmt: skip
+    raise PlopError(
+        odd,
+        where=f"{path}: times",
+        expected=f"seconds: a median step of at most {LONGEST_STEP_S:g} s, a motion of "
+        f"{1000 * SPEED_M_S[0]:g} mm/s to {SPEED_M_S[1]:g} m/s",
+        found=_read_as(step, fast) + (f": {' or '.join(guess)}?" if guess else ""),
+        fix=f'{fix} Where they are right: "units": {{"time": "s"}}.',
+    )
 
 
 def _read_as(step: float, fast: float) -> str:

@@ -54,5 +54,6 @@ def check_config(command: str, config: SimulatedConfig) -> None:
         PlopError: Names the setting.
     """
     check_cameras(config, command)
-    check_ranges(config, command, {"workspace_m": (1e-3, 100), "smallest_m": (1e-6, 100),
-                                   "largest_m": (config.smallest_m, 100)})  # fmt: skip
+    check_ranges(
+        config, command, {"workspace_m": (1e-3, 100), "smallest_m": (1e-6, 100), "largest_m": (config.smallest_m, 100)}
+    )

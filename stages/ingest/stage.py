@@ -32,8 +32,13 @@ def _run(
     check_config(command, config)
     raw = inputs["raw"].path
     if not raw.is_dir():
-        raise PlopError("There is no such folder.", where=raw, expected="a folder of raw recordings", found="nothing",
-                        fix="Correct the path.")  # fmt: skip
+        raise PlopError(
+            "There is no such folder.",
+            where=raw,
+            expected="a folder of raw recordings",
+            found="nothing",
+            fix="Correct the path.",
+        )
     entries = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
     given = () if config.test == type(config)().test else config.test  # the defaults need not fit every folder
     warnings = check_patterns([entry.name for entry in entries], given, option="--test", where=raw)
@@ -49,9 +54,13 @@ def _run(
             warnings.append(f"{entry.name} was left out: {reason}")
     usable = [entry for entry in entries if entry.name not in skipped]
     if not usable:
-        raise PlopError("No episode can be used.", where=raw, expected="at least one good episode",
-                        found="\n    ".join(f"{name}: {why}" for name, why in skipped.items()),
-                        fix="Correct the first of these, then run the same command again.")  # fmt: skip
+        raise PlopError(
+            "No episode can be used.",
+            where=raw,
+            expected="at least one good episode",
+            found="\n    ".join(f"{name}: {why}" for name, why in skipped.items()),
+            fix="Correct the first of these, then run the same command again.",
+        )
     train, test = split_names([entry.name for entry in usable], config.test)
     recordings = RecordingSet(out.path, usable[0].environment, train, test, skipped)
     recordings.save()

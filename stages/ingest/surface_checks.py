@@ -70,14 +70,21 @@ def check_order(sequence: MeshSequence, path: Path) -> list[str]:
         if frame:
             torn = (now - before > _FAR * size) & (now > _STRETCH * np.maximum(before, np.median(before)))
             if _swapped(sequence, frame, edges, before, now):
-                raise _reordered(path, frame, "The order of the vertices changes over time.",
-                                 "vertices leap onto other ones' places")  # fmt: skip
+                raise _reordered(
+                    path, frame, "The order of the vertices changes over time.", "vertices leap onto other ones' places"
+                )
             if torn.mean() > _TORN_SHARE:
-                raise _reordered(path, frame, "The surface is torn between two frames.",
-                                 f"{int(torn.sum())} of {len(edges)} edges become over {_STRETCH:g} times as long")
+                raise _reordered(
+                    path,
+                    frame,
+                    "The surface is torn between two frames.",
+                    f"{int(torn.sum())} of {len(edges)} edges become over {_STRETCH:g} times as long",
+                )
             if torn.any() and not notes:
-                notes.append(f"{int(torn.sum())} of {len(edges)} edges of the surface become over {_STRETCH:g} times "
-                             f"as long from frame {frame - 1} to {frame}: did the simulation blow up?")  # fmt: skip
+                notes.append(
+                    f"{int(torn.sum())} of {len(edges)} edges of the surface become over {_STRETCH:g} times "
+                    f"as long from frame {frame - 1} to {frame}: did the simulation blow up?"
+                )
         before, longest = now, np.maximum(longest, now)
     return notes
 
@@ -86,9 +93,7 @@ def _lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1))
 
 
-def _swapped(
-    sequence: MeshSequence, frame: int, edges: np.ndarray, before: np.ndarray, now: np.ndarray
-) -> bool:
+def _swapped(sequence: MeshSequence, frame: int, edges: np.ndarray, before: np.ndarray, now: np.ndarray) -> bool:
     """Tell whether vertices take each other's places in this frame: the set barely moves, its members leap."""
     old, new = sequence.vertices[frame - 1], sequence.vertices[frame]
     move = new - old
@@ -128,10 +133,13 @@ def _check_rest(sequence: MeshSequence, edges: np.ndarray, rest: np.ndarray, pat
     changed = (np.abs(first - rest) > 0.5 * np.maximum(rest, typical)).mean()
     size, spread = (float(np.ptp(points, axis=0).max()) for points in (sequence.rest, sequence.vertices[0]))
     if changed > 0.25 and np.sort(first)[-1] < 2 * max(size, spread) and 0.5 < size / spread < 2:
-        raise PlopError("rest_vertices and vertices are not in the same order.", where=f"{path}: rest_vertices",
-                        expected="the rest place of each vertex, in the order of vertices",
-                        found=f"{100 * changed:.0f} % of the edges differ by half or more from the first frame",
-                        fix="Export both with one order, or leave rest_vertices out.")  # fmt: skip
+        raise PlopError(
+            "rest_vertices and vertices are not in the same order.",
+            where=f"{path}: rest_vertices",
+            expected="the rest place of each vertex, in the order of vertices",
+            found=f"{100 * changed:.0f} % of the edges differ by half or more from the first frame",
+            fix="Export both with one order, or leave rest_vertices out.",
+        )
 
 
 def _check_lost(
@@ -143,22 +151,32 @@ def _check_lost(
     moved = at_zero & ~(sequence.vertices[max(frame - 1, 0)] == 0).all(1) & ~(sequence.rest == 0).all(1)
     if gone.sum() >= 3 or moved.sum() >= 2:
         place = sequence.vertices[frame][edges[int(np.argmax(gone)), 0]] if gone.any() else np.zeros(3)
-        raise _lost(path, f"{int(max(gone.sum(), moved.sum()))} neighbours or more at ({place[0]:g} {place[1]:g} "
-                          f"{place[2]:g})", frame)  # fmt: skip
+        raise _lost(
+            path,
+            f"{int(max(gone.sum(), moved.sum()))} neighbours or more at ({place[0]:g} {place[1]:g} {place[2]:g})",
+            frame,
+        )
 
 
 def _lost(path: Path, found: str, frame: int) -> PlopError:
-    return PlopError("Vertices of the surface fall together.", where=f"{path}: vertices, frame {frame}",
-                     expected="every vertex at a place of its own", found=found,
-                     fix="Part of the data was lost or set to zero: export the episode again.")  # fmt: skip
+    return PlopError(
+        "Vertices of the surface fall together.",
+        where=f"{path}: vertices, frame {frame}",
+        expected="every vertex at a place of its own",
+        found=found,
+        fix="Part of the data was lost or set to zero: export the episode again.",
+    )
 
 
 def _reordered(path: Path, frame: int, problem: str, found: str) -> PlopError:
-    return PlopError(problem, where=f"{path}: vertices, frame {frame}",
-                     expected="vertex i is the same point of the material in all frames",
-                     found=f"from frame {frame - 1} to {frame} {found}",
-                     fix="Export without merging or sorting vertices (trimesh: process=False; Blender: keep vertex "
-                         "order), one numbering for all frames.")  # fmt: skip
+    return PlopError(
+        problem,
+        where=f"{path}: vertices, frame {frame}",
+        expected="vertex i is the same point of the material in all frames",
+        found=f"from frame {frame - 1} to {frame} {found}",
+        fix="Export without merging or sorting vertices (trimesh: process=False; Blender: keep vertex "
+        "order), one numbering for all frames.",
+    )
 
 
 def _outwards(sequence: MeshSequence) -> tuple[MeshSequence, list[str]]:
@@ -177,8 +195,10 @@ def _outwards(sequence: MeshSequence) -> tuple[MeshSequence, list[str]]:
     turned = topology.turned.copy()
     if not topology.is_closed:
         crowded = f", {topology.crowded_edges} with more than two" if topology.crowded_edges else ""
-        notes.append(f"the surface is not closed ({topology.free_edges} edges with one face{crowded}): scores that "
-                     "need the truth's inside or volume do not hold for it")  # fmt: skip
+        notes.append(
+            f"the surface is not closed ({topology.free_edges} edges with one face{crowded}): scores that "
+            "need the truth's inside or volume do not hold for it"
+        )
     outer = sequence.faces[~collapsed].copy()
     outer[turned] = outer[turned][:, ::-1]
     if topology.is_closed:
@@ -189,8 +209,10 @@ def _outwards(sequence: MeshSequence) -> tuple[MeshSequence, list[str]]:
     faces = sequence.faces.copy()
     which = np.flatnonzero(~collapsed)[turned]
     faces[which] = faces[which][:, ::-1]
-    notes.append(f"{len(which)} of {len(faces)} faces were clockwise seen from outside, or not as their neighbours, "
-                 "and were turned round")  # fmt: skip
+    notes.append(
+        f"{len(which)} of {len(faces)} faces were clockwise seen from outside, or not as their neighbours, "
+        "and were turned round"
+    )
     return replace(sequence, faces=faces), notes
 
 

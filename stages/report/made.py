@@ -42,8 +42,11 @@ def this_report(inputs: Inputs, config: dict[str, Any]) -> Made | None:
         if item.manifest is None:
             return None
         given.setdefault(name.partition(".")[0], []).append(item.manifest.address)
-    absent = {name: [LEFT_OUT] for name, spec in stage_ref("report").load().inputs.items()
-              if spec.optional and name not in given}  # fmt: skip
+    absent = {
+        name: [LEFT_OUT]
+        for name, spec in stage_ref("report").load().inputs.items()
+        if spec.optional and name not in given
+    }
     sources = {name: ",".join(addresses) for name, addresses in (given | absent).items()}
     config = json.loads(json.dumps(config))
     return Made("this report", "report", "report", config, sources, {}, "", None, "", _settings("report", config))
@@ -63,15 +66,24 @@ def _add(found: dict[str, Made], manifest: Manifest, path: Path, roles: dict[str
 
 
 def _made(manifest: Manifest, role: str) -> Made:
-    sources = {name: f"{s['stage']}@{s['fingerprint'][:8]}" if "fingerprint" in s else str(s.get("name", "a file"))
-               for name, s in manifest.inputs.items()}  # fmt: skip
+    sources = {
+        name: f"{s['stage']}@{s['fingerprint'][:8]}" if "fingerprint" in s else str(s.get("name", "a file"))
+        for name, s in manifest.inputs.items()
+    }
     told = manifest.provenance
     command = str(told.get("command", manifest.stage))
     return Made(
-        manifest.address, role, command, manifest.config, sources,
-        {k: str(v) for k, v in told.get("versions", {}).items()}, str(told.get("made", "")), told.get("seconds"),
-        manifest.fingerprint, _settings(command, manifest.config),
-    )  # fmt: skip
+        manifest.address,
+        role,
+        command,
+        manifest.config,
+        sources,
+        {k: str(v) for k, v in told.get("versions", {}).items()},
+        str(told.get("made", "")),
+        told.get("seconds"),
+        manifest.fingerprint,
+        _settings(command, manifest.config),
+    )
 
 
 def _settings(command: str, config: dict[str, Any]) -> dict[str, Any]:

@@ -33,8 +33,13 @@ def read_json(folder: Path, name: str) -> dict[str, Any]:
     try:
         facts: dict[str, Any] = json.loads((folder / name).read_text())
     except (OSError, ValueError) as error:
-        raise PlopError("A result cannot be read.", where=folder / name, expected=name, found=str(error),
-                        fix="Run the stage that writes it again.") from error  # fmt: skip
+        raise PlopError(
+            "A result cannot be read.",
+            where=folder / name,
+            expected=name,
+            found=str(error),
+            fix="Run the stage that writes it again.",
+        ) from error
     return facts
 
 
@@ -63,9 +68,13 @@ def labels_of(inputs: Inputs, labels: tuple[str, ...]) -> list[str]:
     comparisons = several(inputs, "comparisons")
     if labels:
         if len(labels) != len(comparisons) or len(set(labels)) != len(labels):
-            raise PlopError("The labels do not fit the comparisons.", where="report.labels",
-                            expected=f"{len(comparisons)} different labels", found=", ".join(labels),
-                            fix="Give one label for each model, in their order, or none.")  # fmt: skip
+            raise PlopError(
+                "The labels do not fit the comparisons.",
+                where="report.labels",
+                expected=f"{len(comparisons)} different labels",
+                found=", ".join(labels),
+                fix="Give one label for each model, in their order, or none.",
+            )
         return list(labels)
     found = []
     for number, item in enumerate(comparisons):
@@ -83,13 +92,22 @@ def check_models(inputs: Inputs) -> None:
     """
     models = [key for item in several(inputs, "comparisons") if (key := model_key(item))]
     if len(set(models)) < len(models):
-        raise PlopError("One model is compared twice.", where="report.comparisons", expected="different models",
-                        found=", ".join(key[:8] for key in models), fix="Name each model once.")  # fmt: skip
+        raise PlopError(
+            "One model is compared twice.",
+            where="report.comparisons",
+            expected="different models",
+            found=", ".join(key[:8] for key in models),
+            fix="Name each model once.",
+        )
     for item in several(inputs, "diagnoses"):
         if models and model_key(item) and model_key(item) not in models and item.manifest is not None:
-            raise PlopError("A diagnosis is of a model that is not in the report.", where=item.manifest.address,
-                            expected=", ".join(key[:8] for key in models), found=model_key(item)[:8],
-                            fix="Leave it out, or compare its model, too.")  # fmt: skip
+            raise PlopError(
+                "A diagnosis is of a model that is not in the report.",
+                where=item.manifest.address,
+                expected=", ".join(key[:8] for key in models),
+                found=model_key(item)[:8],
+                fix="Leave it out, or compare its model, too.",
+            )
 
 
 def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -> list[Compared]:
@@ -104,10 +122,13 @@ def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -
         _check_recordings(item, inputs["recordings"], label)
         facts = read_json(item.path, "compare.json")
         if facts.get("schema") != 1 or facts.get("environment") != recordings.environment:
-            raise PlopError("A comparison does not fit the recordings.", where=item.path / "compare.json",
-                            expected=f"schema 1, {recordings.environment}",
-                            found=f"schema {facts.get('schema')}, {facts.get('environment')}",
-                            fix="Run `plop compare` on these recordings.")  # fmt: skip
+            raise PlopError(
+                "A comparison does not fit the recordings.",
+                where=item.path / "compare.json",
+                expected=f"schema 1, {recordings.environment}",
+                found=f"schema {facts.get('schema')}, {facts.get('environment')}",
+                fix="Run `plop compare` on these recordings.",
+            )
         own = models.get(model_key(item))
         model = read_json(own.path, "model.json") if own is not None else None
         found.append(Compared(label, MODELS[number % len(MODELS)], facts, model))
@@ -118,10 +139,13 @@ def _check_recordings(item: Input, recordings: Input, label: str) -> None:
     made, own = item.manifest, recordings.manifest
     if made is not None and own is not None and not made_from(made, "recordings", own):
         source = made.inputs["recordings"]
-        raise PlopError("Results of different recordings do not go into one report.", where=label,
-                        expected=f"made from {own.address}",
-                        found=f"made from {source.get('stage')}@{source['fingerprint'][:8]}",
-                        fix="Run `plop compare` with the same recordings for every model.")  # fmt: skip
+        raise PlopError(
+            "Results of different recordings do not go into one report.",
+            where=label,
+            expected=f"made from {own.address}",
+            found=f"made from {source.get('stage')}@{source['fingerprint'][:8]}",
+            fix="Run `plop compare` with the same recordings for every model.",
+        )
 
 
 def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
@@ -134,9 +158,13 @@ def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
     for field in fields[1:]:
         same = field.points_m.shape == fields[0].points_m.shape
         if not same or np.abs(field.points_m - fields[0].points_m).max() > 1e-6:
-            raise PlopError("The models were compared on different points.", where=name,
-                            expected="the same tracks and seed in every comparison", found="other points",
-                            fix="Run `plop compare` again with the same tracks and seed.")  # fmt: skip
+            raise PlopError(
+                "The models were compared on different points.",
+                where=name,
+                expected="the same tracks and seed in every comparison",
+                found="other points",
+                fix="Run `plop compare` again with the same tracks and seed.",
+            )
     return fields
 
 

@@ -67,8 +67,13 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     check_inputs(inputs, config)
     check_models(inputs)
     if not several(inputs, "comparisons"):
-        raise PlopError("A report needs a comparison.", where="report.comparisons", expected="artifacts of compare",
-                        found="none", fix="Run `plop compare`.")  # fmt: skip
+        raise PlopError(
+            "A report needs a comparison.",
+            where="report.comparisons",
+            expected="artifacts of compare",
+            found="none",
+            fix="Run `plop compare`.",
+        )
     recordings = RecordingSet.load(inputs["recordings"].path)
     labels = labels_of(inputs, config.labels)
     facts = _facts(inputs, config, recordings, labels)
@@ -105,8 +110,10 @@ def check_inputs(inputs: Inputs, config: ReportConfig) -> None:
 
 def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
     keys = {model_key(item): label for item, label in zip(several(inputs, "comparisons"), labels, strict=True)}
-    diagnoses = [(keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_diagnosis(item))
-                 for k, item in enumerate(several(inputs, "diagnoses"))]  # fmt: skip
+    diagnoses = [
+        (keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_diagnosis(item))
+        for k, item in enumerate(several(inputs, "diagnoses"))
+    ]
     diagnoses.sort(key=lambda pair: labels.index(pair[0]))
     evals = several(inputs, "evals")
     named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
@@ -115,10 +122,16 @@ def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, label
     held = [name for name in recordings.test if name not in fitted] if fit_is_known(inputs) else []
     manifest = inputs["recordings"].manifest
     return ReportFacts(
-        config.title or f"{recordings.environment}: model and measurement", read_compared(inputs, labels, recordings),
-        diagnoses, scores, held, fitted, provenance(inputs), manifest.address if manifest else recordings.environment,
+        config.title or f"{recordings.environment}: model and measurement",
+        read_compared(inputs, labels, recordings),
+        diagnoses,
+        scores,
+        held,
+        fitted,
+        provenance(inputs),
+        manifest.address if manifest else recordings.environment,
         this_report(inputs, asdict(config)),
-    )  # fmt: skip
+    )
 
 
 def _common_episodes(facts: ReportFacts) -> list[str]:
@@ -131,8 +144,11 @@ def _common_episodes(facts: ReportFacts) -> list[str]:
     first = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
     names = [name for name in first if all(name in known for known in sets)]
     if not names:
-        raise PlopError("No episode was compared with every model.", where="report.comparisons",
-                        fix="Run `plop compare` on the same episodes for every model.")  # fmt: skip
+        raise PlopError(
+            "No episode was compared with every model.",
+            where="report.comparisons",
+            fix="Run `plop compare` on the same episodes for every model.",
+        )
     return names
 
 
@@ -149,10 +165,15 @@ def _episode(inputs: Inputs, recordings: RecordingSet, name: str, config: Report
     frames = sorted({int(k) for k in np.linspace(0, count - 1, min(count, config.frames)).round()})
     packed = packed_episode(fields, frames)
     packed["images"] = episode_images(
-        recordings.path(name), inputs["init"].path / name, fields[0].points_m[0].astype(float), fields[0].patch,
-        [field.predicted_m.astype(float) for field in fields], frames, camera=config.camera,
+        recordings.path(name),
+        inputs["init"].path / name,
+        fields[0].points_m[0].astype(float),
+        fields[0].patch,
+        [field.predicted_m.astype(float) for field in fields],
+        frames,
+        camera=config.camera,
         limit_mm=config.difference_mm,
-    )  # fmt: skip
+    )
     return packed
 
 
@@ -162,13 +183,24 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
     rows = []
     for compared, error in zip(facts.compared, found, strict=True):
         share = closed_gap(found[0], error) if found[0] and error and error is not found[0] else None
-        rows.append({"model": compared.label, "over": over, "rms_mm": round(error["rms"], 3) if error else None,
-                     **{f"{b.key}_mm": round(error[b.key], 3) if error else None for b in BASELINES},
-                     "floor_mm": round(error["floor"], 3) if error else None,
-                     "way_to_floor_percent": round(100 * share, 1) if share and share > 0 else None})  # fmt: skip
+        rows.append(
+            {
+                "model": compared.label,
+                "over": over,
+                "rms_mm": round(error["rms"], 3) if error else None,
+                **{f"{b.key}_mm": round(error[b.key], 3) if error else None for b in BASELINES},
+                "floor_mm": round(error["floor"], 3) if error else None,
+                "way_to_floor_percent": round(100 * share, 1) if share and share > 0 else None,
+            }
+        )
     verdict = facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"
-    figures = {"file": "report.html", "size_mb": round(size_mb, 2), "models": len(facts.compared),
-               "episodes": len(names), "verdict": verdict}  # fmt: skip
+    figures = {
+        "file": "report.html",
+        "size_mb": round(size_mb, 2),
+        "models": len(facts.compared),
+        "episodes": len(names),
+        "verdict": verdict,
+    }
     if facts.diagnoses:
         figures["says"] = headline(*facts.diagnoses[0])
     warnings = beaten(facts)
@@ -187,8 +219,9 @@ STAGE = Stage(
     inputs={
         "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
         "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "models": InputSpec(("train", "identify", "augment"), "the models, for their parameters", optional=True,
-                            many=True),
+        "models": InputSpec(
+            ("train", "identify", "augment"), "the models, for their parameters", optional=True, many=True
+        ),
         "comparisons": InputSpec(("compare",), "one for each model, the base first", many=True),
         "diagnoses": InputSpec(("diagnose",), "what was diagnosed", optional=True, many=True),
         "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
@@ -196,4 +229,4 @@ STAGE = Stage(
     run=run,
     check=settings_only(_check),
     check_inputs=check_inputs,
-)  # fmt: skip
+)

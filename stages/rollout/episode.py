@@ -77,14 +77,17 @@ def roll_out(
                 steps_ms += [ms] if frame else []
                 out.progress(frame + 1, frames, name, gaussians=len(state.gaussians))
         _film(recording, tool, video_camera, folder, config, out)
-    row = {"episode": name, "frames": frames, "gaussians_first": len(start), "gaussians_last": len(state.gaussians),
-           "step_ms": round(float(np.median(steps_ms)), 2)}  # fmt: skip
+    row = {
+        "episode": name,
+        "frames": frames,
+        "gaussians_first": len(start),
+        "gaussians_last": len(state.gaussians),
+        "step_ms": round(float(np.median(steps_ms)), 2),
+    }
     return row, steps_ms
 
 
-def _film(
-    recording: Recording, tool: Gaussians, camera: str, folder: Path, config: RolloutConfig, out: Output
-) -> None:  # fmt: skip
+def _film(recording: Recording, tool: Gaussians, camera: str, folder: Path, config: RolloutConfig, out: Output) -> None:
     """Write the video and a still of its most telling frame, from the files of the rollout."""
     frames = len(recording)
     rate = config.video_rate_hz or (frames - 1) / float(np.ptp(recording.time_s))
@@ -107,20 +110,34 @@ def _film(
 def _check_same_object(start: Gaussians, recording: Recording, least: float) -> None:
     """Refuse a fit whose Gaussians do not lie where frame 0 shows the object (or the tool before it)."""
     if len(recording) < 2:
-        raise PlopError("There is nothing to predict.", where=recording.path, expected="at least 2 frames",
-                        found=f"{len(recording)} frame(s)", fix="Leave this episode out.")  # fmt: skip
+        raise PlopError(
+            "There is nothing to predict.",
+            where=recording.path,
+            expected="at least 2 frames",
+            found=f"{len(recording)} frame(s)",
+            fix="Leave this episode out.",
+        )
     inside = []
     for name in recording.camera_names:
         view = recording.view(name, 0)
         if view.object_mask.any():
             inside.append(_part_inside(start.means.cpu().numpy(), view))
     if not inside:
-        raise PlopError("No camera sees the object at frame 0.", where=recording.path, expected="an object mask",
-                        found="empty masks in all cameras", fix="Check the masks of `plop ingest`.")  # fmt: skip
+        raise PlopError(
+            "No camera sees the object at frame 0.",
+            where=recording.path,
+            expected="an object mask",
+            found="empty masks in all cameras",
+            fix="Check the masks of `plop ingest`.",
+        )
     if np.mean(inside) < least:
-        raise PlopError("The fitted Gaussians are of another object.", where=f"{recording.name}, frame 0",
-                        expected=f"at least {least:.0%} of them inside the object's masks",
-                        found=f"{np.mean(inside):.0%}", fix="Run `plop fit-init` on these recordings.")  # fmt: skip
+        raise PlopError(
+            "The fitted Gaussians are of another object.",
+            where=f"{recording.name}, frame 0",
+            expected=f"at least {least:.0%} of them inside the object's masks",
+            found=f"{np.mean(inside):.0%}",
+            fix="Run `plop fit-init` on these recordings.",
+        )
 
 
 def _part_inside(points: np.ndarray, view: View) -> float:

@@ -93,27 +93,38 @@ def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str
     pool = recordings.names if config.split == "all" else getattr(recordings, config.split)
     names = [name for name in pool if fnmatchcase(name, config.episodes)]
     if not names:
-        raise PlopError("No episode is chosen.", where=recordings.folder,
-                        expected=f"an episode of split {config.split} that matches {config.episodes}",
-                        found=", ".join(pool) or "no episode in this split",
-                        fix="Change rollout.split or rollout.episodes, or ingest with another split.")  # fmt: skip
+        raise PlopError(
+            "No episode is chosen.",
+            where=recordings.folder,
+            expected=f"an episode of split {config.split} that matches {config.episodes}",
+            found=", ".join(pool) or "no episode in this split",
+            fix="Change rollout.split or rollout.episodes, or ingest with another split.",
+        )
     return names
 
 
 def _check_init(folder: Path, name: str) -> None:
     for part in ("object.ply", "tool.ply"):
         if not (folder / part).is_file():
-            raise PlopError("An episode has no fitted Gaussians.", where=folder / part, expected=f"a fit of {name}",
-                            found="no file",
-                            fix="Run `plop fit-init` on the same recordings, or choose other episodes.")  # fmt: skip
+            raise PlopError(
+                "An episode has no fitted Gaussians.",
+                where=folder / part,
+                expected=f"a fit of {name}",
+                found="no file",
+                fix="Run `plop fit-init` on the same recordings, or choose other episodes.",
+            )
 
 
 def _check_environment(model_folder: Path, environment: str) -> None:
     trained_on = read_facts(model_folder).get("training", {}).get("environment")
     if trained_on not in (None, environment):
-        raise PlopError("The model was trained on another object.", where=model_folder / "model.json",
-                        expected=environment, found=str(trained_on),
-                        fix="Choose a model of this environment, or set rollout.other_environment.")  # fmt: skip
+        raise PlopError(
+            "The model was trained on another object.",
+            where=model_folder / "model.json",
+            expected=environment,
+            found=str(trained_on),
+            fix="Choose a model of this environment, or set rollout.other_environment.",
+        )
 
 
 STAGE = Stage(

@@ -47,9 +47,13 @@ def write_droid(
     """
     ring = cameras_of(sequence, settings)
     if len(ring) < 2:
-        raise PlopError("DROID episodes need two exterior cameras.", where="simulate.cameras", expected="2 or more",
-                        found=str(len(ring)),
-                        fix="Set simulate.cameras to 2 or more, or leave --droid out.")  # fmt: skip
+        raise PlopError(
+            "DROID episodes need two exterior cameras.",
+            where="simulate.cameras",
+            expected="2 or more",
+            found=str(len(ring)),
+            fix="Set simulate.cameras to 2 or more, or leave --droid out.",
+        )
     end = float(sequence.times[-1])
     slow = resampled(sequence, np.arange(0, end + STEP_MS / 2000, STEP_MS / 1000))
     chosen = [ring[0], ring[len(ring) // 2]]
@@ -57,16 +61,25 @@ def write_droid(
         render = disturbed_render(slow, chosen, settings, disturbances, stack)
         views = [[render(frame, camera) for camera in chosen] for frame in range(len(slow))]
     cameras = [
-        RawCamera(f"1000000{number}", number, [row[number - 1].rgb for row in views], _pose6(_in_base(camera)),
-                  intrinsics=_integer_centres(camera), depth_m=[row[number - 1].depth_m for row in views])
+        RawCamera(
+            f"1000000{number}",
+            number,
+            [row[number - 1].rgb for row in views],
+            _pose6(_in_base(camera)),
+            intrinsics=_integer_centres(camera),
+            depth_m=[row[number - 1].depth_m for row in views],
+        )
         for number, camera in enumerate(chosen, 1)
-    ]  # fmt: skip
+    ]
     flange = BASE_FROM_WORLD @ slow.world_from_tool @ invert_rigid(pose_from_euler_xyz(FLANGE_FROM_TOOL))
     shutil.rmtree(draft, ignore_errors=True)
     written = write_droid_episode(
-        draft, cameras, np.stack([_pose6(pose) for pose in flange]), moment=_FIRST + timedelta(minutes=k),
+        draft,
+        cameras,
+        np.stack([_pose6(pose) for pose in flange]),
+        moment=_FIRST + timedelta(minutes=k),
         notes=_notes(sequence),
-    )  # fmt: skip
+    )
     trimesh.Trimesh(sequence.tool_vertices, sequence.tool_faces, process=False).export(written / "tool.stl")
     target = folder / written.relative_to(draft)
     shutil.rmtree(target, ignore_errors=True)

@@ -84,10 +84,17 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     recordings = RecordingSet(out.path, scene.name, *split_names(pieces.names, config.test))
     recordings.save()
     rms, floor = pieces.rms_m(), noise_floor_m(config)
-    seal_answer(out.path, {
-        "effects": {effect.name: dict(effect.values) for effect in hidden}, "faults": faults.as_dict(),
-        "random": any(wish.effect is None for wish in wishes), "rms_m": rms, "noise_floor_m": floor, "snr": rms / floor,
-    })  # fmt: skip
+    seal_answer(
+        out.path,
+        {
+            "effects": {effect.name: dict(effect.values) for effect in hidden},
+            "faults": faults.as_dict(),
+            "random": any(wish.effect is None for wish in wishes),
+            "rms_m": rms,
+            "noise_floor_m": floor,
+            "snr": rms / floor,
+        },
+    )
     figures, table, warnings = overview(recordings)
     rows = [{**row, "motion": scene.motion_plan(pieces.names.index(row["episode"])).kind} for row in table]
     return Summary(figures=figures, table=rows, warnings=unfit + warnings)
@@ -113,18 +120,33 @@ def noise_floor_m(config: SimulateConfig) -> float:
 
 
 def _choose(
-    inputs: Inputs, scene: Scene, wishes: list[Wish], effects: dict[str, EffectType], config: SimulateConfig,
+    inputs: Inputs,
+    scene: Scene,
+    wishes: list[Wish],
+    effects: dict[str, EffectType],
+    config: SimulateConfig,
     out: Output,
-) -> list[Effect]:  # fmt: skip
-    return choose(scene, wishes, snr=config.snr, noise_floor_m=noise_floor_m(config), effects=effects,
-                  jobs=1 if "effect_file" in inputs else config.jobs,
-                  progress=lambda share: out.progress(0, scene.episodes, f"amplitude {share:.0%}"))  # fmt: skip
+) -> list[Effect]:
+    return choose(
+        scene,
+        wishes,
+        snr=config.snr,
+        noise_floor_m=noise_floor_m(config),
+        effects=effects,
+        jobs=1 if "effect_file" in inputs else config.jobs,
+        progress=lambda share: out.progress(0, scene.episodes, f"amplitude {share:.0%}"),
+    )
 
 
 def _episode(
-    scene: Scene, values: dict[str, dict[str, float]], files: list[Path], faults: Faults, config: SimulateConfig,
-    name: str, out: Output,
-) -> None:  # fmt: skip
+    scene: Scene,
+    values: dict[str, dict[str, float]],
+    files: list[Path],
+    faults: Faults,
+    config: SimulateConfig,
+    name: str,
+    out: Output,
+) -> None:
     """Simulate and record one episode, and keep how far the hidden effects, given by their values, moved it."""
     pieces, known = Pieces(out, scene), library(files)
     k, hidden = pieces.names.index(name), [known[key](**given) for key, given in values.items()]
@@ -148,11 +170,12 @@ STAGE = Stage(
     help="Simulate a scene (TOML) of a soft object and a tool, with or without hidden effects, into recordings.",
     config=SimulateConfig,
     inputs={
-        "scene": InputSpec((), "TOML file of the scene; a bare name takes a shipped one: block.toml, sphere.toml, "
-                               "cylinder.toml."),
+        "scene": InputSpec(
+            (), "TOML file of the scene; a bare name takes a shipped one: block.toml, sphere.toml, cylinder.toml."
+        ),
         "effect_file": InputSpec((), "Python file with effects of your own.", optional=True),
     },
     run=run,
     check=settings_only(_check),
     find_raw=_find_raw,
-)  # fmt: skip
+)

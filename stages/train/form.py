@@ -59,7 +59,11 @@ def render_weights(config: TrainConfig) -> RenderWeights:
 def loss_weights(config: TrainConfig) -> LossWeights:
     """Give the weights of all terms."""
     return LossWeights(
-        track=config.track_weight, image=config.image_weight, rigid=config.rigid_weight,
-        rotation=config.rotation_weight, isometry=config.isometry_weight, sever=config.sever,
+        track=config.track_weight,
+        image=config.image_weight,
+        rigid=config.rigid_weight,
+        rotation=config.rotation_weight,
+        isometry=config.isometry_weight,
+        sever=config.sever,
         render=render_weights(config),
-    )  # fmt: skip
+    )

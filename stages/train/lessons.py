@@ -45,5 +45,8 @@ class Lessons:
 
     def without(self, names: Collection[str]) -> Lessons:
         """Leave out recorded episodes and what was made up from them."""
-        return replace(self, recorded=[name for name in self.recorded if name not in names],
-                       made_up=[episode for episode in self.made_up if episode.recorded not in names])  # fmt: skip
+        return replace(
+            self,
+            recorded=[name for name in self.recorded if name not in names],
+            made_up=[episode for episode in self.made_up if episode.recorded not in names],
+        )

@@ -93,9 +93,14 @@ def make_up(
 
 
 def _make_one_up(
-    pieces: Mapping[str, MadeUp], recordings: RecordingSet, init: Path, engine: Path, how: MakingUp, piece: str,
+    pieces: Mapping[str, MadeUp],
+    recordings: RecordingSet,
+    init: Path,
+    engine: Path,
+    how: MakingUp,
+    piece: str,
     out: Output,
-) -> None:  # fmt: skip
+) -> None:
     episode, model = pieces[piece], engine_model(engine)
     initial = read_splat(init / episode.recorded / "object.ply")
     with recordings.open(episode.recorded) as recording:
@@ -128,7 +133,11 @@ def engine_model(folder: Path) -> FilledEngineModel:
     """
     model = load_model(folder)
     if not isinstance(model, FilledEngineModel):
-        raise PlopError("Only an engine makes up episodes.", where=folder, expected="a model of `plop identify`",
-                        found="a learned model",
-                        fix="Give the engine that was fitted to these recordings.")  # fmt: skip
+        raise PlopError(
+            "Only an engine makes up episodes.",
+            where=folder,
+            expected="a model of `plop identify`",
+            found="a learned model",
+            fix="Give the engine that was fitted to these recordings.",
+        )
     return FilledEngineModel(model.base, model.effects)

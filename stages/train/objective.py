@@ -176,8 +176,9 @@ def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, wei
         return gaussians.means.new_zeros(())
     with Recording(rollout.track.recording_path) as recording:
         names = recording.camera_names
-        views = measured_views(recording, frame, [names[rollout.window.cameras[k] % len(names)]],
-                               gaussians.means.device)  # fmt: skip
+        views = measured_views(
+            recording, frame, [names[rollout.window.cameras[k] % len(names)]], gaussians.means.device
+        )
     if not views:
         return gaussians.means.new_zeros(())
     return render_loss(render(gaussians, views[0].camera), views[0].target, weights)[0]

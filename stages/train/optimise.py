@@ -122,9 +122,15 @@ def optimise(
 
 
 def _one_step(
-    step_loss: nn.Module, optimiser: torch.optim.Optimizer, track: Callable[[int], Track], motions: list[np.ndarray],
-    plan: Schedule, weights: LossWeights, step: int, processes: Processes,
-) -> tuple[float, dict[str, float]]:  # fmt: skip
+    step_loss: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    track: Callable[[int], Track],
+    motions: list[np.ndarray],
+    plan: Schedule,
+    weights: LossWeights,
+    step: int,
+    processes: Processes,
+) -> tuple[float, dict[str, float]]:
     windows = draw_windows(motions, plan.batch, plan.horizon_at(step), seed=plan.seed, step=step, mirror=plan.mirror)
     mine = share(windows, processes)
     if step < plan.track_steps:
@@ -152,9 +158,15 @@ def _motion(track: Track) -> np.ndarray:
 
 
 def _validate(
-    model: PlopModel, averaged: dict[str, Tensor], track: Callable[[int], Track], episodes: int, at: Progressed,
-    step: int, out: Output, about: Mapping[str, Any],
-) -> Progressed:  # fmt: skip
+    model: PlopModel,
+    averaged: dict[str, Tensor],
+    track: Callable[[int], Track],
+    episodes: int,
+    at: Progressed,
+    step: int,
+    out: Output,
+    about: Mapping[str, Any],
+) -> Progressed:
     """Roll out the training episodes with the averaged weights; write the weights if they are the best so far."""
     current = {name: value.clone() for name, value in model.state_dict().items()}
     model.load_state_dict(averaged)

@@ -79,6 +79,10 @@ def share(items: Sequence[Item], processes: Processes) -> list[Item]:
         PlopError: The batch cannot be shared evenly.
     """
     if len(items) % processes.count:
-        raise PlopError("The batch cannot be shared evenly.", expected=f"a multiple of {processes.count} processes",
-                        found=f"batch {len(items)}", fix="Set train.batch to such a multiple.")  # fmt: skip
+        raise PlopError(
+            "The batch cannot be shared evenly.",
+            expected=f"a multiple of {processes.count} processes",
+            found=f"batch {len(items)}",
+            fix="Set train.batch to such a multiple.",
+        )
     return list(items[processes.rank :: processes.count])

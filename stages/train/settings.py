@@ -114,14 +114,37 @@ def check_settings(config: TrainConfig) -> None:
     """
     weights = ("track", "image", "rigid", "rotation", "isometry", "ssim", "l1", "depth", "mask")
     check_jobs(config, "train")
-    check_ranges(config, "train", {
-        "track_steps": (0, inf), "image_steps": (0, inf), "batch": (1, inf), "horizon": (1, inf),
-        "learning_rate": (0, 1), "averaging": (0, 1), "noise_m": (0, 1), "validate_every": (1, inf),
-        "checkpoint_every": (1, inf), "width": (2, 4096), "cells_across": (1, 256), "merge_below": (0, 1),
-        "folds": (0, inf), "made_up": (0, inf), "made_up_reach": (0, 10), "made_up_speed": (1, 10),
-        "made_up_turn_deg": (0, 180), "split_above": (1, inf), "length_unit_m": (1e-6, inf),
-        "filter_iterations": (0, inf), **{f"{name}_weight": (0, inf) for name in weights},
-    })  # fmt: skip
+    check_ranges(
+        config,
+        "train",
+        {
+            "track_steps": (0, inf),
+            "image_steps": (0, inf),
+            "batch": (1, inf),
+            "horizon": (1, inf),
+            "learning_rate": (0, 1),
+            "averaging": (0, 1),
+            "noise_m": (0, 1),
+            "validate_every": (1, inf),
+            "checkpoint_every": (1, inf),
+            "width": (2, 4096),
+            "cells_across": (1, 256),
+            "merge_below": (0, 1),
+            "folds": (0, inf),
+            "made_up": (0, inf),
+            "made_up_reach": (0, 10),
+            "made_up_speed": (1, 10),
+            "made_up_turn_deg": (0, 180),
+            "split_above": (1, inf),
+            "length_unit_m": (1e-6, inf),
+            "filter_iterations": (0, inf),
+            **{f"{name}_weight": (0, inf) for name in weights},
+        },
+    )
     if config.track_steps + config.image_steps < 1:
-        raise PlopError("There is nothing to train.", where="train.track_steps, train.image_steps",
-                        expected="at least one step", found="0 and 0")  # fmt: skip
+        raise PlopError(
+            "There is nothing to train.",
+            where="train.track_steps, train.image_steps",
+            expected="at least one step",
+            found="0 and 0",
+        )

@@ -69,16 +69,28 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     if "engine" in inputs:
         engine_model(inputs["engine"].path)
         _check_engine_is_clean(inputs["engine"].path, recordings, recordings_content(inputs["recordings"].manifest))
-        check_same_object(inputs["engine"].path, recordings.environment, [],
-                          fix="Give the engine that was fitted to these recordings.")  # fmt: skip
+        check_same_object(
+            inputs["engine"].path,
+            recordings.environment,
+            [],
+            fix="Give the engine that was fitted to these recordings.",
+        )
     if not recordings.train:
-        raise PlopError("There is no episode to train on.", where=recordings.folder, expected="at least 1",
-                        found=f"{len(recordings.test)} test episodes",
-                        fix="Choose fewer test episodes where these recordings are made: --test.")  # fmt: skip
+        raise PlopError(
+            "There is no episode to train on.",
+            where=recordings.folder,
+            expected="at least 1",
+            found=f"{len(recordings.test)} test episodes",
+            fix="Choose fewer test episodes where these recordings are made: --test.",
+        )
     if config.folds == 1 or config.folds > len(recordings.train):
-        raise PlopError("The training episodes cannot be dealt out to so many folds.", where="train.folds",
-                        expected=f"0, or 2 to {len(recordings.train)}", found=str(config.folds),
-                        fix="Choose another number; each fold learns without its share of the episodes.")  # fmt: skip
+        raise PlopError(
+            "The training episodes cannot be dealt out to so many folds.",
+            where="train.folds",
+            expected=f"0, or 2 to {len(recordings.train)}",
+            found=str(config.folds),
+            fix="Choose another number; each fold learns without its share of the episodes.",
+        )
     with Processes.join(chosen_device(config.device)) as processes:
         if processes.first:
             _make_tracks(recordings, inputs["init"].path, config, out)
@@ -95,10 +107,13 @@ def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list
     """
     seen = seen_by(engine, recordings.test, content)
     if seen:
-        raise PlopError("The engine was fitted to episodes that are for testing.", where=engine / "model.json",
-                        expected="an engine fitted to training episodes only", found=", ".join(seen),
-                        fix="Fit one to them: `plop identify --split train --name clean`, then "
-                            "`plop train --engine clean`.")  # fmt: skip
+        raise PlopError(
+            "The engine was fitted to episodes that are for testing.",
+            where=engine / "model.json",
+            expected="an engine fitted to training episodes only",
+            found=", ".join(seen),
+            fix="Fit one to them: `plop identify --split train --name clean`, then `plop train --engine clean`.",
+        )
 
 
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
@@ -106,15 +121,26 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
     followed, warnings = _make_up(recordings, inputs, config, out)
     lessons = Lessons(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
     sizes = [_size_m(lessons.track(i)) for i in range(len(lessons.recorded))]
-    about = {"environment": recordings.environment, "size_m": np.median(sizes, axis=0).tolist(),
-             "made_up": len(followed)}  # fmt: skip
+    about = {
+        "environment": recordings.environment,
+        "size_m": np.median(sizes, axis=0).tolist(),
+        "made_up": len(followed),
+    }
     for k in range(config.folds):
         _train_fold(k, lessons, config, out, about)
     model, chosen = train_on(lessons.track, len(lessons), config, out, about=about, judged=len(lessons.recorded))
-    return Summary(figures={**tracked, **chosen, "train_episodes": len(recordings.train), "made_up_episodes":
-                            len(followed), "motion_mm": model.motion_m * 1e3, "length_mm": model.length_m * 1e3,
-                            **({} if model.stray_m is None else {"stray_mm": model.stray_m * 1e3})},
-                   warnings=warnings)  # fmt: skip
+    return Summary(
+        figures={
+            **tracked,
+            **chosen,
+            "train_episodes": len(recordings.train),
+            "made_up_episodes": len(followed),
+            "motion_mm": model.motion_m * 1e3,
+            "length_mm": model.length_m * 1e3,
+            **({} if model.stray_m is None else {"stray_mm": model.stray_m * 1e3}),
+        },
+        warnings=warnings,
+    )
 
 
 def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, about: Mapping[str, Any]) -> None:
@@ -129,15 +155,26 @@ def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, abou
     def progress(done: float, total: float, label: str = "", **figures: Any) -> None:
         out.progress(done, total, f"fold {k + 1} of {config.folds}: {label}", **figures)
 
-    train_on(kept.track, len(kept), config, replace(out, path=folder, progress=progress), judged=len(kept.recorded),
-             about={**about, "left_out": left_out})  # fmt: skip
+    train_on(
+        kept.track,
+        len(kept),
+        config,
+        replace(out, path=folder, progress=progress),
+        judged=len(kept.recorded),
+        about={**about, "left_out": left_out},
+    )
     out.mark_done(piece)
 
 
 def train_on(
-    track: Callable[[int], Track], episodes: int, config: TrainConfig, out: Output, *, about: Mapping[str, Any],
+    track: Callable[[int], Track],
+    episodes: int,
+    config: TrainConfig,
+    out: Output,
+    *,
+    about: Mapping[str, Any],
     judged: int | None = None,
-) -> tuple[PlopConfig, dict[str, float]]:  # fmt: skip
+) -> tuple[PlopConfig, dict[str, float]]:
     """Optimise a model on tracks.
 
     Args:
@@ -153,12 +190,29 @@ def train_on(
     """
     model = model_config(config, [track(i) for i in range(episodes)])
     plan = Schedule(
-        track_steps=config.track_steps, image_steps=config.image_steps, batch=config.batch, horizon=config.horizon,
-        learning_rate=config.learning_rate, averaging=config.averaging, noise_m=config.noise_m, mirror=config.mirror,
-        validate_every=config.validate_every, checkpoint_every=config.checkpoint_every, seed=config.seed,
-    )  # fmt: skip
-    chosen = optimise(model, track, episodes, plan, loss_weights(config), out,
-                      judged=judged, about=about, device=chosen_device(config.device))  # fmt: skip
+        track_steps=config.track_steps,
+        image_steps=config.image_steps,
+        batch=config.batch,
+        horizon=config.horizon,
+        learning_rate=config.learning_rate,
+        averaging=config.averaging,
+        noise_m=config.noise_m,
+        mirror=config.mirror,
+        validate_every=config.validate_every,
+        checkpoint_every=config.checkpoint_every,
+        seed=config.seed,
+    )
+    chosen = optimise(
+        model,
+        track,
+        episodes,
+        plan,
+        loss_weights(config),
+        out,
+        judged=judged,
+        about=about,
+        device=chosen_device(config.device),
+    )
     return model, chosen
 
 
@@ -183,12 +237,22 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece
     name = piece.removeprefix(_TRACK)
     splat = init / name / "object.ply"
     if not splat.is_file():
-        raise PlopError("An episode has no fitted Gaussians.", where=splat, expected="object.ply of `plop fit-init`",
-                        found="no file", fix="Run `plop fit-init` on the same recordings.")  # fmt: skip
+        raise PlopError(
+            "An episode has no fitted Gaussians.",
+            where=splat,
+            expected="object.ply of `plop fit-init`",
+            found="no file",
+            fix="Run `plop fit-init` on the same recordings.",
+        )
     update = UpdateConfig(iterations=config.filter_iterations, weights=render_weights(config))
-    error = track_episode(recordings.path(name), splat, out.path / "tracks" / f"{name}.h5", update,
-                          lambda done, frames: out.progress(done, frames, f"track {name}"),
-                          chosen_device(config.device))  # fmt: skip
+    error = track_episode(
+        recordings.path(name),
+        splat,
+        out.path / "tracks" / f"{name}.h5",
+        update,
+        lambda done, frames: out.progress(done, frames, f"track {name}"),
+        chosen_device(config.device),
+    )
     write_json(out.path / "tracks" / f"{name}.json", error)
 
 

@@ -65,9 +65,14 @@ def track_episode(
 def append_state(writer: TrajectoryWriter, frame: int, state: ParticleState, **extra: Tensor | np.ndarray) -> None:
     """Add a state to a track's file, with whatever else belongs to the frame."""
     writer.append(
-        "updated", frame, state.gaussians, last_translation=state.last_translation,
-        last_rotation=state.last_rotation, side=state.side, **extra,
-    )  # fmt: skip
+        "updated",
+        frame,
+        state.gaussians,
+        last_translation=state.last_translation,
+        last_rotation=state.last_rotation,
+        side=state.side,
+        **extra,
+    )
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,9 @@ TRAJECTORY = """
 def test_a_full_disk_is_one_clear_error_and_leaves_nothing(tmp_path: Path, work: str) -> None:
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     script = LIMITED.replace("{work}", work.strip())
-    done = subprocess.run([sys.executable, "-c", script, str(tmp_path / "a.h5")], env=env, capture_output=True,
-                          text=True, check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "a.h5")], env=env, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 1 and done.stderr.strip() == "The file cannot be written."
     assert list(tmp_path.iterdir()) == []
 

@@ -90,12 +90,14 @@ class Config:
 def test_fingerprint_changes_with_everything_that_decides():
     base = fingerprint("train", 1, deciding(Config()), {"raw": "aa"})
     assert base == fingerprint("train", 1, deciding(Config(threads=8)), {"raw": "aa"})
-    others = [fingerprint("fuse", 1, deciding(Config()), {"raw": "aa"}),
-              fingerprint("train", 2, deciding(Config()), {"raw": "aa"}),
-              fingerprint("train", 1, deciding(Config(rate=0.2)), {"raw": "aa"}),
-              fingerprint("train", 1, deciding(Config(inner=Inner(4))), {"raw": "aa"}),
-              fingerprint("train", 1, deciding(Config()), {"raw": "ab"}),
-              fingerprint("train", 1, deciding(Config()), {})]  # fmt: skip
+    others = [
+        fingerprint("fuse", 1, deciding(Config()), {"raw": "aa"}),
+        fingerprint("train", 2, deciding(Config()), {"raw": "aa"}),
+        fingerprint("train", 1, deciding(Config(rate=0.2)), {"raw": "aa"}),
+        fingerprint("train", 1, deciding(Config(inner=Inner(4))), {"raw": "aa"}),
+        fingerprint("train", 1, deciding(Config()), {"raw": "ab"}),
+        fingerprint("train", 1, deciding(Config()), {}),
+    ]
     assert len({base, *others}) == 1 + len(others)
 
 

@@ -21,8 +21,9 @@ def store(tmp_path: Path) -> Store:
 
 
 def ingest(store: Store, **settings: int) -> Artifact:
-    return execute(fake.INGEST, store=store, config=fake.PiecesConfig(**settings),
-                   inputs={"raw": store.workspace / "blocks"}).artifact  # fmt: skip
+    return execute(
+        fake.INGEST, store=store, config=fake.PiecesConfig(**settings), inputs={"raw": store.workspace / "blocks"}
+    ).artifact
 
 
 def make(store: Store, stage: Stage, **settings: bool) -> Artifact:

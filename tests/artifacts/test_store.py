@@ -73,7 +73,8 @@ def test_the_latest_are_told_where_none_is_like_what_was_asked_for(store: Store)
     with pytest.raises(PlopError) as caught:
         store.find("xxxxx")
     assert caught.value.found == "nothing; perhaps " + "; ".join(
-        f"{name} = train@{number:02d}" for number, name in list(enumerate(names))[:0:-1])
+        f"{name} = train@{number:02d}" for number, name in list(enumerate(names))[:0:-1]
+    )
 
 
 def test_ambiguous_prefix_lists_candidates(store: Store):

@@ -24,16 +24,28 @@ class One:
         return f"{self.key[0]}@{self.key[1][:8]}"
 
 
-ALL = [One(("ingest", "a1b2c3d4e5")), One(("train", "3f9a1c0477")), One(("rollout", "77aa00bb11")),
-       One(("train", "99ff00ee22"))]  # fmt: skip
+ALL = [
+    One(("ingest", "a1b2c3d4e5")),
+    One(("train", "3f9a1c0477")),
+    One(("rollout", "77aa00bb11")),
+    One(("train", "99ff00ee22")),
+]
 NAMES = {"base": "train@3f9a1c0477", "gone": "fuse@00"}
 
 
-@pytest.mark.parametrize(("asked", "first"), [
-    ("train@3f9b", "base = train@3f9a1c04"), ("train@3f9a1c05", "base = train@3f9a1c04"),
-    ("bsae", "base = train@3f9a1c04"), ("trian@99ff", "train@99ff00ee"), ("rolout@latest", "rollout@77aa00bb"),
-    ("77aa00bb", "rollout@77aa00bb"), ("ingest", "ingest@a1b2c3d4"), ("Ingest@A1B2", "ingest@a1b2c3d4"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("asked", "first"),
+    [
+        ("train@3f9b", "base = train@3f9a1c04"),
+        ("train@3f9a1c05", "base = train@3f9a1c04"),
+        ("bsae", "base = train@3f9a1c04"),
+        ("trian@99ff", "train@99ff00ee"),
+        ("rolout@latest", "rollout@77aa00bb"),
+        ("77aa00bb", "rollout@77aa00bb"),
+        ("ingest", "ingest@a1b2c3d4"),
+        ("Ingest@A1B2", "ingest@a1b2c3d4"),
+    ],
+)
 def test_the_nearest_comes_first(asked, first):
     assert nearest(asked, ALL, NAMES)[0] == first
 
@@ -43,9 +55,10 @@ def test_the_latest_are_told_where_nothing_is_near():
     assert nearest("qqqq", [], {}) == []
 
 
-@pytest.mark.parametrize(("seconds", "text"), [
-    (5, "5 s ago"), (300, "5 min ago"), (7200, "2 h ago"), (5 * 86400, "5 days ago"), (-3, "0 s ago"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(5, "5 s ago"), (300, "5 min ago"), (7200, "2 h ago"), (5 * 86400, "5 days ago"), (-3, "0 s ago")],
+)
 def test_age(seconds, text):
     assert age((NOW - timedelta(seconds=seconds)).isoformat(), NOW) == text
     assert age("", NOW) == age("yesterday", NOW) == age("2026-01-01", NOW) == ""

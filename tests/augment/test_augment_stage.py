@@ -37,8 +37,12 @@ def learned(tmp_path: Path) -> Input:
 
 def diagnosis(folder: Path, named: tuple[str, ...] = ("viscosity",), value: float = 40.0) -> Input:
     folder.mkdir(exist_ok=True)
-    row = {"effect": "viscosity", "parameters": {"viscosity_pa_s": {"value": value, "low": 30.0, "high": 50.0,
-           "unit": "Pa s", "at_bound": False}}}  # fmt: skip
+    row = {
+        "effect": "viscosity",
+        "parameters": {
+            "viscosity_pa_s": {"value": value, "low": 30.0, "high": 50.0, "unit": "Pa s", "at_bound": False}
+        },
+    }
     base = {"effect": "stiffness", "parameters": {"d_ln_e": {"value": 0.3, "low": 0.2, "high": 0.4, "unit": "-"}}}
     facts = {"verdict": {"kind": "EFFECT", "named": list(named)}, "ranking": [row], "base": base}
     (folder / "diagnosis.json").write_text(json.dumps(facts))
@@ -51,8 +55,11 @@ def out(folder: Path) -> Output:
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*"))
-            if p.is_file() and p.name != MANIFEST_NAME}  # fmt: skip
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file() and p.name != MANIFEST_NAME
+    }
 
 
 def test_what_was_diagnosed_is_added_with_its_interval(engine, tmp_path):
@@ -111,12 +118,19 @@ def test_a_users_effect_travels_with_the_model(engine, tmp_path):
     assert load_model(tmp_path / "a").effects[0]["a"] == 0.5
 
 
-@pytest.mark.parametrize("value, where", [
-    (("viscosity_pa_s=1e9",), "viscosity.viscosity_pa_s"), (("viscosity_pa_s=-1",), "viscosity.viscosity_pa_s"),
-    (("viscosity_pa_s=nan",), "viscosity.viscosity_pa_s"), (("viscosity=3",), "viscosity.viscosity"),
-    (("viscosity_pa_s=much",), "--value"), (("viscosity_pa_s",), "--value"), (("=1",), "--value"),
-    (("viscosity_pa_s=0",), "viscosity"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "value, where",
+    [
+        (("viscosity_pa_s=1e9",), "viscosity.viscosity_pa_s"),
+        (("viscosity_pa_s=-1",), "viscosity.viscosity_pa_s"),
+        (("viscosity_pa_s=nan",), "viscosity.viscosity_pa_s"),
+        (("viscosity=3",), "viscosity.viscosity"),
+        (("viscosity_pa_s=much",), "--value"),
+        (("viscosity_pa_s",), "--value"),
+        (("=1",), "--value"),
+        (("viscosity_pa_s=0",), "viscosity"),
+    ],
+)
 def test_values_that_cannot_be_are_refused(engine, tmp_path, value, where):
     with pytest.raises(PlopError) as caught:
         run({"model": engine}, AugmentConfig("viscosity", value), out(tmp_path / "a"))
@@ -179,9 +193,15 @@ def test_a_diagnosis_of_another_model_is_refused(engine, tmp_path):
     content = content_digest(content_files(mine))
     found = diagnosis(tmp_path / "d")
     model = Input(engine.path, mine)
-    run({"model": model, "diagnosis": Input(found.path, manifest("diagnose", {}, content))}, AugmentConfig(),
-        out(tmp_path / "a"))  # fmt: skip
+    run(
+        {"model": model, "diagnosis": Input(found.path, manifest("diagnose", {}, content))},
+        AugmentConfig(),
+        out(tmp_path / "a"),
+    )
     with pytest.raises(PlopError, match="another model") as caught:
-        run({"model": model, "diagnosis": Input(found.path, manifest("diagnose", {}, "other"))}, AugmentConfig(),
-            out(tmp_path / "b"))  # fmt: skip
+        run(
+            {"model": model, "diagnosis": Input(found.path, manifest("diagnose", {}, "other"))},
+            AugmentConfig(),
+            out(tmp_path / "b"),
+        )
     assert "--fit" in caught.value.fix and not (tmp_path / "b" / "model.json").exists()

@@ -38,8 +38,9 @@ def board_seen_by(camera, noise_mm=0.1):
 
 
 def write_poses(tmp_path, robot, board, mount="fixed"):
-    return handeye_folder(tmp_path, np.eye(4), base_from_gripper=robot.tolist(), cam_from_board=board.tolist(),
-                          mount=mount)  # fmt: skip
+    return handeye_folder(
+        tmp_path, np.eye(4), base_from_gripper=robot.tolist(), cam_from_board=board.tolist(), mount=mount
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -132,10 +133,14 @@ def easy(folder, name, content):
 @pytest.mark.parametrize("kind", ["eye_on_base", "eye_in_hand"])
 def test_results_of_easy_handeye_are_read(tmp_path, kind):
     place, quat = {"x": 0.7, "y": -0.4, "z": 0.5}, {"x": 0.5, "y": 0.5, "z": -0.5, "w": 0.5}
-    new = {"parameters": {"calibration_type": kind, "tracking_base_frame": "camera_color_optical_frame"},
-           "transform": {"translation": place, "rotation": quat}}  # fmt: skip
-    old = {"parameters": {"eye_on_hand": kind == "eye_in_hand", "tracking_base_frame": "cam_optical"},
-           "transformation": {**place, **{f"q{axis}": value for axis, value in quat.items()}}}  # fmt: skip
+    new = {
+        "parameters": {"calibration_type": kind, "tracking_base_frame": "camera_color_optical_frame"},
+        "transform": {"translation": place, "rotation": quat},
+    }
+    old = {
+        "parameters": {"eye_on_hand": kind == "eye_in_hand", "tracking_base_frame": "cam_optical"},
+        "transformation": {**place, **{f"q{axis}": value for axis, value in quat.items()}},
+    }
     found = [read_finished(easy(tmp_path / "a", "rig.calib", new)), read_finished(easy(tmp_path / "b", "r.yaml", old))]
     for each in found:
         assert each is not None and each.mount == ("fixed" if kind == "eye_on_base" else "wrist") and not each.notes
@@ -154,9 +159,13 @@ def test_results_of_easy_handeye_are_read(tmp_path, kind):
     ],
 )
 def test_finished_poses_that_cannot_be_are_refused(tmp_path, change, message):
-    content = {"parameters": {"calibration_type": "eye_on_base", "tracking_base_frame": "optical"},
-               "transform": {"translation": {"x": 0.7, "y": 0.0, "z": 0.5},
-                             "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}}  # fmt: skip
+    content = {
+        "parameters": {"calibration_type": "eye_on_base", "tracking_base_frame": "optical"},
+        "transform": {
+            "translation": {"x": 0.7, "y": 0.0, "z": 0.5},
+            "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        },
+    }
     change(content)
     with pytest.raises(PlopError, match=message):
         read_finished(easy(tmp_path / "a", "rig.calib", content))
@@ -192,9 +201,16 @@ def damaged(tmp_path, kind):
         (folder / "marker_data.yaml").write_text("- 1")
 
 
-@pytest.mark.parametrize(("kind", "message"), [("nan", "pose 3"), ("fewer", "14 robot poses, 13 board poses"),
-                                               ("empty", "is empty"), ("no yaml", "marker_data"),
-                                               ("list", "cannot be read")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("nan", "pose 3"),
+        ("fewer", "14 robot poses, 13 board poses"),
+        ("empty", "is empty"),
+        ("no yaml", "marker_data"),
+        ("list", "cannot be read"),
+    ],
+)
 def test_damaged_files_are_named(tmp_path, kind, message):
     write_set(tmp_path / "set", {"a": {}}, cameras=ring(2))
     (tmp_path / "poses").mkdir()
@@ -205,8 +221,9 @@ def test_damaged_files_are_named(tmp_path, kind, message):
 
 def test_degrees_in_a_rotation_vector_are_named(tmp_path):
     (tmp_path / "pose_0").mkdir()
-    (tmp_path / "pose_0" / "data.json").write_text(json.dumps({
-        "O_T_EE": np.eye(4).tolist(), "T_cam_target_rvec": [80, 10, 5], "T_cam_target_tvec": [0, 0, 1]}))  # fmt: skip
+    (tmp_path / "pose_0" / "data.json").write_text(
+        json.dumps({"O_T_EE": np.eye(4).tolist(), "T_cam_target_rvec": [80, 10, 5], "T_cam_target_tvec": [0, 0, 1]})
+    )
     with pytest.raises(PlopError, match="degrees"):
         read_handeye(tmp_path)
 
@@ -250,8 +267,9 @@ def test_hand_eye_images_of_a_legacy_board_are_read(tmp_path):
     drawn = Board("charuco", 6, 4, 0.034, 0.026, legacy=True)
     for i, pose in enumerate(poses(4)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), photograph(drawn, pose))
-    (tmp_path / "poses.json").write_text(json.dumps({"base_from_gripper": robot_poses(4).tolist(),
-                                                     "images": [f"{i}.png" for i in range(4)]}))  # fmt: skip
+    (tmp_path / "poses.json").write_text(
+        json.dumps({"base_from_gripper": robot_poses(4).tolist(), "images": [f"{i}.png" for i in range(4)]})
+    )
     data = read_handeye(tmp_path, board=replace(drawn, legacy=False), matrix=MATRIX)
     assert len(data.cam_from_board) >= 3 and "legacy" in data.notes[0]
     assert find_board(photograph(drawn, poses(1)[0]), drawn) is not None

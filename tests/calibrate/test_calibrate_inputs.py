@@ -26,9 +26,25 @@ from tests.geometry.scene import ring, write_set
 from tests.geometry.test_boards import CHARUCO, MATRIX, photograph, poses
 from tests.geometry.test_handeye import robot_poses
 
-BLADE = Mesh(np.array([[x, y, z] for x in (0, 0.06) for y in (0, 0.004) for z in (0, 0.05)], float),
-             np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
-                       [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]))  # fmt: skip
+BLADE = Mesh(
+    np.array([[x, y, z] for x in (0, 0.06) for y in (0, 0.004) for z in (0, 0.05)], float),
+    np.array(
+        [
+            [0, 1, 3],
+            [0, 3, 2],
+            [4, 6, 7],
+            [4, 7, 5],
+            [0, 4, 5],
+            [0, 5, 1],
+            [2, 3, 7],
+            [2, 7, 6],
+            [0, 2, 6],
+            [0, 6, 4],
+            [1, 5, 7],
+            [1, 7, 3],
+        ]
+    ),
+)
 
 
 def calibrate(tmp_path, config=None, **folders):
@@ -44,11 +60,24 @@ def write_moving_tool(path, cameras, lag_s):
     time = np.arange(30) / 30
     motion = np.tile(np.eye(4), (len(time), 1, 1))
     motion[:, :3, 3] = np.stack([0.03 * np.sin(4 * time), 0 * time, 0.12 - 0.1 * time], 1) - [0.03, 0, 0]
-    with RecordingWriter(path, name=path.stem, source="test", environment="scene", table_z_m=None, time_s=time,
-                         tool_mesh=BLADE, world_from_tool=motion) as writer:  # fmt: skip
+    with RecordingWriter(
+        path,
+        name=path.stem,
+        source="test",
+        environment="scene",
+        table_z_m=None,
+        time_s=time,
+        tool_mesh=BLADE,
+        world_from_tool=motion,
+    ) as writer:
         for camera in cameras:
-            writer.add_camera(camera.name, camera.intrinsics, np.tile(camera.world_from_cam, (len(time), 1, 1)),
-                              camera.height, camera.width)  # fmt: skip
+            writer.add_camera(
+                camera.name,
+                camera.intrinsics,
+                np.tile(camera.world_from_cam, (len(time), 1, 1)),
+                camera.height,
+                camera.width,
+            )
             for frame, pose in enumerate(poses_at(time, motion, time - lag_s)):
                 mask = np.where(outline(BLADE, pose, camera), MaskLabel.TOOL, 0).astype(np.uint8)
                 mask[-2:] = MaskLabel.OBJECT
@@ -164,9 +193,15 @@ def test_a_disturbed_scan_is_bad_and_a_right_one_good(tmp_path):
     assert any("scan wrist (b)" in warning for warning in summary.warnings)
 
 
-@pytest.mark.parametrize("config", [CalibrateConfig(refine_scan="maybe"), CalibrateConfig(scan_scale="feet"),
-                                    CalibrateConfig(check_frames=0),
-                                    CalibrateConfig(max_disagreement_mm=-1)])  # fmt: skip
+@pytest.mark.parametrize(
+    "config",
+    [
+        CalibrateConfig(refine_scan="maybe"),
+        CalibrateConfig(scan_scale="feet"),
+        CalibrateConfig(check_frames=0),
+        CalibrateConfig(max_disagreement_mm=-1),
+    ],
+)
 def test_bad_settings_are_explained(tmp_path, config):
     write_set(tmp_path / "set", {"a": {}}, cameras=ring(2))
     with pytest.raises(PlopError):

@@ -198,10 +198,12 @@ def far(file):
         (scaled("cameras/cam1/world_from_cam", np.nan), "no numbers"),
         (scaled("cameras/cam1/world_from_cam", 0.5), "not a rotation"),
         (lambda file: file["tool"].pop("world_from_tool"), "incomplete"),
-        (lambda file: file["frames"].pop("time_s") and file["frames"].create_dataset("time_s", data=np.arange(9.0)),
-         "lengths do not match"),
+        (
+            lambda file: file["frames"].pop("time_s") and file["frames"].create_dataset("time_s", data=np.arange(9.0)),
+            "lengths do not match",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_explained_and_the_rest_goes_on(tmp_path, change, message):
     write_set(tmp_path / "set", {"a": {}, "b": {}}, cameras=ring(3))
 

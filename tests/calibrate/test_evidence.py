@@ -40,8 +40,16 @@ def wide(count):
 
 
 def test_distance_of_one_camera_is_named_and_the_others_stay(tmp_path):
-    cameras = [type(c)(c.name, c.width, c.height, c.intrinsics * [[0.5], [0.5], [1]] + np.array(
-        [[0, 0, c.width / 4], [0, 0, c.height / 4], [0, 0, 0]]), c.world_from_cam) for c in wide(3)]  # fmt: skip
+    cameras = [
+        type(c)(
+            c.name,
+            c.width,
+            c.height,
+            c.intrinsics * [[0.5], [0.5], [1]] + np.array([[0, 0, c.width / 4], [0, 0, c.height / 4], [0, 0, 0]]),
+            c.world_from_cam,
+        )
+        for c in wide(3)
+    ]
     write_set(tmp_path / "set", {"a": {}}, cameras=cameras)
     change(tmp_path / "set", as_distance(cameras[1]))
     _, facts = calibrate(tmp_path / "set", tmp_path / "out")

@@ -39,8 +39,9 @@ def episode(folder: Path) -> Path:
     return camera
 
 
-def as_poses(change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], mount: str = "fixed"
-             ) -> Callable[[Path], None]:  # fmt: skip
+def as_poses(
+    change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], mount: str = "fixed"
+) -> Callable[[Path], None]:
     def make(folder: Path) -> None:
         robot, board = change(*pairs())
         content = {"mount": mount, "base_from_gripper": robot.tolist(), "cam_from_board": board.tolist()}
@@ -53,9 +54,15 @@ def as_franka(folder: Path) -> None:
     camera = episode(folder)
     for i, (robot, board) in enumerate(zip(*pairs(), strict=True)):
         (camera / f"pose_{i}").mkdir()
-        (camera / f"pose_{i}" / "data.json").write_text(json.dumps({
-            "O_T_EE": robot.T.ravel().tolist(), "T_cam_target_tvec": board[:3, 3].tolist(),
-            "T_cam_target_rvec": Rotation.from_matrix(board[:3, :3]).as_rotvec().tolist()}))  # fmt: skip
+        (camera / f"pose_{i}" / "data.json").write_text(
+            json.dumps(
+                {
+                    "O_T_EE": robot.T.ravel().tolist(),
+                    "T_cam_target_tvec": board[:3, 3].tolist(),
+                    "T_cam_target_rvec": Rotation.from_matrix(board[:3, :3]).as_rotvec().tolist(),
+                }
+            )
+        )
 
 
 def as_ros2(folder: Path) -> None:
@@ -68,9 +75,13 @@ def as_ros2(folder: Path) -> None:
 def as_easy_handeye(folder: Path) -> None:
     pose = TRUTH[EXT1]
     quat = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
-    content = {"parameters": {"calibration_type": "eye_on_base", "tracking_base_frame": "camera_color_optical_frame"},
-               "transform": {"translation": dict(zip("xyz", pose[:3, 3].tolist(), strict=True)),
-                             "rotation": dict(zip("xyzw", quat, strict=True))}}  # fmt: skip
+    content = {
+        "parameters": {"calibration_type": "eye_on_base", "tracking_base_frame": "camera_color_optical_frame"},
+        "transform": {
+            "translation": dict(zip("xyz", pose[:3, 3].tolist(), strict=True)),
+            "rotation": dict(zip("xyzw", quat, strict=True)),
+        },
+    }
     (episode(folder) / "rig.calib").write_text(yaml.safe_dump(content))
 
 
@@ -93,35 +104,75 @@ def _name(done: Done) -> str:
     return RecordingSet.load(done.store.find("calibrate@latest").path).names[0]
 
 
-def refused(name: str, source: str, make: Callable[[Path], None], *words: str,
-            commands: tuple[str, ...] = COMMANDS) -> Case:  # fmt: skip
-    return Case(name, source, make, commands, warned=(NOT_USED, *words), never=("nan", "corrected here"),
-                right=cameras_stay)  # fmt: skip
+def refused(
+    name: str, source: str, make: Callable[[Path], None], *words: str, commands: tuple[str, ...] = COMMANDS
+) -> Case:
+    return Case(
+        name, source, make, commands, warned=(NOT_USED, *words), never=("nan", "corrected here"), right=cameras_stay
+    )
 
 
-def used(name: str, source: str, make: Callable[[Path], None], *words: str,
-         commands: tuple[str, ...] = COMMANDS) -> Case:  # fmt: skip
+def used(
+    name: str, source: str, make: Callable[[Path], None], *words: str, commands: tuple[str, ...] = COMMANDS
+) -> Case:
     return Case(name, source, make, commands, warned=words, never=("nan", NOT_USED), right=cameras_stay)
 
 
 CASES = [
     used("handeye_control", "own", as_poses(lambda r, b: (r, b)), "handeye"),
-    refused("handeye_mount_left_at_wrist", "moveit/moveit_calibration pose_samples.json",
-            as_poses(lambda r, b: (r, b), "wrist"), 'mount "fixed"'),
-    refused("handeye_inverted_robot", "opencv/opencv#20974", as_poses(lambda r, b: (invert_rigid(r), b)),
-            "if the robot poses are inverted (gripper_from_base)"),
-    refused("handeye_board_size_wrong", "moveit/moveit_calibration#38",
-            as_poses(lambda r, b: (r, stretched(b, 1.2))), "the board's size is wrong: scale 0.83"),
-    used("handeye_column_major", "libfranka robot_state.h",
-         as_poses(lambda r, b: (np.swapaxes(r, 1, 2), np.swapaxes(b, 1, 2))), "column-major: transposed"),
-    used("handeye_franka_column_major", "libfranka robot_state.h", as_franka, "column-major: transposed",
-         commands=(COMMANDS[0], COMMANDS[1] + " --handeye-mount fixed")),
+    refused(
+        "handeye_mount_left_at_wrist",
+        "moveit/moveit_calibration pose_samples.json",
+        as_poses(lambda r, b: (r, b), "wrist"),
+        'mount "fixed"',
+    ),
+    refused(
+        "handeye_inverted_robot",
+        "opencv/opencv#20974",
+        as_poses(lambda r, b: (invert_rigid(r), b)),
+        "if the robot poses are inverted (gripper_from_base)",
+    ),
+    refused(
+        "handeye_board_size_wrong",
+        "moveit/moveit_calibration#38",
+        as_poses(lambda r, b: (r, stretched(b, 1.2))),
+        "the board's size is wrong: scale 0.83",
+    ),
+    used(
+        "handeye_column_major",
+        "libfranka robot_state.h",
+        as_poses(lambda r, b: (np.swapaxes(r, 1, 2), np.swapaxes(b, 1, 2))),
+        "column-major: transposed",
+    ),
+    used(
+        "handeye_franka_column_major",
+        "libfranka robot_state.h",
+        as_franka,
+        "column-major: transposed",
+        commands=(COMMANDS[0], COMMANDS[1] + " --handeye-mount fixed"),
+    ),
     used("handeye_easy_handeye_result", "IFL-CAMP/easy_handeye#85", as_easy_handeye, "given"),
-    refused("handeye_ros2_yaml_mount_not_said", "shengyangzhuang/handeye_calibration_ros2#1", as_ros2,
-            "--handeye-mount fixed"),
-    used("handeye_ros2_yaml_eye_to_hand", "shengyangzhuang/handeye_calibration_ros2#1", as_ros2,
-         commands=(COMMANDS[0], COMMANDS[1] + " --handeye-mount fixed")),
-    Case("charuco_legacy_even_rows", "opencv/opencv#23152", as_legacy_board,
-         (COMMANDS[0], "calibrate --board-images boards --board-columns 6 --board-rows 4 --board-marker-m 0.026 "
-                       "--max-disagreement-mm 100"), warned=("legacy pattern",)),
-]  # fmt: skip
+    refused(
+        "handeye_ros2_yaml_mount_not_said",
+        "shengyangzhuang/handeye_calibration_ros2#1",
+        as_ros2,
+        "--handeye-mount fixed",
+    ),
+    used(
+        "handeye_ros2_yaml_eye_to_hand",
+        "shengyangzhuang/handeye_calibration_ros2#1",
+        as_ros2,
+        commands=(COMMANDS[0], COMMANDS[1] + " --handeye-mount fixed"),
+    ),
+    Case(
+        "charuco_legacy_even_rows",
+        "opencv/opencv#23152",
+        as_legacy_board,
+        (
+            COMMANDS[0],
+            "calibrate --board-images boards --board-columns 6 --board-rows 4 --board-marker-m 0.026 "
+            "--max-disagreement-mm 100",
+        ),
+        warned=("legacy pattern",),
+    ),
+]

@@ -34,8 +34,16 @@ def _block(frames: int = 5) -> MeshSequence:
         dent = max(0, _SIZE_M[2] - tip) * np.exp(-((rest[:, 0] / 0.012) ** 2))
         vertices[frame, :, 2] -= dent * rest[:, 2] / _SIZE_M[2]
         poses[frame, 2, 3] = tip + 0.02
-    return MeshSequence("block_000", "block", np.arange(frames) / 30, vertices, np.asarray(box.faces),
-                        np.asarray(blade.vertices), np.asarray(blade.faces), poses)  # fmt: skip
+    return MeshSequence(
+        "block_000",
+        "block",
+        np.arange(frames) / 30,
+        vertices,
+        np.asarray(box.faces),
+        np.asarray(blade.vertices),
+        np.asarray(blade.faces),
+        poses,
+    )
 
 
 def _write(change: Callable[[dict[str, Any]], object] = lambda arrays: None, **side: Any) -> Callable[[Path], None]:
@@ -109,9 +117,14 @@ _USD_TIMES = np.arange(1, 4) / 30
 
 
 def _usd(
-    *, turn: np.ndarray | None = None, scale: float = 1.0, codes: np.ndarray = _USD_TIMES,
-    times: np.ndarray = _USD_TIMES, units: dict[str, Any] | None = None, **layer: Any,
-) -> Callable[[Path], None]:  # fmt: skip
+    *,
+    turn: np.ndarray | None = None,
+    scale: float = 1.0,
+    codes: np.ndarray = _USD_TIMES,
+    times: np.ndarray = _USD_TIMES,
+    units: dict[str, Any] | None = None,
+    **layer: Any,
+) -> Callable[[Path], None]:
     def make(folder: Path) -> None:
         from pxr import Sdf
 
@@ -123,8 +136,9 @@ def _usd(
         arrays |= {key: placed(arrays[key]) for key in ("knife_position", "knife_vertices", "points_rest")}
         for name in ("pyramid_jelly_000", "pyramid_jelly_001"):
             nodes, knife = placed(disect_sample.node_positions()), placed(disect_sample.knife_positions())
-            path = disect_sample.write_sample(folder / "raw", name, nodes=nodes, knife=knife, times=codes,
-                                              arrays=arrays)  # fmt: skip
+            path = disect_sample.write_sample(
+                folder / "raw", name, nodes=nodes, knife=knife, times=codes, arrays=arrays
+            )
             written = Sdf.Layer.FindOrOpen(str(path))
             for key, value in layer.items():
                 written.pseudoRoot.SetInfo(key, value)
@@ -148,77 +162,201 @@ def _is_the_pyramid(done: Done) -> None:
 _CLOSED = ("clockwise", "not closed", "is damaged")
 _OF_MESHES = [
     Case("mesh control", "own", _write(), (_MESH,), never=_CLOSED, right=_is_the_block),
-    Case("mesh y up", "trifinger_simulation#38, IfcOpenShell#1155", _write(_turn), (_MESH,),
-         refused=("another axis", "y up it stands", '"up": "y"')),
-    Case("mesh y up, stated", "trifinger_simulation#38", _write(_turn, units={"up": "y"}), (_MESH,),
-         right=_is_the_block),
-    Case("mesh ten times too large", "Autodesk/maya-usd#932", _write(_scale(10)), (_MESH,),
-         refused=("implausible size", "decimetres", '"length"')),
-    Case("mesh in millimetres", "Autodesk/maya-usd#932", _write(_scale(1000)), (_MESH,),
-         refused=("implausible size", "millimetres", '"length": "mm"')),
-    Case("mesh in millimetres, stated", "Autodesk/maya-usd#932", _write(_scale(1000), units={"length": "mm"}), (_MESH,),
-         right=_is_the_block),
-    Case("mesh ten times too small", "Autodesk/maya-usd#932", _write(_scale(0.1)), (_MESH,),
-         refused=("implausible size", "10 times too small")),
-    Case("mesh half in its table", "own", _write(table_z_m=0.025), (_MESH,),
-         refused=("partly in its table", "table_z_m")),
+    Case(
+        "mesh y up",
+        "trifinger_simulation#38, IfcOpenShell#1155",
+        _write(_turn),
+        (_MESH,),
+        refused=("another axis", "y up it stands", '"up": "y"'),
+    ),
+    Case(
+        "mesh y up, stated", "trifinger_simulation#38", _write(_turn, units={"up": "y"}), (_MESH,), right=_is_the_block
+    ),
+    Case(
+        "mesh ten times too large",
+        "Autodesk/maya-usd#932",
+        _write(_scale(10)),
+        (_MESH,),
+        refused=("implausible size", "decimetres", '"length"'),
+    ),
+    Case(
+        "mesh in millimetres",
+        "Autodesk/maya-usd#932",
+        _write(_scale(1000)),
+        (_MESH,),
+        refused=("implausible size", "millimetres", '"length": "mm"'),
+    ),
+    Case(
+        "mesh in millimetres, stated",
+        "Autodesk/maya-usd#932",
+        _write(_scale(1000), units={"length": "mm"}),
+        (_MESH,),
+        right=_is_the_block,
+    ),
+    Case(
+        "mesh ten times too small",
+        "Autodesk/maya-usd#932",
+        _write(_scale(0.1)),
+        (_MESH,),
+        refused=("implausible size", "10 times too small"),
+    ),
+    Case(
+        "mesh half in its table", "own", _write(table_z_m=0.025), (_MESH,), refused=("partly in its table", "table_z_m")
+    ),
     Case("mesh pressed into its table by 2 mm", "own", _write(table_z_m=0.002), (_MESH,)),
     Case("mesh above its table", "own", _write(table_z_m=-0.2), (_MESH,), warned=("floats 200 mm", "table_z_m")),
-    Case("mesh times are frame numbers", "OpenUSD#3513", _write(lambda a: a.update(times=np.arange(5))), (_MESH,),
-         refused=("frame numbers", "frames_per_second")),
-    Case("mesh times are frame numbers, stated", "OpenUSD#3513",
-         _write(lambda a: a.update(times=np.arange(5)), units={"frames_per_second": 30}), (_MESH,),
-         right=_is_the_block),
-    Case("mesh times in milliseconds of fast frames", "OpenLORIS-Scene#28",
-         _write(lambda a: a.update(times=np.arange(5) * 0.5, world_from_tool=a["world_from_tool"][[0, 0, 0, 0, 0]],
-                                   vertices=a["vertices"][[0] * 5] - np.arange(5)[:, None, None] * [0, 0, 2e-5])),
-         (_MESH + " --set keep_untouched=true",), refused=("too slowly", "milliseconds", '"time": "ms"')),
-    Case("mesh times in nanoseconds", "chutsu/rs4se#1",
-         _write(lambda a: a.update(times=np.arange(5) * 33_333_333)), (_MESH,),
-         refused=("nanoseconds", '"time": "ns"')),
-    Case("mesh times a thousand times too short", "own", _write(lambda a: a.update(times=a["times"] / 1000)),
-         (_MESH,), refused=("too fast", "multiply them by 1000")),
-    Case("mesh vertex order changes", "mikedh/trimesh#1069", _write(_reorder), (_MESH,),
-         refused=("order of the vertices changes", "frame 3")),
-    Case("mesh vertices set to zero", "own", _write(lambda a: a["vertices"][2, 3:9].fill(0)), (_MESH,),
-         refused=("fall together", "frame 2")),
-    Case("mesh clockwise faces", "trimesh#2032", _write(lambda a: a.update(faces=a["faces"][:, ::-1])), (_MESH,),
-         warned=("48 of 48 faces were clockwise",), right=_is_the_block),
-    Case("mesh mixed faces", "trimesh#2032",
-         _write(lambda a: a.update(faces=np.r_[a["faces"][:9, ::-1], a["faces"][9:]])), (_MESH,),
-         warned=("9 of 48 faces were clockwise",), right=_is_the_block),
+    Case(
+        "mesh times are frame numbers",
+        "OpenUSD#3513",
+        _write(lambda a: a.update(times=np.arange(5))),
+        (_MESH,),
+        refused=("frame numbers", "frames_per_second"),
+    ),
+    Case(
+        "mesh times are frame numbers, stated",
+        "OpenUSD#3513",
+        _write(lambda a: a.update(times=np.arange(5)), units={"frames_per_second": 30}),
+        (_MESH,),
+        right=_is_the_block,
+    ),
+    Case(
+        "mesh times in milliseconds of fast frames",
+        "OpenLORIS-Scene#28",
+        _write(
+            lambda a: a.update(
+                times=np.arange(5) * 0.5,
+                world_from_tool=a["world_from_tool"][[0, 0, 0, 0, 0]],
+                vertices=a["vertices"][[0] * 5] - np.arange(5)[:, None, None] * [0, 0, 2e-5],
+            )
+        ),
+        (_MESH + " --set keep_untouched=true",),
+        refused=("too slowly", "milliseconds", '"time": "ms"'),
+    ),
+    Case(
+        "mesh times in nanoseconds",
+        "chutsu/rs4se#1",
+        _write(lambda a: a.update(times=np.arange(5) * 33_333_333)),
+        (_MESH,),
+        refused=("nanoseconds", '"time": "ns"'),
+    ),
+    Case(
+        "mesh times a thousand times too short",
+        "own",
+        _write(lambda a: a.update(times=a["times"] / 1000)),
+        (_MESH,),
+        refused=("too fast", "multiply them by 1000"),
+    ),
+    Case(
+        "mesh vertex order changes",
+        "mikedh/trimesh#1069",
+        _write(_reorder),
+        (_MESH,),
+        refused=("order of the vertices changes", "frame 3"),
+    ),
+    Case(
+        "mesh vertices set to zero",
+        "own",
+        _write(lambda a: a["vertices"][2, 3:9].fill(0)),
+        (_MESH,),
+        refused=("fall together", "frame 2"),
+    ),
+    Case(
+        "mesh clockwise faces",
+        "trimesh#2032",
+        _write(lambda a: a.update(faces=a["faces"][:, ::-1])),
+        (_MESH,),
+        warned=("48 of 48 faces were clockwise",),
+        right=_is_the_block,
+    ),
+    Case(
+        "mesh mixed faces",
+        "trimesh#2032",
+        _write(lambda a: a.update(faces=np.r_[a["faces"][:9, ::-1], a["faces"][9:]])),
+        (_MESH,),
+        warned=("9 of 48 faces were clockwise",),
+        right=_is_the_block,
+    ),
     Case("mesh open below", "mikedh/trimesh#1419", _write(_open_below), (_MESH,), warned=("not closed",)),
-    Case("mesh one-based faces", "OBJ, MATLAB", _write(lambda a: a.update(faces=a["faces"] + 1)), (_MESH,),
-         refused=("counted from 1", "subtract 1")),
-    Case("mesh quads", "krishauser/Klampt#205", _write(lambda a: a.update(faces=a["faces"][:, [0, 1, 2, 2]])), (_MESH,),
-         refused=("quads", "triangulate")),
-    Case("mesh row-vector poses", "gazebosim/sdformat#736",
-         _write(lambda a: a.update(world_from_tool=np.swapaxes(a["world_from_tool"], 1, 2))), (_MESH,),
-         refused=("not a rotation and a translation", "last row")),
+    Case(
+        "mesh one-based faces",
+        "OBJ, MATLAB",
+        _write(lambda a: a.update(faces=a["faces"] + 1)),
+        (_MESH,),
+        refused=("counted from 1", "subtract 1"),
+    ),
+    Case(
+        "mesh quads",
+        "krishauser/Klampt#205",
+        _write(lambda a: a.update(faces=a["faces"][:, [0, 1, 2, 2]])),
+        (_MESH,),
+        refused=("quads", "triangulate"),
+    ),
+    Case(
+        "mesh row-vector poses",
+        "gazebosim/sdformat#736",
+        _write(lambda a: a.update(world_from_tool=np.swapaxes(a["world_from_tool"], 1, 2))),
+        (_MESH,),
+        refused=("not a rotation and a translation", "last row"),
+    ),
     Case("mesh tool partly zero", "own", _write(_zeroed_tool), (_MESH,), refused=("tool's mesh is damaged", "0 0 0")),
     Case("mesh tool of loose triangles", "STL", _write(_soup_tool), (_MESH,), never=_CLOSED, right=_is_the_block),
-]  # fmt: skip
+]
 _OF_USD = [
     Case("usd control", "own", _usd(), (_DISECT,), right=_is_the_pyramid),
     Case("usd declares z up", "NVIDIA/warp#143", _usd(turn=_FROM_Z, upAxis="Z"), (_DISECT,), right=_is_the_pyramid),
-    Case("usd z up undeclared", "NVIDIA/warp#143", _usd(turn=_FROM_Z), (_DISECT,),
-         refused=("another axis", '"up": "z"')),
-    Case("usd declares centimetres", "Autodesk/maya-usd#932", _usd(scale=100, metersPerUnit=0.01), (_DISECT,),
-         right=_is_the_pyramid),
-    Case("usd and json contradict", "own", _usd(upAxis="Z", units={"length": "m", "up": "y"}), (_DISECT,),
-         refused=("different units or axes", "upAxis", ".json: units")),
+    Case(
+        "usd z up undeclared", "NVIDIA/warp#143", _usd(turn=_FROM_Z), (_DISECT,), refused=("another axis", '"up": "z"')
+    ),
+    Case(
+        "usd declares centimetres",
+        "Autodesk/maya-usd#932",
+        _usd(scale=100, metersPerUnit=0.01),
+        (_DISECT,),
+        right=_is_the_pyramid,
+    ),
+    Case(
+        "usd and json contradict",
+        "own",
+        _usd(upAxis="Z", units={"length": "m", "up": "y"}),
+        (_DISECT,),
+        refused=("different units or axes", "upAxis", ".json: units"),
+    ),
     Case("usd unit in the json", "own", _usd(scale=1000, units={"length": "mm"}), (_DISECT,), right=_is_the_pyramid),
-    Case("usd time codes of a rate", "OpenUSD#3513", _usd(codes=np.arange(1.0, 4), timeCodesPerSecond=30.0), (_DISECT,),
-         right=_is_the_pyramid),
-    Case("usd time codes in the npz, too", "OpenUSD#3513",
-         _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4), timeCodesPerSecond=30.0), (_DISECT,),
-         warned=("time codes, not seconds",), right=_is_the_pyramid),
-    Case("usd rate undeclared", "OpenUSD#3513", _usd(codes=np.arange(1.0, 4)), (_DISECT,),
-         refused=("do not have the same times", "timeCodesPerSecond", "30 a second")),
-    Case("usd frame numbers everywhere, stated", "OpenUSD#3513",
-         _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4), units={"frames_per_second": 30}), (_DISECT,),
-         right=_is_the_pyramid),
-    Case("usd frame numbers everywhere", "OpenUSD#3513", _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4)),
-         (_DISECT,), refused=("frame numbers", "frames_per_second")),
-]  # fmt: skip
+    Case(
+        "usd time codes of a rate",
+        "OpenUSD#3513",
+        _usd(codes=np.arange(1.0, 4), timeCodesPerSecond=30.0),
+        (_DISECT,),
+        right=_is_the_pyramid,
+    ),
+    Case(
+        "usd time codes in the npz, too",
+        "OpenUSD#3513",
+        _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4), timeCodesPerSecond=30.0),
+        (_DISECT,),
+        warned=("time codes, not seconds",),
+        right=_is_the_pyramid,
+    ),
+    Case(
+        "usd rate undeclared",
+        "OpenUSD#3513",
+        _usd(codes=np.arange(1.0, 4)),
+        (_DISECT,),
+        refused=("do not have the same times", "timeCodesPerSecond", "30 a second"),
+    ),
+    Case(
+        "usd frame numbers everywhere, stated",
+        "OpenUSD#3513",
+        _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4), units={"frames_per_second": 30}),
+        (_DISECT,),
+        right=_is_the_pyramid,
+    ),
+    Case(
+        "usd frame numbers everywhere",
+        "OpenUSD#3513",
+        _usd(codes=np.arange(1.0, 4), times=np.arange(1.0, 4)),
+        (_DISECT,),
+        refused=("frame numbers", "frames_per_second"),
+    ),
+]
 CASES = _OF_MESHES + [dataclasses.replace(case, needs=("pxr",)) for case in _OF_USD]

@@ -81,10 +81,12 @@ def nothing_kept_that_is_no_number(done: Done) -> None:
 
 def foreign(name: str, make: Callable[[Path], None], reader: str, words: tuple[str, ...], nearest: str) -> Case:
     return Case(
-        name, "formats of other projects brought to plop", make, (f"ingest {reader} raw",),
-        refused=(*words, "does not read yet", f"plop ingest {nearest}",
-                 "docs/your-data.md"),
-    )  # fmt: skip
+        name,
+        "formats of other projects brought to plop",
+        make,
+        (f"ingest {reader} raw",),
+        refused=(*words, "does not read yet", f"plop ingest {nearest}", "docs/your-data.md"),
+    )
 
 
 CASES = [
@@ -94,9 +96,21 @@ CASES = [
     foreign("nerfstudio-given-to-droid", nerfstudio, "droid", ("nerfstudio", "depth"), "droid"),
     foreign("obj-sequence-given-to-mesh", obj_sequence, "mesh", ("block_0000.obj", "write_mesh_sequence"), "mesh"),
     foreign("blender-usd-given-to-disect", blender_usd, "disect", ("USD", "cut.usda", "upAxis"), "mesh"),
-    Case("euler-angles-blame-the-cameras", "droid-dataset/droid#10", euler_of_another_convention, ("ingest droid raw",),
-         refused=("Poses of cameras", "Euler"), never=("fix: Check flange_from_tool",)),
-    Case("no-nan-in-messages", "ARISE-Initiative/robomimic#203", bad_cameras,
-         ("ingest droid raw", "calibrate --no-correct", "fuse --min-points 50"), warned=("extrinsics", "bad"),
-         never=("nan",), right=nothing_kept_that_is_no_number),
-]  # fmt: skip
+    Case(
+        "euler-angles-blame-the-cameras",
+        "droid-dataset/droid#10",
+        euler_of_another_convention,
+        ("ingest droid raw",),
+        refused=("Poses of cameras", "Euler"),
+        never=("fix: Check flange_from_tool",),
+    ),
+    Case(
+        "no-nan-in-messages",
+        "ARISE-Initiative/robomimic#203",
+        bad_cameras,
+        ("ingest droid raw", "calibrate --no-correct", "fuse --min-points 50"),
+        warned=("extrinsics", "bad"),
+        never=("nan",),
+        right=nothing_kept_that_is_no_number,
+    ),
+]

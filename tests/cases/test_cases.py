@@ -13,8 +13,11 @@ import tests.cases
 from plop_cli.app import main
 from tests.cases.case import Case, Done
 
-KINDS = sorted(module.name for module in pkgutil.iter_modules(tests.cases.__path__) if module.name.endswith("_cases")
-               and not module.name.startswith("test_"))  # fmt: skip
+KINDS = sorted(
+    module.name
+    for module in pkgutil.iter_modules(tests.cases.__path__)
+    if module.name.endswith("_cases") and not module.name.startswith("test_")
+)
 CASES: list[Case] = [case for kind in KINDS for case in importlib.import_module(f"tests.cases.{kind}").CASES]
 
 

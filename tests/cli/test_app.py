@@ -89,8 +89,12 @@ def test_run_skip_and_json(workspace: Path, capsys: pytest.CaptureFixture[str]):
 def test_settings_from_file_set_and_option(workspace: Path, capsys: pytest.CaptureFixture[str]):
     (workspace / "plop.toml").write_text("[ingest.mesh]\npieces = 2\nseed = 5\n")
     base = ["ingest", "mesh", str(workspace / "blocks"), "--dry-run", "--json"]
-    for extra, expected in (([], 2), (["--set", "pieces=6"], 6), (["--set", "ingest.mesh.pieces=7"], 7),
-                            (["--set", "pieces=6", "--pieces", "8"], 8)):  # fmt: skip
+    for extra, expected in (
+        ([], 2),
+        (["--set", "pieces=6"], 6),
+        (["--set", "ingest.mesh.pieces=7"], 7),
+        (["--set", "pieces=6", "--pieces", "8"], 8),
+    ):
         assert main([*base, *extra]) == 0
         assert json.loads(capsys.readouterr().out)["config"]["pieces"] == expected
     assert not (workspace / "artifacts" / "ingest").exists()
@@ -104,30 +108,37 @@ def test_what_is_on_can_be_turned_off(workspace: Path, capsys: pytest.CaptureFix
         assert json.loads(capsys.readouterr().out)["config"]["upper"] is expected
 
 
-@pytest.mark.parametrize(("arguments", "code", "words"), [
-    (["calibrate"], 1, ["needs the input", "plop ingest"]),
-    (["calibrate", "--set", "uper=1"], 1, ["no setting 'uper'", "upper"]),
-    (["calibrate", "--recordings", "ingest@ff"], 1, ["no workspace here yet"]),
-    (["ingest", "mesh", "nowhere"], 1, ["no such file"]),
-    (["ingest", "mesh"], 2, ["RAW"]),
-    (["calibrate", "--nonsense"], 2, ["--nonsense"]),
-    (["calibarte"], 2, ["calibarte"]),
-    (["export", "train@latest", "out"], 1, ["no workspace here yet", "plop ingest"]),
-    (["why", "a", "b"], 1, ["no workspace here yet"]),
-    (["reproduce", "nowhere"], 1, ["no such folder"]),
-    (["reproduce", "nowhere", "--profile", "demo"], 1, ["expected: cpu, cpu-recordings, paper\n"]),
-    (["ingest", "mesh", "nowhere", "--pieces", "abc"], 1, ["ingest mesh.pieces", "integer", "'abc'"]),
-    (["ingest", "mesh", "nowhere", "--pause-s", "nan"], 1, ["ingest mesh.pause_s", "finite"]),
-    (["ingest", "mesh", "nowhere", "--seed", "-1"], 1, ["ingest mesh.seed", "0 or more"]),
-    (["demo", "--seed", "-1"], 1, ["command line: seed", "0 or more"]),
-    (["demo-physics", "--seed", "abc"], 1, ["command line: seed", "integer"]),
-    (["ingest", "mesh", "nowhere", "--pieces"], 2, ["--pieces"]),
-    (["calibrate", "--set", "upper"], 1, ["KEY=VALUE"]),
-    (["demo", "--set", "fse.voxel_m=1"], 1, ["Did you mean --set fuse.voxel_m=1?"]),
-    (["rollout", "--backend", "gpu", "--dry-run"], 1, ["rollout.backend", "numba", "plop rollout --help"]),
-    (["fit-init", "--lr-means", "-1", "--dry-run"], 1, ["fit-init.lr_means", "0 to 1", "found: -1"]),
-    (["ingest", "disect", "nowhere", "--size", "2", "--dry-run"], 1, ["ingest.disect.size", "ingest disect --help"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["calibrate"], 1, ["needs the input", "plop ingest"]),
+        (["calibrate", "--set", "uper=1"], 1, ["no setting 'uper'", "upper"]),
+        (["calibrate", "--recordings", "ingest@ff"], 1, ["no workspace here yet"]),
+        (["ingest", "mesh", "nowhere"], 1, ["no such file"]),
+        (["ingest", "mesh"], 2, ["RAW"]),
+        (["calibrate", "--nonsense"], 2, ["--nonsense"]),
+        (["calibarte"], 2, ["calibarte"]),
+        (["export", "train@latest", "out"], 1, ["no workspace here yet", "plop ingest"]),
+        (["why", "a", "b"], 1, ["no workspace here yet"]),
+        (["reproduce", "nowhere"], 1, ["no such folder"]),
+        (["reproduce", "nowhere", "--profile", "demo"], 1, ["expected: cpu, cpu-recordings, paper\n"]),
+        (["ingest", "mesh", "nowhere", "--pieces", "abc"], 1, ["ingest mesh.pieces", "integer", "'abc'"]),
+        (["ingest", "mesh", "nowhere", "--pause-s", "nan"], 1, ["ingest mesh.pause_s", "finite"]),
+        (["ingest", "mesh", "nowhere", "--seed", "-1"], 1, ["ingest mesh.seed", "0 or more"]),
+        (["demo", "--seed", "-1"], 1, ["command line: seed", "0 or more"]),
+        (["demo-physics", "--seed", "abc"], 1, ["command line: seed", "integer"]),
+        (["ingest", "mesh", "nowhere", "--pieces"], 2, ["--pieces"]),
+        (["calibrate", "--set", "upper"], 1, ["KEY=VALUE"]),
+        (["demo", "--set", "fse.voxel_m=1"], 1, ["Did you mean --set fuse.voxel_m=1?"]),
+        (["rollout", "--backend", "gpu", "--dry-run"], 1, ["rollout.backend", "numba", "plop rollout --help"]),
+        (["fit-init", "--lr-means", "-1", "--dry-run"], 1, ["fit-init.lr_means", "0 to 1", "found: -1"]),
+        (
+            ["ingest", "disect", "nowhere", "--size", "2", "--dry-run"],
+            1,
+            ["ingest.disect.size", "ingest disect --help"],
+        ),
+    ],
+)
 def test_mistakes_end_with_a_message_and_no_traceback(
     workspace: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: list[str]
 ):
@@ -138,8 +149,10 @@ def test_mistakes_end_with_a_message_and_no_traceback(
         assert word in seen.err
 
 
-@pytest.mark.parametrize("command", [["status"], ["verify"], ["ingest", "mesh", "."], ["demo"], ["demo-physics"],
-                                     ["reproduce", "."], ["doctor"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "command",
+    [["status"], ["verify"], ["ingest", "mesh", "."], ["demo"], ["demo-physics"], ["reproduce", "."], ["doctor"]],
+)
 def test_a_file_given_as_workspace_is_named_with_the_option(
     workspace: Path, capsys: pytest.CaptureFixture[str], command: list[str]
 ):
@@ -287,7 +300,13 @@ def test_doctor_explains_every_part(workspace: Path, capsys: pytest.CaptureFixtu
 
 
 def test_program_runs_as_a_module(tmp_path: Path):
-    done = subprocess.run([sys.executable, "-m", "plop_cli", "status"], capture_output=True, text=True, cwd=tmp_path,
-                          env={**os.environ, "PYTHONPATH": str(REPOSITORY)}, check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", "plop_cli", "status"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        check=False,
+    )
     assert done.returncode == 0
     assert "no artifacts" in done.stdout

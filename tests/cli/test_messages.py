@@ -21,9 +21,11 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def test_a_stage_says_what_it_does_before_anything_heavy_is_imported(tmp_path):
-    code = ("import sys; from plop.pipeline.registry import StageRef\n"
-            "StageRef.load = lambda ref: sys.exit('HEAVY %s' % (sys.modules.keys() & {'torch', 'numpy', 'open3d'}))\n"
-            "import plop_cli.app as app, time; app.main(['train'])")  # fmt: skip
+    code = (
+        "import sys; from plop.pipeline.registry import StageRef\n"
+        "StageRef.load = lambda ref: sys.exit('HEAVY %s' % (sys.modules.keys() & {'torch', 'numpy', 'open3d'}))\n"
+        "import plop_cli.app as app, time; app.main(['train'])"
+    )
     for extra in ("", "--quiet", "--json"):
         run = [sys.executable, "-c", code.replace("['train']", f"['train', *{extra.split()}]")]
         process = subprocess.Popen(run, stderr=subprocess.PIPE, text=True, cwd=REPOSITORY)
@@ -39,8 +41,10 @@ def test_what_is_said_at_once_comes_before_seconds_of_imports(tmp_path, monkeypa
     assert capsys.readouterr().err.startswith("plop fuse: Fuse the views")
 
 
-@pytest.mark.parametrize("words", [["status"], ["verify"], ["why", "a", "b"], ["export", "a", "out"], ["view", "a"],
-                                   ["calibrate"], ["report"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [["status"], ["verify"], ["why", "a", "b"], ["export", "a", "out"], ["view", "a"], ["calibrate"], ["report"]],
+)
 def test_no_workspace_is_said_and_none_is_made(tmp_path, monkeypatch, capsys, words):
     monkeypatch.chdir(tmp_path)
     assert main([*words, "-w", "nothere"]) == 1
@@ -63,10 +67,15 @@ def test_status_of_an_empty_folder_ends_with_how_to_begin(tmp_path, monkeypatch,
     assert json.loads(capsys.readouterr().out)["next"]["command"] == "plop ingest FOLDER"
 
 
-@pytest.mark.parametrize(("folder", "pip", "command"), [
-    (None, True, "pip install 'plop[view]'"), (None, False, "uv pip install 'plop[view]'"),
-    (".", True, "pip install -e '.[view]'"), ("/src/my plop", True, "pip install -e '/src/my plop[view]'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("folder", "pip", "command"),
+    [
+        (None, True, "pip install 'plop[view]'"),
+        (None, False, "uv pip install 'plop[view]'"),
+        (".", True, "pip install -e '.[view]'"),
+        ("/src/my plop", True, "pip install -e '/src/my plop[view]'"),
+    ],
+)
 def test_remedies_fit_how_plop_was_installed(monkeypatch, folder, pip, command):
     here = Path.cwd() if folder == "." else folder and Path(folder)
     monkeypatch.setattr(installed, "checkout", lambda: here)

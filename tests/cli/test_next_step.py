@@ -13,8 +13,16 @@ from stages import PIPELINE
 
 
 def artifact(stage: str, *, environment: str = "block", figures: dict | None = None, **provenance) -> Artifact:
-    manifest = Manifest(stage, "01" * 8, 1, {}, {}, environment=environment, summary={"figures": figures or {}},
-                        provenance={"command": stage, **provenance})  # fmt: skip
+    manifest = Manifest(
+        stage,
+        "01" * 8,
+        1,
+        {},
+        {},
+        environment=environment,
+        summary={"figures": figures or {}},
+        provenance={"command": stage, **provenance},
+    )
     return Artifact(Path("artifacts") / stage / ("01" * 8), manifest)
 
 
@@ -22,24 +30,27 @@ def step(*stages: str, **more) -> str:
     return next_step([artifact(stage) for stage in stages], **{"stale": {}, **more}).command
 
 
-@pytest.mark.parametrize(("stages", "command"), [
-    ((), "plop ingest FOLDER"),
-    (("ingest",), "plop calibrate"),
-    (("simulate",), "plop fuse"),
-    (("ingest", "calibrate"), "plop fuse"),
-    (("ingest", "calibrate", "fuse"), "plop fit-init"),
-    (("fuse", "ingest", "fit-init"), "plop train"),
-    (("ingest", "fit-init", "train"), "plop rollout"),
-    (("ingest", "fit-init", "train", "filter"), "plop rollout"),
-    (("ingest", "fit-init", "filter"), "plop identify"),
-    (("fit-init", "train", "rollout"), "plop eval"),
-    (("fit-init", "train", "rollout", "eval"), "plop compare --model train@01010101"),
-    (("fit-init", "identify"), "plop compare --model identify@01010101"),
-    (("train", "eval", "compare"), "plop diagnose --model train@01010101"),
-    (("train", "compare", "diagnose"), "plop augment"),
-    (("train", "diagnose", "augment"), "plop report"),
-    (("train", "diagnose", "augment", "report"), "plop export report@01010101 OUT"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("stages", "command"),
+    [
+        ((), "plop ingest FOLDER"),
+        (("ingest",), "plop calibrate"),
+        (("simulate",), "plop fuse"),
+        (("ingest", "calibrate"), "plop fuse"),
+        (("ingest", "calibrate", "fuse"), "plop fit-init"),
+        (("fuse", "ingest", "fit-init"), "plop train"),
+        (("ingest", "fit-init", "train"), "plop rollout"),
+        (("ingest", "fit-init", "train", "filter"), "plop rollout"),
+        (("ingest", "fit-init", "filter"), "plop identify"),
+        (("fit-init", "train", "rollout"), "plop eval"),
+        (("fit-init", "train", "rollout", "eval"), "plop compare --model train@01010101"),
+        (("fit-init", "identify"), "plop compare --model identify@01010101"),
+        (("train", "eval", "compare"), "plop diagnose --model train@01010101"),
+        (("train", "compare", "diagnose"), "plop augment"),
+        (("train", "diagnose", "augment"), "plop report"),
+        (("train", "diagnose", "augment", "report"), "plop export report@01010101 OUT"),
+    ],
+)
 def test_what_follows_on_what_is_there(stages, command):
     assert step(*stages) == command
 
@@ -61,8 +72,11 @@ def test_the_first_stale_stage_is_run_again_with_its_raw_input():
     raw = artifact("ingest", command="x", raw_paths={"raw": "my data"})
     raw.manifest.provenance["command"] = "ingest mesh"
     artifacts = [artifact("fit-init"), raw, artifact("fuse")]
-    stale = {("fuse", "01" * 8): "an input is stale", ("ingest", "01" * 8): "raw has changed",
-             ("fit-init", "01" * 8): "the stage is now version 8"}  # fmt: skip
+    stale = {
+        ("fuse", "01" * 8): "an input is stale",
+        ("ingest", "01" * 8): "raw has changed",
+        ("fit-init", "01" * 8): "the stage is now version 8",
+    }
     assert next_step(artifacts, stale=stale).command == "plop ingest mesh 'my data'"
     del stale["ingest", "01" * 8]
     assert next_step(artifacts, stale=stale).command == "plop fit-init"

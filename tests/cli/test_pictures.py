@@ -21,8 +21,9 @@ def artifact(folder: Path, table: list[dict], files: list[str]) -> Artifact:
     return Artifact(folder, manifest)
 
 
-def test_videos_and_stills_are_named_as_far_as_they_are_there(tmp_path: Path, capsys: pytest.CaptureFixture[str],
-                                                              monkeypatch: pytest.MonkeyPatch):  # fmt: skip
+def test_videos_and_stills_are_named_as_far_as_they_are_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
     made = artifact(tmp_path / "r", [], ["a/video.mp4", "a/still.png", "b/video.mp4"])
     found = say_videos(Console(), made)

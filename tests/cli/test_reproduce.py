@@ -51,10 +51,13 @@ def test_all_environments_go_into_the_documentation(place: Path) -> None:
         assert results(place / folder / "results" / "disect.json") == (command, list(ENVIRONMENTS))
 
 
-@pytest.mark.parametrize(("options", "typed", "found"), [
-    (["--env", "prism-jelly"], "--env prism-jelly", ["prism-jelly"]),
-    (["--set", "train.seed=1"], "--set train.seed=1", list(ENVIRONMENTS)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "typed", "found"),
+    [
+        (["--env", "prism-jelly"], "--env prism-jelly", ["prism-jelly"]),
+        (["--set", "train.seed=1"], "--set train.seed=1", list(ENVIRONMENTS)),
+    ],
+)
 def test_what_is_not_all_with_the_profiles_settings_stays_in_the_workspace(
     place: Path, options: list[str], typed: str, found: list[str]
 ) -> None:

@@ -29,11 +29,18 @@ def test_numbers_have_a_range_and_defaults_are_in_it(ref: StageRef) -> None:
             assert setting.key.rpartition(".")[2] in str(caught.value.where), setting.key
 
 
-@pytest.mark.parametrize(("command", "key", "value"), [
-    ("calibrate", "hand_eye_method", "FOO"), ("calibrate", "board_kind", "round"), ("fuse", "voxel_m", 1e-9),
-    ("identify", "table_cone", "square"), ("eval", "backend", "gpu"), ("compare", "split", "tset"),
-    ("augment", "value", "stiffness"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("command", "key", "value"),
+    [
+        ("calibrate", "hand_eye_method", "FOO"),
+        ("calibrate", "board_kind", "round"),
+        ("fuse", "voxel_m", 1e-9),
+        ("identify", "table_cone", "square"),
+        ("eval", "backend", "gpu"),
+        ("compare", "split", "tset"),
+        ("augment", "value", "stiffness"),
+    ],
+)
 def test_a_dry_run_refuses_what_a_run_would(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, key: str, value: object
 ) -> None:

@@ -63,8 +63,10 @@ def test_cameras_see_the_error_above_their_floor(inputs, sinking, tmp_path):
 
 def test_another_object_is_refused_unless_asked_for(inputs, sinking, tmp_path):
     facts = json.loads((inputs["model"].path / "model.json").read_text())
-    for change, words in (({"environment": "sponge"}, "different objects"),
-                          ({"environment": "box", "size_m": [0.09, 0.06, 0.03]}, "different size")):  # fmt: skip
+    for change, words in (
+        ({"environment": "sponge"}, "different objects"),
+        ({"environment": "box", "size_m": [0.09, 0.06, 0.03]}, "different size"),
+    ):
         (tmp_path / "model.json").write_text(json.dumps(facts | {"training": change}))
         other = {**inputs, "model": Input(tmp_path)}
         config = CompareConfig(jobs=1, frames=0, pictures=False)
@@ -94,16 +96,20 @@ def test_tracks_of_other_recordings_are_refused(inputs, sinking, tmp_path):
     def of(stage_name: str, mark: str, source: str) -> Manifest:
         return Manifest(stage_name, mark, 1, {}, {"recordings": {"stage": "ingest", "fingerprint": source}})
 
-    known = {**inputs, "recordings": Input(inputs["recordings"].path, of("calibrate", "aa", "00")),
-             "init": Input(inputs["init"].path, of("fit-init", "bb", "aa")),
-             "tracks": Input(inputs["tracks"].path, of("filter", "cc", "00"))}  # fmt: skip
+    known = {
+        **inputs,
+        "recordings": Input(inputs["recordings"].path, of("calibrate", "aa", "00")),
+        "init": Input(inputs["init"].path, of("fit-init", "bb", "aa")),
+        "tracks": Input(inputs["tracks"].path, of("filter", "cc", "00")),
+    }
     with pytest.raises(PlopError, match="different recordings") as caught:
         run(known, CompareConfig(jobs=1), Output(tmp_path))
     assert caught.value.where == "compare.tracks"
 
 
-@pytest.mark.parametrize("config", [CompareConfig(jobs=1, split="tset"), CompareConfig(episodes="x*"),
-                                    CompareConfig(jobs=1, frames=-1)])  # fmt: skip
+@pytest.mark.parametrize(
+    "config", [CompareConfig(jobs=1, split="tset"), CompareConfig(episodes="x*"), CompareConfig(jobs=1, frames=-1)]
+)
 def test_settings_without_sense_are_named(inputs, tmp_path, config):
     with pytest.raises(PlopError):
         run(inputs, config, Output(tmp_path))

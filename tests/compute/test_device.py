@@ -73,8 +73,14 @@ def test_fitting_makes_nothing_elsewhere(episode):
     targets = [(view.camera, view.target) for view in views]
     config = FitInitConfig(steps=6, densifications=1, fill_at=0.5)
     with torch.device("meta"):
-        shell, inner = fit(initial, targets, config, spacing_m=0.005, max_count=len(initial) + 20,
-                           fill=lambda g: g.select(torch.arange(7, device="cpu")))  # fmt: skip
+        shell, inner = fit(
+            initial,
+            targets,
+            config,
+            spacing_m=0.005,
+            max_count=len(initial) + 20,
+            fill=lambda g: g.select(torch.arange(7, device="cpu")),
+        )
     assert len(shell) > len(initial) and len(inner) == 7
     assert shell.means.device.type == inner.means.device.type == "cpu"
 

@@ -29,8 +29,11 @@ glibc = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alon
 def faults(word: str, **environment: str) -> int:
     """Count the pages that the system had to supply for 50 times five arrays of 4 MB, 51,000 pages if each time."""
     path = {"PATH": "/usr/bin", "PYTHONPATH": ":".join(sys.path)}
-    return int(subprocess.run([sys.executable, "-c", _FAULTS, word], env=path | environment, text=True, check=True,
-                              capture_output=True).stdout)  # fmt: skip
+    return int(
+        subprocess.run(
+            [sys.executable, "-c", _FAULTS, word], env=path | environment, text=True, check=True, capture_output=True
+        ).stdout
+    )
 
 
 @glibc

@@ -54,8 +54,9 @@ def test_a_changed_constant_of_another_file_is_not_missed(tmp_path: Path):
         if not module.exists():
             module.write_text(KERNEL.format(origin=origin, decorator=decorator))
         code = f"import {module.stem} as m; print(m.scaled(2.0), sum(m.scaled.stats.cache_hits.values()))"
-        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=env,
-                              capture_output=True, text=True, check=True)  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path, env=env, capture_output=True, text=True, check=True
+        )
         return [float(word) for word in done.stdout.split()]
 
     for origin, decorator in (("plop.compute.compiled", "@kernel"), ("plop.physics.jit", "@kernel()")):

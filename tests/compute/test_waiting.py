@@ -25,23 +25,35 @@ sys.meta_path.insert(0, Watch())
 
 def run(code: str, **environment: str) -> str:
     clean = {key: value for key, value in os.environ.items() if key not in POLICY}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=REPOSITORY, check=True,
-                          env=clean | environment)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=REPOSITORY,
+        check=True,
+        env=clean | environment,
+    )
     return done.stdout
 
 
-@pytest.mark.parametrize("entry", [
-    "import stages.train.stage", "import benchmarks.bench_dynamics",
-    "from plop_cli.app import main; main(['train', '--help'])",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "import stages.train.stage",
+        "import benchmarks.bench_dynamics",
+        "from plop_cli.app import main; main(['train', '--help'])",
+    ],
+)
 def test_it_is_set_before_torch_is_imported(entry: str):
     told = [line for line in run(HOOK + entry).splitlines() if line.startswith("TORCH AFTER")]
     assert told and set(told) == {"TORCH AFTER 1000"}
 
 
 def test_workers_inherit_it():
-    code = "import plop; from joblib import Parallel, delayed; import os\n" \
-           "print(Parallel(2)(delayed(os.getenv)('GOMP_SPINCOUNT') for _ in range(2)))"  # fmt: skip
+    code = (
+        "import plop; from joblib import Parallel, delayed; import os\n"
+        "print(Parallel(2)(delayed(os.getenv)('GOMP_SPINCOUNT') for _ in range(2)))"
+    )
     assert "['1000', '1000']" in run(code)
 
 

@@ -74,10 +74,29 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
     assert best["effect"] == "tilt" and best["passes"] and best["reasons"] == []
     value = best["parameters"]["gx_m_s2"]
     assert value["unit"] == "m/s^2" and value["value"] == pytest.approx(3.0, rel=0.4)
-    assert set(facts) == {"schema", "verdict", "ranking", "base", "confounded", "limits", "sensors", "shams", "error",
-                          "floor", "excess", "closed_share", "next_step", "next_motion", "episodes",
-                          "reference_episodes", "dropped", "environment", "seconds", "seconds_screen",
-                          "engine_runs"}  # fmt: skip
+    assert set(facts) == {
+        "schema",
+        "verdict",
+        "ranking",
+        "base",
+        "confounded",
+        "limits",
+        "sensors",
+        "shams",
+        "error",
+        "floor",
+        "excess",
+        "closed_share",
+        "next_step",
+        "next_motion",
+        "episodes",
+        "reference_episodes",
+        "dropped",
+        "environment",
+        "seconds",
+        "seconds_screen",
+        "engine_runs",
+    }
     assert len(facts["episodes"]) == 4 and facts["floor"] is None and facts["environment"] == "block"
     assert facts["limits"]["tilt"]["displacement_m"] < best["size_mm"] / 1000
     assert facts["engine_runs"] > 20 and 0 < facts["seconds_screen"] < facts["seconds"]
@@ -226,8 +245,14 @@ print(json.dumps([opened, sorted(m for m in sys.modules if m in ("plop.physics.s
 def test_the_sealed_answer_is_never_opened(inputs, facts, folder, out, tmp_path):
     assert (inputs["recordings"].path / "answer" / "sealed.json").is_file()
     scratch = again(out, tmp_path / "out")
-    done = subprocess.run([sys.executable, "-c", _WATCHED, str(folder), str(scratch)], cwd=REPOSITORY, timeout=300,
-                          capture_output=True, text=True, check=True)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", _WATCHED, str(folder), str(scratch)],
+        cwd=REPOSITORY,
+        timeout=300,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     opened, imported = json.loads(done.stdout.splitlines()[-1])
     assert any(path.endswith("model.json") for path in opened)  # the watch works
     assert not [path for path in opened if "sealed.json" in path or "answer" in Path(path).parts]
@@ -246,10 +271,14 @@ def test_fewer_than_four_episodes_are_too_few(inputs, tmp_path):
     assert error.expected == "at least 4" and "3" in error.found
 
 
-@pytest.mark.parametrize(("change", "environment", "problem"), [
-    ({"exclude": ("cam_99",)}, "block", "no such camera"), ({}, "ball", "different objects"),
-    ({"split": "train"}, "block", "too few episodes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "environment", "problem"),
+    [
+        ({"exclude": ("cam_99",)}, "block", "no such camera"),
+        ({}, "ball", "different objects"),
+        ({"split": "train"}, "block", "too few episodes"),
+    ],
+)
 def test_what_recordings_and_model_tell_is_refused_before_anything_is_tracked(
     inputs, tmp_path, change, environment, problem
 ):

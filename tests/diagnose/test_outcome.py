@@ -19,8 +19,15 @@ def finding(name: str, low: float, high: float, gain: float = 0.5, **more: dict)
 
 
 def test_rows_say_what_the_recordings_determine_by_the_range_of_each_law():
-    tried = {"value": 0.1, "low": -np.inf, "high": np.inf, "unit": "s", "at_bound": False, "chosen": True,
-             "also": [0.03, 0.3]}  # fmt: skip
+    tried = {
+        "value": 0.1,
+        "low": -np.inf,
+        "high": np.inf,
+        "unit": "s",
+        "at_bound": False,
+        "chosen": True,
+        "also": [0.03, 0.3],
+    }
     open_ended = _row(finding("adhesion", 184.0, 7890.0, release_s=tried), library(()), None)["parameters"]
     assert not open_ended["traction_pa"]["determined"] and not open_ended["release_s"]["determined"]
     assert open_ended["release_s"]["low"] is None

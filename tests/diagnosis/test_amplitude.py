@@ -21,8 +21,9 @@ def power_law(power: float, amplitudes: np.ndarray, truth: float = 2.1) -> Profi
 
 def test_a_proportional_law_is_known_as_well_as_the_engine_responds():
     found = amplitude_of(SWELLING, 0.12, 0.0, freedom=7)
-    assert (found["low"], found["high"]) == pytest.approx((0.12 * (1 - 1.96 * RESPONSE_ERROR),
-                                                           0.12 * (1 + 1.96 * RESPONSE_ERROR)), rel=1e-3)  # fmt: skip
+    assert (found["low"], found["high"]) == pytest.approx(
+        (0.12 * (1 - 1.96 * RESPONSE_ERROR), 0.12 * (1 + 1.96 * RESPONSE_ERROR)), rel=1e-3
+    )
     negative = amplitude_of(SWELLING, -0.12, 0.0, freedom=7)
     assert (negative["low"], negative["high"]) == pytest.approx((-found["high"], -found["low"]))
 
@@ -42,8 +43,9 @@ def test_a_law_that_saturates_leaves_its_amplitude_open(power: float):
 
 
 def test_a_steep_response_tells_an_amplitude_no_better_than_a_proportional_one():
-    steep, straight = (amplitude_of(FIBRES, 2.1, 0.0, 7, power_law(power, np.array([1.0, 2.0, 4.0])))
-                       for power in (2.0, 1.0))  # fmt: skip
+    steep, straight = (
+        amplitude_of(FIBRES, 2.1, 0.0, 7, power_law(power, np.array([1.0, 2.0, 4.0]))) for power in (2.0, 1.0)
+    )
     assert (steep["low"], steep["high"]) == pytest.approx((straight["low"], straight["high"]), rel=0.01)
     unsteady = amplitude_of(FIBRES, 2.1, 2.1, 7, power_law(2.0, np.array([1.0, 2.0, 4.0])))
     assert unsteady["low"] < steep["low"] and unsteady["high"] > steep["high"]

@@ -17,13 +17,25 @@ from plop.physics.sealed import seal_answer
 from plop.physics.wish import parse_hidden
 from stages.diagnose.stage import STAGE
 
-LAW = {"kind": "physics", "gain": 0.9, "gain_error": 0.1, "p": 0.005, "contrast": 8.0, "contrast_p": 0.001,
-       "reasons": [], "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}}  # fmt: skip
+LAW = {
+    "kind": "physics",
+    "gain": 0.9,
+    "gain_error": 0.1,
+    "p": 0.005,
+    "contrast": 8.0,
+    "contrast_p": 0.001,
+    "reasons": [],
+    "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}},
+}
 DIAGNOSIS = {
     "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt.", "evidence": {"left": 2.0}},
-    "ranking": [{"effect": "tilt", **LAW}, {"effect": "drag", **LAW}], "base": {"effect": "stiffness", **LAW},
-    "error": 9.0, "floor": 1.0, "dropped": {}, "engine_runs": 7,
-}  # fmt: skip
+    "ranking": [{"effect": "tilt", **LAW}, {"effect": "drag", **LAW}],
+    "base": {"effect": "stiffness", **LAW},
+    "error": 9.0,
+    "floor": 1.0,
+    "dropped": {},
+    "engine_runs": 7,
+}
 
 
 @pytest.fixture
@@ -106,11 +118,14 @@ def test_bad_cameras_film_the_base_and_every_run(loop):
 
 
 def test_tables_are_written_beside_their_goals(loop, tmp_path):
-    rows = [loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0)),
-            loop.loop.carry_out(Run("sensor-clock", "sensor", 4, fault="clock=0.02"))]  # fmt: skip
+    rows = [
+        loop.loop.carry_out(Run("snr4-tilt", "single", 3, ("tilt.gx_m_s2=1",), 4.0)),
+        loop.loop.carry_out(Run("sensor-clock", "sensor", 4, fault="clock=0.02")),
+    ]
     page = tmp_path / "results-physics.md"
-    page.write_text("".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n"
-                            for name in ("rates", "runs")))  # fmt: skip
+    page.write_text(
+        "".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n" for name in ("rates", "runs"))
+    )
     write(rows, tmp_path)
     assert "| one effect, SNR >= 2: named first | 100 % (21 to 100 %, n = 1) | >= 90 % |" in page.read_text()
     assert "| a sensor fault only: called physics | 100 % (21 to 100 %, n = 1) | <= 5 % |" in page.read_text()
@@ -121,8 +136,9 @@ def test_tables_are_written_beside_their_goals(loop, tmp_path):
 
 
 def test_a_run_that_the_workspace_does_not_hold_keeps_its_newest_verdict(loop, tmp_path, monkeypatch):
-    (tmp_path / "results-physics.md").write_text("".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n"
-                                                         for name in ("rates", "runs")))  # fmt: skip
+    (tmp_path / "results-physics.md").write_text(
+        "".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n" for name in ("rates", "runs"))
+    )
     first, second = planned()[:2]
     rows = [{**loop.loop.carry_out(first), "judged_by": 23}, {**loop.loop.carry_out(second), "judged_by": 24}]
     write(rows, tmp_path)
@@ -136,8 +152,9 @@ def test_a_run_that_the_workspace_does_not_hold_keeps_its_newest_verdict(loop, t
 
 
 def test_only_runs_that_this_version_has_not_judged_are_made(loop, tmp_path, monkeypatch):
-    (tmp_path / "results-physics.md").write_text("".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n"
-                                                         for name in ("rates", "runs")))  # fmt: skip
+    (tmp_path / "results-physics.md").write_text(
+        "".join(f"<!-- cameras-{name}:begin -->\n<!-- cameras-{name}:end -->\n" for name in ("rates", "runs"))
+    )
     plan = planned()[:3]
     versions = (STAGE.version, STAGE.version - 1)
     write([{**loop.loop.carry_out(run), "judged_by": v} for run, v in zip(plan, versions, strict=False)], tmp_path)

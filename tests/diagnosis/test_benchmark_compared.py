@@ -8,11 +8,23 @@ from benchmarks.physics_compared import judged_again
 
 
 def row(name: str, traction_pa: float, **more: Any) -> dict[str, Any]:
-    fitted = {"traction_pa": {"value": traction_pa, "low": 0.5 * traction_pa, "high": 2 * traction_pa},
-              "release_s": {"value": 0.1, "low": None, "high": None, "chosen": True}}  # fmt: skip
-    return {"name": name, "set": "single", "seed": 3009, "hidden": {"adhesion": {"traction_pa": 1725.4}},
-            "verdict": "EFFECT", "named": ["adhesion"], "error": 10.0, "floor": 2.0, "left": 4.0,
-            "parameters": {"adhesion": fitted}, **more}  # fmt: skip
+    fitted = {
+        "traction_pa": {"value": traction_pa, "low": 0.5 * traction_pa, "high": 2 * traction_pa},
+        "release_s": {"value": 0.1, "low": None, "high": None, "chosen": True},
+    }
+    return {
+        "name": name,
+        "set": "single",
+        "seed": 3009,
+        "hidden": {"adhesion": {"traction_pa": 1725.4}},
+        "verdict": "EFFECT",
+        "named": ["adhesion"],
+        "error": 10.0,
+        "floor": 2.0,
+        "left": 4.0,
+        "parameters": {"adhesion": fitted},
+        **more,
+    }
 
 
 def test_runs_of_both_results_stand_beside_each_other():
@@ -27,7 +39,16 @@ def test_runs_of_both_results_stand_beside_each_other():
 
 
 def test_a_file_without_amplitudes_tells_how_far_they_are_off():
-    kept = {"name": "a", "set": "single", "seed": 1, "hidden": {"tilt": {"gx_m_s2": 1.0}}, "verdict": "EFFECT",
-            "named": ["tilt"], "error": 10.0, "floor": 2.0, "left": 4.0}  # fmt: skip
+    kept = {
+        "name": "a",
+        "set": "single",
+        "seed": 1,
+        "hidden": {"tilt": {"gx_m_s2": 1.0}},
+        "verdict": "EFFECT",
+        "named": ["tilt"],
+        "error": 10.0,
+        "floor": 2.0,
+        "left": 4.0,
+    }
     found = judged_again([{**kept, "amplitude_off": 0.123, "response": {"cosine": 0.987}}], [kept])
     assert found.endswith("| EFFECT tilt (75 %) | 12 % off, cosine 0.99 | EFFECT tilt (75 %) | - |")

@@ -39,8 +39,18 @@ def test_predictions_start_where_the_points_are_and_rms_is_a_length():
 
 def test_training_on_points_lowers_the_error(tmp_path):
     track = track_of(wrapped(coarse_episode(0)))
-    config = TrainConfig(track_steps=60, image_steps=0, horizon=2, width=8, cells_across=5, resample=False,
-                         validate_every=10, learning_rate=5e-3, averaging=0.8, device="cpu")  # fmt: skip
+    config = TrainConfig(
+        track_steps=60,
+        image_steps=0,
+        horizon=2,
+        width=8,
+        cells_across=5,
+        resample=False,
+        validate_every=10,
+        learning_rate=5e-3,
+        averaging=0.8,
+        device="cpu",
+    )
     _, chosen = train_on(lambda k: track, 1, config, Output(tmp_path), about={})
     still = float((track.means[1:] - track.means[:1]).norm(dim=-1).mean()) * 1000
     assert chosen["rollout_error_mm"] < 0.95 * still

@@ -13,10 +13,19 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 LEAST, MOST, BETWEEN = ShareGoal(0.9), ShareGoal(high=0.02), ShareGoal(0.9, 0.98)
 
 
-@pytest.mark.parametrize("value, goal, said", [
-    (0.9, LEAST, "yes"), (0.89, LEAST, "**no**"), (0.0, MOST, "yes"), (0.03, MOST, "**no**"),
-    (0.875, BETWEEN, "**no**"), (0.95, BETWEEN, "yes"), (1.0, BETWEEN, "**no**"), (None, LEAST, "not run"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "value, goal, said",
+    [
+        (0.9, LEAST, "yes"),
+        (0.89, LEAST, "**no**"),
+        (0.0, MOST, "yes"),
+        (0.03, MOST, "**no**"),
+        (0.875, BETWEEN, "**no**"),
+        (0.95, BETWEEN, "yes"),
+        (1.0, BETWEEN, "**no**"),
+        (None, LEAST, "not run"),
+    ],
+)
 def test_a_goal_is_reached_or_not(value, goal, said):
     assert goal.reached(value) == said
 
@@ -36,10 +45,22 @@ def test_both_benchmarks_stand_beside_the_goals():
 
 
 def test_rates_of_single_laws_are_those_that_the_goals_speak_of():
-    row = {"set": "single", "hidden": {"tilt": {"gx_m_s2": 1.0}}, "verdict": "NOTHING DETECTABLE", "named": [],
-           "ranks": [2], "error": 2.0, "floor": 1.0, "left": 1.5, "judged_by": 30}  # fmt: skip
-    named = {"verdict": "EFFECT", "named": ["tilt"],
-             "parameters": {"tilt": {"gx_m_s2": {"value": 1.0, "low": 0.9, "high": 1.1}}}}  # fmt: skip
+    row = {
+        "set": "single",
+        "hidden": {"tilt": {"gx_m_s2": 1.0}},
+        "verdict": "NOTHING DETECTABLE",
+        "named": [],
+        "ranks": [2],
+        "error": 2.0,
+        "floor": 1.0,
+        "left": 1.5,
+        "judged_by": 30,
+    }
+    named = {
+        "verdict": "EFFECT",
+        "named": ["tilt"],
+        "parameters": {"tilt": {"gx_m_s2": {"value": 1.0, "low": 0.9, "high": 1.1}}},
+    }
     runs = [row | {"snr": 1.5}, row | named | {"snr": 3.0}]
     result = {"versions": {}, "seeds": [1, 2], "sets": verdict_rates(runs), "runs": runs}
     points = result | {"sets": {**result["sets"], "baselines": {"bic_first": wilson(1, 1)}}}
@@ -50,7 +71,8 @@ def test_rates_of_single_laws_are_those_that_the_goals_speak_of():
 
 
 def test_page_and_file_show_what_the_results_hold():
-    cameras, points = (json.loads((DOCS / "results" / f"{name}.json").read_text())
-                       for name in ("physics_cameras", "physics_points"))  # fmt: skip
+    cameras, points = (
+        json.loads((DOCS / "results" / f"{name}.json").read_text()) for name in ("physics_cameras", "physics_points")
+    )
     assert overview(cameras["sets"], points["sets"]) in (DOCS / "results-physics.md").read_text()
     assert facts_of(cameras, points) == json.loads((DOCS / "results" / "physics.json").read_text())

@@ -56,23 +56,31 @@ class Found:
     """What a diagnosis holds, as far as the next round reads it."""
 
     def __init__(self, kind: str, named: list[str]) -> None:
-        parameters = {"swelling": {"rate_per_s": 0.1}, "fibres": {"ratio": 2.0, "angle_deg": 45.0},
-                      "base": {"d_ln_e": -0.4, "d_per_s": 20.0}}  # fmt: skip
+        parameters = {
+            "swelling": {"rate_per_s": 0.1},
+            "fibres": {"ratio": 2.0, "angle_deg": 45.0},
+            "base": {"d_ln_e": -0.4, "d_per_s": 20.0},
+        }
         self.verdict = Verdict(kind, named, "")
-        self.findings = [Finding(name, "physics", {k: {"value": v} for k, v in values.items()}, 0.5, 0.1, 0.0, None)
-                         for name, values in parameters.items()]  # fmt: skip
+        self.findings = [
+            Finding(name, "physics", {k: {"value": v} for k, v in values.items()}, 0.5, 0.1, 0.0, None)
+            for name, values in parameters.items()
+        ]
 
 
 SWELLING, FIBRES = ("swelling", {"rate_per_s": 0.1}), ("fibres", {"ratio": 2.0, "angle_deg": 45.0})
 
 
-@pytest.mark.parametrize("kind, named, added", [
-    ("EFFECT", ["swelling", "fibres"], [SWELLING, FIBRES]),
-    ("CONFOUNDED", ["fibres", "swelling"], [FIBRES]),
-    ("BASE PARAMETER", ["stiffness"], [("stiffness", {"d_ln_e": -0.4})]),
-    ("NOTHING DETECTABLE", [], []),
-    ("SENSOR", ["cam_01"], []),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "kind, named, added",
+    [
+        ("EFFECT", ["swelling", "fibres"], [SWELLING, FIBRES]),
+        ("CONFOUNDED", ["fibres", "swelling"], [FIBRES]),
+        ("BASE PARAMETER", ["stiffness"], [("stiffness", {"d_ln_e": -0.4})]),
+        ("NOTHING DETECTABLE", [], []),
+        ("SENSOR", ["cam_01"], []),
+    ],
+)
 def test_what_was_named_is_added(kind, named, added):
     assert [(e.name, e.values) for e in named_effects(Found(kind, named), TYPES)] == added
 

@@ -22,11 +22,22 @@ from stages.diagnose.stage import STAGE
 
 
 def run(name: str, **changes: Any) -> dict[str, Any]:
-    row = {"name": name, "set": name.split("-")[0], "seed": 1, "hidden": {}, "rms_mm": 1.0, "snr": 2.0,
-           "verdict": "EFFECT",
-           "named": ["tilt"], "ranks": [1], "error": 5.0, "floor": 1.0, "left": 2.0,
-           "parameters": {"tilt": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}},
-           "baselines": {"bic": ["tilt"], "sparse": ["drag"], "residual_error_share": 0.5}}  # fmt: skip
+    row = {
+        "name": name,
+        "set": name.split("-")[0],
+        "seed": 1,
+        "hidden": {},
+        "rms_mm": 1.0,
+        "snr": 2.0,
+        "verdict": "EFFECT",
+        "named": ["tilt"],
+        "ranks": [1],
+        "error": 5.0,
+        "floor": 1.0,
+        "left": 2.0,
+        "parameters": {"tilt": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}}},
+        "baselines": {"bic": ["tilt"], "sparse": ["drag"], "residual_error_share": 0.5},
+    }
     return {**row, **changes}
 
 
@@ -78,15 +89,25 @@ def test_a_finding_is_kept_with_every_amplitude_of_its_contrast():
 
 def test_the_second_of_two_may_be_named_after_the_first():
     both = {**TILT, "swelling": {"rate_per_s": 0.1}}
-    pairs = [run("pair-a", hidden=both, next_named=["swelling"]), run("pair-b", hidden=both, next_named=[]),
-             run("pair-c", hidden=both)]  # fmt: skip
+    pairs = [
+        run("pair-a", hidden=both, next_named=["swelling"]),
+        run("pair-b", hidden=both, next_named=[]),
+        run("pair-c", hidden=both),
+    ]
     found = summary(pairs)["pairs"]
     assert found["both"] == wilson(0, 3) and found["both_in_turn"] == wilson(1, 2)
 
 
 def test_what_no_amplitude_makes_visible_is_shown_and_not_counted(tmp_path: Path):
-    faint = {"name": "snr4-tilt", "set": "unreachable", "seed": 2, "hidden": TILT, "snr": 0.3, "verdict": "-",
-             "named": []}  # fmt: skip
+    faint = {
+        "name": "snr4-tilt",
+        "set": "unreachable",
+        "seed": 2,
+        "hidden": TILT,
+        "snr": 0.3,
+        "verdict": "-",
+        "named": [],
+    }
     assert summary([*rows(), faint]) == summary(rows()) and confusion([faint]) == {}
     page = tmp_path / "results-physics.md"
     page.write_text("<!-- runs:begin -->\n<!-- runs:end -->")
@@ -142,11 +163,17 @@ def test_a_row_that_the_file_kept_counts_as_it_did_when_it_was_run(tmp_path: Pat
 
 
 def test_a_folder_s_row_goes_before_the_written_one_and_another_version_s_is_made_anew(tmp_path: Path):
-    written = {name: run(name, judged_by=version) for name, version in
-               (("null-0", STAGE.version), ("null-1", STAGE.version - 1), ("null-2", STAGE.version - 1))}  # fmt: skip
+    written = {
+        name: run(name, judged_by=version)
+        for name, version in (("null-0", STAGE.version), ("null-1", STAGE.version - 1), ("null-2", STAGE.version - 1))
+    }
     (tmp_path / "null-1.json").write_text(json.dumps(run("null-1", seed=7)))
     assert [is_judged(name, tmp_path, written) for name in ("null-0", "null-1", "null-2", "null-3")] == [
-        True, True, False, False]  # fmt: skip
+        True,
+        True,
+        False,
+        False,
+    ]
     newest = newest_rows(["null-3", "null-2", "null-1", "null-0"], tmp_path, written)
     assert [row["seed"] for row in newest] == [1, 7, 1]
 

@@ -13,8 +13,15 @@ def test_twelve_laws_act_on_the_object_and_the_hidden_one_can_be_left_out():
 
 
 def test_the_table_has_minutes_beside_their_goals():
-    row = {"what": "twelve laws", "laws": 12, "engine_runs": 824, "screen_s": 166.4, "whole_s": 274.8,
-           "verdict": "EFFECT", "named": ["adhesion"]}  # fmt: skip
+    row = {
+        "what": "twelve laws",
+        "laws": 12,
+        "engine_runs": 824,
+        "screen_s": 166.4,
+        "whole_s": 274.8,
+        "verdict": "EFFECT",
+        "named": ["adhesion"],
+    }
     text = table({"diagnoses": [row], "report": {"seconds": 1.85, "megabytes": 4.08}})
     assert "| diagnose, twelve laws (12) | 824 | 2.8 | 4.6 | EFFECT adhesion |" in text
     assert "| <= 6 | <= 15 |" in text and "1.9 s (goal <= 30), 4.1 MB (goal <= 25)" in text

@@ -58,8 +58,10 @@ def test_a_decoy_leaves_none_of_these():
 
 def test_a_law_that_nobody_knows_is_none_of_these():
     """Residuals of a law outside the library, with another field in every episode."""
-    strange = [replace(e, residual=e.residual + 2e-3 * np.sin(40 * k + np.arange(e.residual.size)).reshape(
-               e.residual.shape)) for k, e in enumerate(episodes(9))]  # fmt: skip
+    strange = [
+        replace(e, residual=e.residual + 2e-3 * np.sin(40 * k + np.arange(e.residual.size)).reshape(e.residual.shape))
+        for k, e in enumerate(episodes(9))
+    ]
     assert conclude(strange, episodes(10)).verdict.kind == "NONE OF THESE"
 
 
@@ -87,16 +89,22 @@ def test_an_amplitude_outside_its_range_is_named_as_a_part_at_most():
 
 def test_a_law_that_would_need_more_than_its_range_does_not_stand_before_one_that_fits():
     tilt, fibres = key("tilt"), key("fibres")
-    alike = [replace(e, responses={**e.responses, fibres: e.responses[tilt] + e.responses[fibres] / 2})
-             for e in episodes(13, {"tilt": 0.3})]  # fmt: skip
+    alike = [
+        replace(e, responses={**e.responses, fibres: e.responses[tilt] + e.responses[fibres] / 2})
+        for e in episodes(13, {"tilt": 0.3})
+    ]
     narrow = [candidate(c.effect, low=0.0, high=0.02) if c.effect == "tilt" else c for c in CANDIDATES]
     found = conclude(alike, episodes(14), narrow)
     assert found.findings[0].name == "fibres" and found.findings[0].gain > finding(found, "tilt").gain
 
 
 def test_confounded_laws_come_with_the_motion_that_tells_them_apart():
-    data = [replace(e, responses={**e.responses, key("fibres"): 0.02 * e.responses[key("fibres")]
-            + e.responses[key("tilt")]}) for e in episodes(15, {"tilt": 0.3})]  # fmt: skip
+    data = [
+        replace(
+            e, responses={**e.responses, key("fibres"): 0.02 * e.responses[key("fibres")] + e.responses[key("tilt")]}
+        )
+        for e in episodes(15, {"tilt": 0.3})
+    ]
     other = [replace(e, responses={**e.responses, key("fibres"): e.responses[key("tilt")]}) for e in episodes(16)]
     found = conclude(data, other)
     assert found.verdict.kind == "CONFOUNDED" and set(found.verdict.named) == {"tilt", "fibres"}
@@ -144,12 +152,19 @@ def test_a_law_that_acts_in_one_episode_only_is_told_with_its_fit():
     assert several.shown_by == "" and several.shown == pytest.approx(several.gain, abs=0.05)
 
 
-@pytest.mark.parametrize(("kind", "named", "says"), [
-    ("SENSOR", ["cam_0"], "plop calibrate"), ("EFFECT", ["tilt"], "plop augment --effect tilt --diagnosis"),
-    ("EFFECT", ["tilt", "fibres"], "more is missing"), ("PARTLY", ["fibres"], "diagnose again with"),
-    ("BASE PARAMETER", ["stiffness"], "plop identify"), ("NONE OF THESE", [], "--effect-file"),
-    ("CONFOUNDED", ["tilt", "fibres"], "tell tilt and fibres apart"), ("NOTHING DETECTABLE", [], "(0."),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "named", "says"),
+    [
+        ("SENSOR", ["cam_0"], "plop calibrate"),
+        ("EFFECT", ["tilt"], "plop augment --effect tilt --diagnosis"),
+        ("EFFECT", ["tilt", "fibres"], "more is missing"),
+        ("PARTLY", ["fibres"], "diagnose again with"),
+        ("BASE PARAMETER", ["stiffness"], "plop identify"),
+        ("NONE OF THESE", [], "--effect-file"),
+        ("CONFOUNDED", ["tilt", "fibres"], "tell tilt and fibres apart"),
+        ("NOTHING DETECTABLE", [], "(0."),
+    ],
+)
 def test_after_every_verdict_it_is_said_what_to_do_next(kind, named, says):
     found = conclude(episodes(3), episodes(4))
     told = next_step(replace(found, verdict=Verdict(kind, named, "", {})))
@@ -169,9 +184,24 @@ def test_facts_are_plain_json_with_every_key():
     found = conclude(episodes(1, {"tilt": 0.3}), episodes(2))
     facts = facts_of(found, library(), [], {"e9": "no track"})
     text = json.dumps(facts, allow_nan=False)
-    assert set(json.loads(text)) >= {"schema", "verdict", "ranking", "base", "confounded", "limits", "sensors", "shams",
-                                     "error", "floor", "excess", "closed_share", "next_step", "next_motion", "episodes",
-                                     "dropped"}  # fmt: skip
+    assert set(json.loads(text)) >= {
+        "schema",
+        "verdict",
+        "ranking",
+        "base",
+        "confounded",
+        "limits",
+        "sensors",
+        "shams",
+        "error",
+        "floor",
+        "excess",
+        "closed_share",
+        "next_step",
+        "next_motion",
+        "episodes",
+        "dropped",
+    }
     assert facts["ranking"][0]["effect"] == "tilt" and facts["ranking"][0]["passes"]
     assert facts["base"]["effect"] == "stiffness" and facts["dropped"] == {"e9": "no track"}
     assert facts["closed_share"] > 0.8

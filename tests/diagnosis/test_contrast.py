@@ -28,20 +28,25 @@ def test_nothing_changed_is_rarely_called_a_change(own, kinds):
 
 
 @pytest.mark.parametrize("own", [1, 2])
-@pytest.mark.parametrize(("held", "kinds", "apart"), [
-    ("nearly all in two episodes", "one kind", 0.0), ("nearly all in two episodes", "four kinds", 1.0),
-    ("nearly all in every fourth", "one kind", 0.0), ("nearly all in every fourth", "four kinds", 1.0),
-    ("spread widely", "four kinds", 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("held", "kinds", "apart"),
+    [
+        ("nearly all in two episodes", "one kind", 0.0),
+        ("nearly all in two episodes", "four kinds", 1.0),
+        ("nearly all in every fourth", "one kind", 0.0),
+        ("nearly all in every fourth", "four kinds", 1.0),
+        ("spread widely", "four kinds", 1.0),
+    ],
+)
 def test_few_episodes_that_tell_of_a_law_are_counted_as_few(own, held, kinds, apart):
     """Counted as if all told alike, one in ten to one in two of these were called changed."""
     p = contrast_chances(KINDS[kinds], HELD[held], SCATTERS[0], own, RUNS, apart=apart)
     assert (p <= P_LARGEST).mean() <= 0.045
 
 
-@pytest.mark.parametrize(("held", "kinds"), [
-    ("nearly all in two episodes", "one kind"), ("nearly all in every fourth", "four kinds"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("held", "kinds"), [("nearly all in two episodes", "one kind"), ("nearly all in every fourth", "four kinds")]
+)
 def test_a_change_that_two_episodes_tell_is_seen(held, kinds):
     """By their own residuals alone, which hardly tell how much such episodes scatter, half of these were missed."""
     p = contrast_chances(KINDS[kinds], HELD[held], SCATTERS[0], 1, RUNS, apart=float(kinds != "one kind"), change=3.0)
@@ -57,15 +62,18 @@ def test_amplitudes_that_scatter_between_both_extremes_are_rarely_called_changed
 
 @pytest.mark.parametrize("own", [1, 2])
 def test_a_change_is_seen_behind_what_kinds_differ_by(own):
-    within, pooled = (contrast_chances(TOLD, MILD, SCATTERS[0], own, RUNS, apart=3.0, change=2.0, told=told)
-                      for told in (True, False))  # fmt: skip
+    within, pooled = (
+        contrast_chances(TOLD, MILD, SCATTERS[0], own, RUNS, apart=3.0, change=2.0, told=told) for told in (True, False)
+    )
     assert (within <= P_LARGEST).mean() > 0.9 and (pooled <= P_LARGEST).mean() < 0.5
 
 
 def test_the_family_multiplies_p():
     generator = np.random.default_rng(0)
-    here, reference = (drawn_grams(generator, np.ones(len(labels)), [np.full(1, amplitude)] * len(labels))
-                       for labels, amplitude in zip(TOLD, (1.0, 0.0), strict=True))  # fmt: skip
+    here, reference = (
+        drawn_grams(generator, np.ones(len(labels)), [np.full(1, amplitude)] * len(labels))
+        for labels, amplitude in zip(TOLD, (1.0, 0.0), strict=True)
+    )
     alone, among = (contrast_of(here, reference, np.arange(2), 1, family, TOLD) for family in (1, 5))
     assert among.p == pytest.approx(min(1.0, 5 * alone.p)) and (among.least > alone.least).all()
     assert among.errors == pytest.approx(alone.errors)

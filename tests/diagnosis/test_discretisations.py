@@ -61,8 +61,10 @@ def test_an_engine_as_base_says_the_mean_and_is_as_unsure_as_they_differ(episode
 
 def test_a_discretisation_that_fails_is_left_out_and_the_engine_itself_is_not(episode):
     def spoilt(share: float):
-        return lambda jobs: [Answer(None, "unstable") if share_of(job.base) == share else answer
-                             for job, answer in zip(jobs, answers(jobs), strict=True)]  # fmt: skip
+        return lambda jobs: [
+            Answer(None, "unstable") if share_of(job.base) == share else answer
+            for job, answer in zip(jobs, answers(jobs), strict=True)
+        ]
 
     found = Table(Measured([episode]), BASE, spoilt(0.86)).predictions[0]
     np.testing.assert_array_equal(found, [moved(episode, 0.0), moved(episode, SHIFTS[1.16])])
@@ -87,8 +89,15 @@ def test_responses_are_the_mean_over_discretisations_where_that_is_asked_for(epi
     strength = {1.0: 2.0, 0.86: 1.0, 1.16: 4.5}
 
     def run(jobs: list[Job]) -> list[Answer]:
-        return [Answer(moved(job.episode, SHIFTS[share_of(job.base)] + sum(v for _, v in job.settings)
-                             * strength[share_of(job.base)])) for job in jobs]  # fmt: skip
+        return [
+            Answer(
+                moved(
+                    job.episode,
+                    SHIFTS[share_of(job.base)] + sum(v for _, v in job.settings) * strength[share_of(job.base)],
+                )
+            )
+            for job in jobs
+        ]
 
     def slope(table: Table) -> float:
         return float(table.responses[0][COLUMN.key][-1, 0, 0])
@@ -103,8 +112,12 @@ def test_responses_are_the_mean_over_discretisations_where_that_is_asked_for(epi
 
 def test_a_response_leaves_out_the_discretisation_that_fails_under_the_law(episode):
     def run(jobs: list[Job]) -> list[Answer]:
-        return [Answer(None, "unstable") if job.settings and share_of(job.base) in broken
-                else Answer(moved(job.episode, sum(v for _, v in job.settings))) for job in jobs]  # fmt: skip
+        return [
+            Answer(None, "unstable")
+            if job.settings and share_of(job.base) in broken
+            else Answer(moved(job.episode, sum(v for _, v in job.settings)))
+            for job in jobs
+        ]
 
     broken = {0.86}
     table = Table(Measured([episode]), BASE, run)

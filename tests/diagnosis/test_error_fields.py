@@ -25,8 +25,17 @@ def episode() -> Episode:
     noise = np.random.default_rng(0).normal(0, NOISE_M, exact.shape)
     tool = ToolMotion(sequence.tool_vertices, sequence.tool_faces, sequence.times, sequence.world_from_tool)
     hull = trimesh.convex.convex_hull(points)
-    return Episode("box_000", sequence.times, exact + noise, NOISE_M, (points[:, 0] > 0).astype(int), tool, 0.0,
-                   np.asarray(hull.vertices), np.asarray(hull.faces))  # fmt: skip
+    return Episode(
+        "box_000",
+        sequence.times,
+        exact + noise,
+        NOISE_M,
+        (points[:, 0] > 0).astype(int),
+        tool,
+        0.0,
+        np.asarray(hull.vertices),
+        np.asarray(hull.faces),
+    )
 
 
 def test_phases_follow_the_tool(episode):

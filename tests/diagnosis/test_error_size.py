@@ -32,6 +32,7 @@ def test_one_kind_of_motion_that_goes_wrong_is_seen_beside_kinds_that_differ():
 
 def test_equal_errors_rarely_exceed_within_kinds():
     generator, kinds = np.random.default_rng(1), [*"ppccmm"]
-    chances = [exceeded_within(generator.normal(size=6), generator.normal(size=12), kinds, kinds * 2)
-               for _ in range(400)]  # fmt: skip
+    chances = [
+        exceeded_within(generator.normal(size=6), generator.normal(size=12), kinds, kinds * 2) for _ in range(400)
+    ]
     assert np.mean(np.array(chances) <= 0.05) < 0.07

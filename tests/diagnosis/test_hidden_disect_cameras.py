@@ -14,15 +14,31 @@ from plop.pipeline.chain import read_profile
 from stages.filter.stage import FilterConfig
 from stages.identify.stage import IdentifyConfig
 
-ROW = {"effect": "tilt", "gain": 0.123456, "gain_error": 0.01, "p": 0.005, "contrast_p": None, "passes": True,
-       "reasons": [], "help": "dropped",
-       "parameters": {"gx": {"value": 1.23456, "low": None, "high": 2.0, "unit": "m/s^2", "at_bound": 1}}}  # fmt: skip
+ROW = {
+    "effect": "tilt",
+    "gain": 0.123456,
+    "gain_error": 0.01,
+    "p": 0.005,
+    "contrast_p": None,
+    "passes": True,
+    "reasons": [],
+    "help": "dropped",
+    "parameters": {"gx": {"value": 1.23456, "low": None, "high": 2.0, "unit": "m/s^2", "at_bound": 1}},
+}
 
 
-FACTS = {"verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt."}, "error": 2.000049,
-         "floor": None, "closed_share": 0.5, "episodes": ["a"], "reference_episodes": [], "seconds": 1.0,
-         "shams": "dropped", "ranking": [ROW, *({**ROW, "effect": f"law_{k}"} for k in range(RANKED + 1))],
-         "base": {**ROW, "effect": "stiffness"}}  # fmt: skip
+FACTS = {
+    "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt."},
+    "error": 2.000049,
+    "floor": None,
+    "closed_share": 0.5,
+    "episodes": ["a"],
+    "reference_episodes": [],
+    "seconds": 1.0,
+    "shams": "dropped",
+    "ranking": [ROW, *({**ROW, "effect": f"law_{k}"} for k in range(RANKED + 1))],
+    "base": {**ROW, "effect": "stiffness"},
+}
 
 
 def store_of(folder: Path, facts: dict) -> SimpleNamespace:

@@ -21,8 +21,16 @@ class Sticking(World):
     def amounts(self, values: dict[str, float]) -> list[float]:
         lifted, x, y = values.get("adhesion", 0.0) / 300, values.get("gx_m_s2", 0.0), values.get("gy_m_s2", 0.0)
         free, held = min(lifted, 1.0), 1 - min(lifted, 1.0)
-        return [values.get("stiffness", 0.0), 0.5 * lifted / (1 + 0.2 * lifted), 10 * values.get("swelling", 0.0),
-                0.3 * values.get("fibres", 0.0), free * x, free * y, held * x, held * y]  # fmt: skip
+        return [
+            values.get("stiffness", 0.0),
+            0.5 * lifted / (1 + 0.2 * lifted),
+            10 * values.get("swelling", 0.0),
+            0.3 * values.get("fibres", 0.0),
+            free * x,
+            free * y,
+            held * x,
+            held * y,
+        ]
 
 
 def told(hidden: dict[str, float]):
@@ -49,8 +57,9 @@ def test_where_one_law_settles_it_no_pair_is_tried():
 
 
 def test_a_law_of_two_amplitudes_is_tried_in_other_directions_as_large():
-    tilt = Candidate("tilt", "physics", tuple(
-        Column("tilt", name, "m/s^2", (), 1.0, -5.0, 5.0) for name in ("gx_m_s2", "gy_m_s2")))  # fmt: skip
+    tilt = Candidate(
+        "tilt", "physics", tuple(Column("tilt", name, "m/s^2", (), 1.0, -5.0, 5.0) for name in ("gx_m_s2", "gy_m_s2"))
+    )
     sticky = Candidate("adhesion", "physics", (Column("adhesion", "traction_pa", "Pa", (), 300.0, 0, 1e5),))
     for first, second, start in ((tilt, sticky, [-3.0, 4.0, 500.0]), (sticky, tilt, [500.0, -3.0, 4.0])):
         places = np.array(_turned(first, second, np.array(start)))
@@ -61,10 +70,18 @@ def test_a_law_of_two_amplitudes_is_tried_in_other_directions_as_large():
     assert not _turned(sticky, sticky, np.array([1.0, 2.0]))
 
 
-@pytest.mark.parametrize(("kind", "named", "tried"), [
-    ("NONE OF THESE", [], True), ("PARTLY", ["tilt"], True), ("EFFECT", ["tilt", "adhesion"], True),
-    ("EFFECT", ["tilt"], False), ("CONFOUNDED", ["tilt", "adhesion"], False), ("NOTHING DETECTABLE", [], False),
-    ("BASE PARAMETER", ["stiffness"], False), ("SENSOR", ["clock", "scale"], False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "named", "tried"),
+    [
+        ("NONE OF THESE", [], True),
+        ("PARTLY", ["tilt"], True),
+        ("EFFECT", ["tilt", "adhesion"], True),
+        ("EFFECT", ["tilt"], False),
+        ("CONFOUNDED", ["tilt", "adhesion"], False),
+        ("NOTHING DETECTABLE", [], False),
+        ("BASE PARAMETER", ["stiffness"], False),
+        ("SENSOR", ["clock", "scale"], False),
+    ],
+)
 def test_two_are_fitted_together_where_one_does_not_settle_it(kind, named, tried):
     assert _two_are_tried(Verdict(kind, named, "")) == tried

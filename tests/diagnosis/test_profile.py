@@ -18,9 +18,12 @@ def measured(truth: float, power: float, tried: list[float], unstable_from: floa
 
     def measure(wanted):
         tried.extend(a for _, a in wanted)
-        return [None if abs(a) >= unstable_from else
-                ((np.sign(a) * abs(a) ** power - np.sign(truth) * abs(truth) ** power) ** 2, abs(a) ** power)
-                for _, a in wanted]  # fmt: skip
+        return [
+            None
+            if abs(a) >= unstable_from
+            else ((np.sign(a) * abs(a) ** power - np.sign(truth) * abs(truth) ** power) ** 2, abs(a) ** power)
+            for _, a in wanted
+        ]
 
     return measure
 
@@ -77,8 +80,9 @@ def test_near_an_end_at_which_the_response_grows_without_bounds_the_least_is_fou
         return np.array([2 * a, 0.02 * (a / (1 - a)) ** 2])
 
     def measure(wanted):
-        return [(float(((response(a) - response(truth)) ** 2).sum()), float(np.linalg.norm(response(a))))
-                for _, a in wanted]  # fmt: skip
+        return [
+            (float(((response(a) - response(truth)) ** 2).sum()), float(np.linalg.norm(response(a)))) for _, a in wanted
+        ]
 
     found = profiles_of([column(0.95, high=0.95)], measure)["law().a"]
     assert found.least() == pytest.approx(truth, rel=0.03)

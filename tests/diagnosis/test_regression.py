@@ -56,8 +56,9 @@ def test_spread_does_not_depend_on_the_units_of_a_column():
     scaled = [Whitened(e.name, e.residual, e.matrix * [[1e6], [1.0], [1e-6]], e.shape, e.block) for e in data]
     plain, other = fit(Grams.of(data), np.arange(3)), fit(Grams.of(scaled), np.arange(3))
     np.testing.assert_allclose(other.values * [1e6, 1, 1e-6], plain.values, rtol=1e-6)
-    np.testing.assert_allclose(np.sqrt(np.diag(other.spread)) * [1e6, 1, 1e-6], np.sqrt(np.diag(plain.spread)),
-                               rtol=1e-5)  # fmt: skip
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(other.spread)) * [1e6, 1, 1e-6], np.sqrt(np.diag(plain.spread)), rtol=1e-5
+    )
 
 
 def test_known_misfit_finds_a_planted_mixture():

@@ -114,10 +114,13 @@ def test_everything_that_decides_the_answer_is_in_its_name():
     episode = job.episode
     later = replace(episode, times=episode.times + 0.1)
     others = [
-        replace(job, base=replace(BASE, spacing_m=0.011)), replace(job, settings=()), replace(job, episode=later),
-        replace(job, settings=((COLUMNS["tilt"], 0.123),)), replace(job, episode=replace(episode, table_z_m=0.1)),
+        replace(job, base=replace(BASE, spacing_m=0.011)),
+        replace(job, settings=()),
+        replace(job, episode=later),
+        replace(job, settings=((COLUMNS["tilt"], 0.123),)),
+        replace(job, episode=replace(episode, table_z_m=0.1)),
         replace(job, episode=replace(episode, vertices=episode.vertices * 1.01)),
-    ]  # fmt: skip
+    ]
     assert len({digest(j, "") for j in [job, *others]}) == len(others) + 1
     assert digest(replace(job, episode=replace(episode, name="other")), "") == digest(job, "") != digest(job, "new")
 
@@ -160,11 +163,17 @@ def test_the_address_of_a_scheduler_that_cannot_be(tmp_path):
 def test_a_cluster_that_loses_a_worker_gives_the_same(tmp_path: Path, expected, monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).resolve().parents[2]))
-    many = [job for k in range(3) for job in [replace(j, base=replace(BASE, table_cone=cone))
-            for j in jobs()[k:k + 2] for cone in ("round", "pyramid")]]  # fmt: skip
+    many = [
+        job
+        for k in range(3)
+        for job in [
+            replace(j, base=replace(BASE, table_cone=cone)) for j in jobs()[k : k + 2] for cone in ("round", "pyramid")
+        ]
+    ]
     alone = Runs(jobs=1)(many)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
-                                  silence_logs=50, host="127.0.0.1") as cluster:  # fmt: skip
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50, host="127.0.0.1"
+    ) as cluster:
         lost: list[int] = []
 
         def kill_one(done: int, total: int, label: str) -> None:

@@ -45,9 +45,14 @@ def test_a_hidden_law_beats_every_sham():
 def test_a_law_along_one_axis_is_not_lost_to_the_signs_of_whole_episodes():
     """Of few episodes they are often all as they were; then parts of the object alone are turned."""
     for count in (4, SIGNS_LEAST):
-        straight = [replace(e, residual=0.5 * e.responses[key("tilt")] * [1, 0, 0] + e.residual * [0.1, 0.1, 0.1],
-                            responses={**e.responses, key("tilt"): e.responses[key("tilt")] * [1, 0, 0]})
-                    for e in episodes(1, count=count)]  # fmt: skip
+        straight = [
+            replace(
+                e,
+                residual=0.5 * e.responses[key("tilt")] * [1, 0, 0] + e.residual * [0.1, 0.1, 0.1],
+                responses={**e.responses, key("tilt"): e.responses[key("tilt")] * [1, 0, 0]},
+            )
+            for e in episodes(1, count=count)
+        ]
         now = state(straight)
         assert now.scores()[0].candidate.effect == "tilt"
         assert p_value(now.scores()[0].gain, sham_gains(now.screen, alone=True)) <= 0.02
@@ -115,8 +120,10 @@ def test_less_noise_lowers_the_limit():
 def test_what_cannot_be_seen_at_any_amplitude_has_no_limit():
     """In one episode only: what is fitted to the others says nothing about it."""
     data = episodes(5)
-    lonely = [e if k == 0 else replace(e, responses={**e.responses, key("tilt"): 1e-9 * e.residual})
-              for k, e in enumerate(data)]  # fmt: skip
+    lonely = [
+        e if k == 0 else replace(e, responses={**e.responses, key("tilt"): 1e-9 * e.residual})
+        for k, e in enumerate(data)
+    ]
     now = state(lonely)
     assert limits_of(now, sham_gains(now.screen, count=49))["tilt"]["amplitude"] is None
 

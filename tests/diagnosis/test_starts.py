@@ -22,8 +22,15 @@ class Sliding(World):
     def amounts(self, values: dict[str, float]) -> list[float]:
         d_mu = values.get("table_friction", 0.0)
         creeps, slides = -2 * d_mu if d_mu < 0 else 0.0, 60 * max(-d_mu - 0.4, 0.0)
-        return [values.get("stiffness", 0.0), creeps, slides, slides, values.get("viscosity", 0.0) / 100,
-                10 * values.get("swelling", 0.0), 0.3 * values.get("fibres", 0.0)]  # fmt: skip
+        return [
+            values.get("stiffness", 0.0),
+            creeps,
+            slides,
+            slides,
+            values.get("viscosity", 0.0) / 100,
+            10 * values.get("swelling", 0.0),
+            0.3 * values.get("fibres", 0.0),
+        ]
 
 
 def library_with(tried: tuple[float, ...]) -> dict[str, EffectType]:

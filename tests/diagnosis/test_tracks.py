@@ -12,8 +12,9 @@ from plop.gaussians.trajectory import TrajectoryWriter
 def row_of(count: int) -> Gaussians:
     means = torch.arange(3.0 * count).reshape(count, 3)
     quats = torch.tensor([1.0, 0, 0, 0]).repeat(count, 1)
-    return Gaussians(means, quats, torch.ones(count, 3), torch.ones(count), torch.zeros(count, 1, 3),
-                     torch.arange(count))  # fmt: skip
+    return Gaussians(
+        means, quats, torch.ones(count, 3), torch.ones(count), torch.zeros(count, 1, 3), torch.arange(count)
+    )
 
 
 def test_a_track_of_another_fit_is_refused(tmp_path):

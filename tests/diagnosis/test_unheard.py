@@ -41,10 +41,23 @@ def test_a_law_that_moves_nothing_is_told_with_a_limit_that_nothing_reaches():
 
 def test_what_the_runs_are_for_is_told_before_they_are_made():
     world, steps = Three(), list[tuple[str, int]]()
-    diagnose(world.measured(1, {"swelling": 0.2}), BASE, library(), world.run, reference=world.measured(2, {}),
-             effects=["swelling"], shams=99, told=lambda step: steps.append((step, world.ran)))  # fmt: skip
-    assert [step for step, _ in steps] == ["no law", "every law, recordings", "every law, reference",
-                                           "where laws begin", "amplitudes of the best"]  # fmt: skip
+    diagnose(
+        world.measured(1, {"swelling": 0.2}),
+        BASE,
+        library(),
+        world.run,
+        reference=world.measured(2, {}),
+        effects=["swelling"],
+        shams=99,
+        told=lambda step: steps.append((step, world.ran)),
+    )
+    assert [step for step, _ in steps] == [
+        "no law",
+        "every law, recordings",
+        "every law, reference",
+        "where laws begin",
+        "amplitudes of the best",
+    ]
     assert [ran for _, ran in steps[:2]] == [0, 12]  # six episodes and six of the reference, without any law
 
 
@@ -104,10 +117,12 @@ def test_what_names_something_keeps_its_text():
 @pytest.mark.parametrize("body", ["1 / 0", "raise SystemExit(0)", "body.v = None", "effect = type(self)(a=99.0)"])
 def test_a_mistake_in_a_law_of_one_s_own_stops_the_diagnosis_with_its_line(tmp_path, body):
     path = tmp_path / "mine.py"
-    path.write_text("from plop.physics.effects.effect import Effect, Parameter\n\n\nclass Mine(Effect):\n"
-                    "    name = help = law = source = 'mine'\n"
-                    "    amplitudes = (Parameter('a', '-', -1.0, 1.0, step=0.1, typical=0.5),)\n\n"
-                    f"    def before(self, body, dt):\n        {body}\n")  # fmt: skip
+    path.write_text(
+        "from plop.physics.effects.effect import Effect, Parameter\n\n\nclass Mine(Effect):\n"
+        "    name = help = law = source = 'mine'\n"
+        "    amplitudes = (Parameter('a', '-', -1.0, 1.0, step=0.1, typical=0.5),)\n\n"
+        f"    def before(self, body, dt):\n        {body}\n"
+    )
     column = Column("mine", "a", "-", (), 0.5, -1.0, 1.0)
     episode = replace(coarse_episode(0), seen=None)
     with pytest.raises(UserCodeError) as caught:
@@ -117,10 +132,12 @@ def test_a_mistake_in_a_law_of_one_s_own_stops_the_diagnosis_with_its_line(tmp_p
 
 def test_a_law_of_one_s_own_that_leaves_no_numbers_names_its_file(tmp_path):
     path = tmp_path / "mine.py"
-    path.write_text("from plop.physics.effects.effect import Effect, Parameter\n\n\nclass Mine(Effect):\n"
-                    "    name = help = law = source = 'mine'\n"
-                    "    amplitudes = (Parameter('a', '-', -1.0, 1.0, step=0.1, typical=0.5),)\n\n"
-                    "    def before(self, body, dt):\n        body.v[0] = float('nan')\n")  # fmt: skip
+    path.write_text(
+        "from plop.physics.effects.effect import Effect, Parameter\n\n\nclass Mine(Effect):\n"
+        "    name = help = law = source = 'mine'\n"
+        "    amplitudes = (Parameter('a', '-', -1.0, 1.0, step=0.1, typical=0.5),)\n\n"
+        "    def before(self, body, dt):\n        body.v[0] = float('nan')\n"
+    )
     column = Column("mine", "a", "-", (), 0.5, -1.0, 1.0)
     answer = run_job(Job(replace(coarse_episode(0), seen=None), BASE, ((column, 0.5),)), library([path]))
     assert answer.points is None and "mine.py, line 8" in answer.trouble

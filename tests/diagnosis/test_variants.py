@@ -35,8 +35,12 @@ class Sticky(World):
     def amounts(self, values: dict[str, float]) -> list[float]:
         bonds = [STRENGTH[release] * values.get(_bond(release), 0.0) / 100 for release in STRENGTH]
         ways = [sum(bonds)] if self.alike else bonds
-        return [values.get("stiffness", 0.0), values.get("viscosity", 0.0) / 100, 10 * values.get("swelling", 0.0),
-                *ways]  # fmt: skip
+        return [
+            values.get("stiffness", 0.0),
+            values.get("viscosity", 0.0) / 100,
+            10 * values.get("swelling", 0.0),
+            *ways,
+        ]
 
     def run(self, jobs: list[Job]) -> list[Answer]:
         return [Answer(self.moved(job.episode, {_key(c): value for c, value in job.settings})) for job in jobs]

@@ -32,9 +32,16 @@ WEAK: dict[str, Any] = {"gain": 0.01, "p": 0.6}
 
 
 def told(
-    findings: list[Finding], confounds: list[str], base: Finding | None, sensors: list[str], *,
-    left: float | None, second: tuple[Finding, float] | None = None, raw: float = 20.0, **size: Any,
-) -> Verdict:  # fmt: skip
+    findings: list[Finding],
+    confounds: list[str],
+    base: Finding | None,
+    sensors: list[str],
+    *,
+    left: float | None,
+    second: tuple[Finding, float] | None = None,
+    raw: float = 20.0,
+    **size: Any,
+) -> Verdict:
     return judge(findings, confounds, base, sensors, ErrorSize(raw=raw, **size), left=left, second=second)
 
 
@@ -109,8 +116,13 @@ def test_an_error_that_just_misses_is_told_with_what_is_asked_for():
     for laws in ([finding(**WEAK)], [lone]):
         verdict = told(laws, [], None, [], **size)
         assert verdict.kind == "NOTHING DETECTABLE"
-        for words in ("5 times that of the reference", "p = 0.0067", "p <= 0.005", "3 standard errors instead of 2.3",
-                      "Record more episodes"):  # fmt: skip
+        for words in (
+            "5 times that of the reference",
+            "p = 0.0067",
+            "p <= 0.005",
+            "3 standard errors instead of 2.3",
+            "Record more episodes",
+        ):
             assert words in verdict.text, words
     some = among(told([finding(**WEAK)], [], None, [], **size), ["tilt", "fibres"])
     assert "were tried can be detected in these recordings: tilt, fibres. But the mean" in some.text
@@ -241,11 +253,16 @@ def test_a_second_does_not_inherit_what_the_first_may_not_have():
     assert told([finding("drag", gain=0.9), finding()], [], None, [], **FACTS).named == []
 
 
-@pytest.mark.parametrize("change, reason", [
-    ({"p": 0.03}, "p = 0.030"), ({"p": None}, "no shams"), ({"gain": 0.04, "gain_error": 0.001}, "gain 4.0 %"),
-    ({"gain_error": 0.4}, "standard errors (40.0 %)"), ({"contrast": SAME}, "reference recordings"),
-
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, reason",
+    [
+        ({"p": 0.03}, "p = 0.030"),
+        ({"p": None}, "no shams"),
+        ({"gain": 0.04, "gain_error": 0.001}, "gain 4.0 %"),
+        ({"gain_error": 0.4}, "standard errors (40.0 %)"),
+        ({"contrast": SAME}, "reference recordings"),
+    ],
+)
 def test_each_condition_is_needed_and_said(change, reason):
     found = finding(**change)
     assert not found.passes()
@@ -339,10 +356,17 @@ def test_two_laws_are_named_where_only_both_explain_it():
     assert (verdict.kind, verdict.named) == ("PARTLY", ["adhesion", "tilt"]) and verdict.text.startswith("Partly")
 
 
-@pytest.mark.parametrize(("changes", "left", "floor"), [
-    ({}, 6.0, 1.0), ({}, 2.0, None), (WEAK, 2.0, 1.0), ({"gain": 0.08, "gain_error": 0.01}, 2.0, 1.0),
-    ({"contrast": SAME}, 2.0, 1.0), ({"kind": "decoy"}, 2.0, 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "left", "floor"),
+    [
+        ({}, 6.0, 1.0),
+        ({}, 2.0, None),
+        (WEAK, 2.0, 1.0),
+        ({"gain": 0.08, "gain_error": 0.01}, 2.0, 1.0),
+        ({"contrast": SAME}, 2.0, 1.0),
+        ({"kind": "decoy"}, 2.0, 1.0),
+    ],
+)
 def test_two_laws_of_which_one_fails_a_test_change_nothing(changes, left, floor):
     size = ErrorSize(raw=20.0, error=11.0, floor=floor, excess=9.0)
     assert judge_pair(NONE, finding("adhesion"), finding("tilt", **changes), left, size) is NONE

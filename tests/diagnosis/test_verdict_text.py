@@ -24,10 +24,13 @@ def test_an_infinite_interval_is_left_out_of_the_sentence():
     assert parameters_text(finding("tilt", {"e": value})) == "e = 2 Pa"
 
 
-@pytest.mark.parametrize(("low", "high", "shown"), [
-    (-1.05, -0.43, "stiffness x 0.456 (0.35 to 0.651), d_ln_e = -0.785 (-1.05 to -0.43)"),
-    (-np.inf, np.inf, "stiffness x 0.456, d_ln_e = -0.785"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("low", "high", "shown"),
+    [
+        (-1.05, -0.43, "stiffness x 0.456 (0.35 to 0.651), d_ln_e = -0.785 (-1.05 to -0.43)"),
+        (-np.inf, np.inf, "stiffness x 0.456, d_ln_e = -0.785"),
+    ],
+)
 def test_a_changed_base_parameter_is_named_with_its_factor(low, high, shown):
     value = {"value": -0.785, "low": low, "high": high, "unit": "-", "at_bound": False}
     assert shown in base_text(finding("stiffness", {"d_ln_e": value}))

@@ -50,8 +50,14 @@ class World(ABC):
 
     def run(self, jobs: list[Job]) -> list[Answer]:
         self.ran += len(jobs)
-        return [Answer(self.moved(job.episode, {c.amplitude if c.effect == "tilt" else c.effect: value
-                                                for c, value in job.settings})) for job in jobs]  # fmt: skip
+        return [
+            Answer(
+                self.moved(
+                    job.episode, {c.amplitude if c.effect == "tilt" else c.effect: value for c, value in job.settings}
+                )
+            )
+            for job in jobs
+        ]
 
     def measured(self, seed: int, hidden: dict[str, float]) -> Measured:
         episodes = []
@@ -65,7 +71,14 @@ class World(ABC):
 
     def told(
         self, hidden: dict[str, float], laws: Iterable[str], types: dict[str, EffectType] | None = None
-    ) -> Diagnosis:  # fmt: skip
+    ) -> Diagnosis:
         """Hide something in one set of episodes, nothing in the reference, and diagnose."""
-        return diagnose(self.measured(1, hidden), BASE, types or library(), self.run, reference=self.measured(2, {}),
-                        effects=laws, shams=99)  # fmt: skip
+        return diagnose(
+            self.measured(1, hidden),
+            BASE,
+            types or library(),
+            self.run,
+            reference=self.measured(2, {}),
+            effects=laws,
+            shams=99,
+        )

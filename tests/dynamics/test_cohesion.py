@@ -51,8 +51,9 @@ def test_strays_come_back_and_the_others_stay(block):
 def test_a_rigid_motion_however_large_is_left_as_it_is(block):
     after = state_at(block, moved_rigidly(block.means))
     assert held_together(state_at(block, block.means), after, LIMIT_M) is after
-    assert_close(expected_places(after.rest, after.gaussians.means, after.side), after.gaussians.means,
-                 atol=2e-6, rtol=0)  # fmt: skip
+    assert_close(
+        expected_places(after.rest, after.gaussians.means, after.side), after.gaussians.means, atol=2e-6, rtol=0
+    )
 
 
 def test_halves_that_a_blade_has_parted_go_their_own_ways(block):

@@ -62,15 +62,27 @@ def updated(contact: float) -> tuple[torch.Tensor, torch.Tensor]:
     """Update a block under a plate that only a camera below it sees; gives the means before and after."""
     block = coloured_block(600)
     middle = np.array([0.03, 0.02, 0.0])
-    camera = Camera("below", SIZE, SIZE, np.array([[70.0, 0, SIZE / 2], [0, 70.0, SIZE / 2], [0, 0, 1]]),
-                    look_at(middle - [0.0, 0.001, 0.12], middle, np.array([0.0, 1.0, 0.0])))  # fmt: skip
+    camera = Camera(
+        "below",
+        SIZE,
+        SIZE,
+        np.array([[70.0, 0, SIZE / 2], [0, 70.0, SIZE / 2], [0, 0, 1]]),
+        look_at(middle - [0.0, 0.001, 0.12], middle, np.array([0.0, 1.0, 0.0])),
+    )
     seen = render(block, camera)
     everywhere = torch.ones(SIZE, SIZE, dtype=torch.bool)
     target = Target(seen.rgb.detach(), seen.depth_m.detach(), seen.alpha.detach() > 0.5, everywhere)
     state = replace(at_rest(block), has_history=True)
     tool = SolidTool.of(plate(), pose(0.03, 0.02, TOP_M - PRESSED_M))
-    found = update(state, block, [MeasuredView(camera, target)], Neighbourhood.of(block.means), 0.06,
-                   UpdateConfig(iterations=30, views=1, contact=contact), tool)  # fmt: skip
+    found = update(
+        state,
+        block,
+        [MeasuredView(camera, target)],
+        Neighbourhood.of(block.means),
+        0.06,
+        UpdateConfig(iterations=30, views=1, contact=contact),
+        tool,
+    )
     return block.means, found.gaussians.means
 
 

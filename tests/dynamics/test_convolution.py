@@ -24,8 +24,11 @@ def test_values_and_gradients(batch, stride, bias):
     assert_close(one, other, atol=1e-5, rtol=1e-4)
     wanted = (x, *layer.parameters())
     weights = torch.randn_like(one)
-    for mine, usual in zip(torch.autograd.grad((one * weights).sum(), wanted),
-                           torch.autograd.grad((other * weights).sum(), wanted), strict=True):  # fmt: skip
+    for mine, usual in zip(
+        torch.autograd.grad((one * weights).sum(), wanted),
+        torch.autograd.grad((other * weights).sum(), wanted),
+        strict=True,
+    ):
         assert mine.layout is torch.strided
         assert_close(mine, usual, atol=1e-4, rtol=1e-4)
 

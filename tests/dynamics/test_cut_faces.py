@@ -51,8 +51,11 @@ def test_those_that_the_blade_passes_end_at_the_cut(cut, cut_step):
 def test_a_turned_blade_narrows_along_its_own_normal(cut, cut_step):
     before, after = cut
     change = pose(0.1, -0.2, 0.0, yaw=0.8)
-    turned = replace(cut_step, world_from_tool=change @ cut_step.world_from_tool,
-                     next_world_from_tool=change @ cut_step.next_world_from_tool)  # fmt: skip
+    turned = replace(
+        cut_step,
+        world_from_tool=change @ cut_step.world_from_tool,
+        next_world_from_tool=change @ cut_step.next_world_from_tool,
+    )
     g = after.gaussians
     quats = quat_multiply(matrix_to_quat(change[:3, :3]).expand(len(g), 4), g.quats)
     there = replace(after, gaussians=g.with_(means=g.means @ change[:3, :3].T + change[:3, 3], quats=quats))

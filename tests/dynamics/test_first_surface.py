@@ -73,8 +73,9 @@ def test_of_many_measured_points_some_are_enough(episode):
     frame = FirstFrame.of(recording)
     places = fitted.means.double().numpy()[frame.shown(fitted)]
     many = replace(frame, points=np.repeat(frame.points, 1 + 100_000 // len(frame.points), axis=0))
-    np.testing.assert_allclose(np.ptp(many.surface(places)[0], axis=0), np.ptp(frame.surface(places)[0], axis=0),
-                               atol=2e-4)  # fmt: skip
+    np.testing.assert_allclose(
+        np.ptp(many.surface(places)[0], axis=0), np.ptp(frame.surface(places)[0], axis=0), atol=2e-4
+    )
 
 
 def test_a_frame_that_shows_no_object_is_an_error(episode, monkeypatch):

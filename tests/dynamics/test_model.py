@@ -39,10 +39,17 @@ def transformed(state: ParticleState, action: ToolStep, change: torch.Tensor) ->
     g = state.gaussians
     quats = quat_multiply(matrix_to_quat(turn).expand(len(g), 4), g.quats)
     moved = g.with_(means=g.means @ turn.T + shift, quats=quats)
-    state = replace(state, gaussians=moved, last_translation=state.last_translation @ turn.T,
-                    last_rotation=state.last_rotation @ turn.T)  # fmt: skip
-    return state, replace(action, world_from_tool=change @ action.world_from_tool,
-                          next_world_from_tool=change @ action.next_world_from_tool)  # fmt: skip
+    state = replace(
+        state,
+        gaussians=moved,
+        last_translation=state.last_translation @ turn.T,
+        last_rotation=state.last_rotation @ turn.T,
+    )
+    return state, replace(
+        action,
+        world_from_tool=change @ action.world_from_tool,
+        next_world_from_tool=change @ action.next_world_from_tool,
+    )
 
 
 def moving(block) -> ParticleState:
@@ -77,8 +84,9 @@ def test_a_mirrored_window_shows_the_mirrored_experiment(block, cut_step):
     """The tool's motion and its image in the table's axis are mirrored alike."""
     step = replace(cut_step, next_world_from_tool=pose(0.004, 0.001, 0) @ cut_step.next_world_from_tool)
     turned = pose(0, 0, 0, yaw=0.3)
-    step = replace(step, world_from_tool=turned @ step.world_from_tool,
-                   next_world_from_tool=turned @ step.next_world_from_tool)  # fmt: skip
+    step = replace(
+        step, world_from_tool=turned @ step.world_from_tool, next_world_from_tool=turned @ step.next_world_from_tool
+    )
     state, frame = moving(block), tool_frame(step)
     with_tool = rigid_displacement(state.gaussians.means, step)
     plain, mirrored = (

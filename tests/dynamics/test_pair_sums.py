@@ -39,8 +39,13 @@ def test_rigid(pairs):
         error = rotated - (then[second] - then[first])
         return (weight * error.square().sum(-1) + TINY).sqrt().sum()
 
-    same(lambda *values: rigid_sum(first, second, weight, *values), reference,
-         drawn(40, 3, 3), drawn(40, 3), 2 * drawn(3, 40).T)  # fmt: skip
+    same(
+        lambda *values: rigid_sum(first, second, weight, *values),
+        reference,
+        drawn(40, 3, 3),
+        drawn(40, 3),
+        2 * drawn(3, 40).T,
+    )
 
 
 def test_alike(pairs):

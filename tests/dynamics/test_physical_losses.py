@@ -45,8 +45,12 @@ def test_pairs_follow_a_resampled_set(block):
     pairs = Neighbourhood.of(block.means)
     parents = torch.cat([torch.arange(10, len(block)), torch.tensor([20])])
     follow = pairs.following(parents)
-    assert_close(block.means[parents][follow.first].sub(block.means[parents][follow.second]).norm(dim=-1),
-                 follow.rest_m, atol=1e-7, rtol=1e-4)  # fmt: skip
+    assert_close(
+        block.means[parents][follow.first].sub(block.means[parents][follow.second]).norm(dim=-1),
+        follow.rest_m,
+        atol=1e-7,
+        rtol=1e-4,
+    )
 
 
 def test_local_rotation_of_a_rigid_motion_is_the_rotation(block):

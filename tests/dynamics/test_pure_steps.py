@@ -64,8 +64,10 @@ def test_two_episodes_in_turn_are_each_alone(name):
     states = [model.init(scene_of(episode)) for episode in episodes]
     draws = [torch.Generator().manual_seed(3) for _ in episodes]
     for frame in range(FRAMES - 1):
-        states = [model.step(state, each[frame], generator=draw)
-                  for state, each, draw in zip(states, steps, draws, strict=True)]  # fmt: skip
+        states = [
+            model.step(state, each[frame], generator=draw)
+            for state, each, draw in zip(states, steps, draws, strict=True)
+        ]
         for state, expected in zip(states, alone, strict=True):
             assert_same(state, expected[frame + 1])
     assert name in AT_REST or not torch.equal(alone[0][-1].gaussians.means, alone[0][0].gaussians.means)
@@ -92,8 +94,11 @@ def test_a_model_holds_nothing_of_an_episode():
     for name, make in MODELS.items():
         model = make()
         before = {key: id(value) for key, value in vars(model).items()}
-        model.step(model.init(scene_of(coarse_episode(0))), actions(coarse_episode(0)).step(0),
-                   generator=torch.Generator().manual_seed(0))  # fmt: skip
+        model.step(
+            model.init(scene_of(coarse_episode(0))),
+            actions(coarse_episode(0)).step(0),
+            generator=torch.Generator().manual_seed(0),
+        )
         assert {key: id(value) for key, value in vars(model).items()} == before, name
 
 
@@ -102,13 +107,20 @@ def test_a_filter_that_moves_nothing_changes_nothing_and_the_smallest_move_count
     steps = actions(episode).steps()
     state = model.step(model.init(scene_of(episode)), steps[0])
     assert isinstance(state.inner, EngineState)
-    kept = ParticleState(state.gaussians.with_(means=state.gaussians.means.clone()), state.last_translation,
-                         state.last_rotation, state.side, True, inner=state.inner)  # fmt: skip
+    kept = ParticleState(
+        state.gaussians.with_(means=state.gaussians.means.clone()),
+        state.last_translation,
+        state.last_rotation,
+        state.side,
+        True,
+        inner=state.inner,
+    )
     assert_same(model.step(kept, steps[1]), model.step(state, steps[1]))
     shift = torch.tensor([5e-7, 0.0, 0.0])
     moved = state.gaussians.with_(means=state.gaussians.means + shift)
-    particles = model._particles(ParticleState(moved, state.last_translation, state.last_rotation, state.side, True,
-                                               inner=state.inner), steps[1])  # fmt: skip
+    particles = model._particles(
+        ParticleState(moved, state.last_translation, state.last_rotation, state.side, True, inner=state.inner), steps[1]
+    )
     way = particles.positions - state.inner.particles.positions
     np.testing.assert_allclose(way, np.broadcast_to(shift.numpy(), way.shape), atol=5e-8)
 

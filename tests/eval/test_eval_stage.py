@@ -114,8 +114,9 @@ def test_pictures_are_there_and_the_plot_too(scored):
 
 def test_the_summary_shows_every_method_and_part(scored):
     shown = {(row["over"], row["method"]) for row in scored[0].table}
-    assert shown == {(part, method) for part in ("episode", "end", "start")
-                     for method in ("plop", "persistence", "rigid")}  # fmt: skip
+    assert shown == {
+        (part, method) for part in ("episode", "end", "start") for method in ("plop", "persistence", "rigid")
+    }
 
 
 def test_a_second_run_goes_on_and_gives_the_same_bytes(inputs, scored, tmp_path):

@@ -193,14 +193,24 @@ def test_a_missing_or_broken_cloud_is_explained(fitted, tmp_path):
     (tmp_path / "clouds").mkdir()
     with pytest.raises(PlopError, match="no such PLY"):
         fit(folder / "set", tmp_path / "out", clouds=tmp_path)
-    (tmp_path / "clouds" / "a.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
-                                                b"end_header\n1\n")  # fmt: skip
+    (tmp_path / "clouds" / "a.ply").write_bytes(
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n"
+    )
     with pytest.raises(PlopError, match="lacks something"):
         fit(folder / "set", tmp_path / "out", clouds=tmp_path)
 
 
-@pytest.mark.parametrize("wrong", [{"filling": "foam"}, {"count": 0}, {"background": "sky"}, {"sh_degree": 4},
-                                   {"episodes": "z*"}, {"inner_share": 1.0}])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"filling": "foam"},
+        {"count": 0},
+        {"background": "sky"},
+        {"sh_degree": 4},
+        {"episodes": "z*"},
+        {"inner_share": 1.0},
+    ],
+)
 def test_bad_settings_are_explained(fitted, tmp_path, wrong):
     folder, _ = fitted
     with pytest.raises(PlopError):

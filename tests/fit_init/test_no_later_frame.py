@@ -60,8 +60,9 @@ def fitted(folder: Path, train: list, test: list) -> dict[str, dict[str, bytes]]
     RecordingSet(folder / "set", "scene", ["train"], ["test"]).save()
     (folder / "out").mkdir()
     STAGE.run({"recordings": Input(folder / "set")}, QUICK, Output(folder / "out"))
-    return {name: {file.name: file.read_bytes() for file in (folder / "out" / name).iterdir()}
-            for name in ("train", "test")}  # fmt: skip
+    return {
+        name: {file.name: file.read_bytes() for file in (folder / "out" / name).iterdir()} for name in ("train", "test")
+    }
 
 
 def colour_of(folder: Path, name: str) -> np.ndarray:

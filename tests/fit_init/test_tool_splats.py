@@ -14,8 +14,9 @@ from stages.fit_init.tool_splats import drawn_in, sample_mesh, splats_on
 
 LENGTH_M, HEIGHT_M, THICK_M = 0.12, 0.03, 0.002
 INTRINSICS = np.array([[100.0, 0, 48], [0, 100, 48], [0, 0, 1]])
-SIDE = Camera("side", 96, 96, INTRINSICS, look_at(np.array([0.0, -0.15, 0.015]), np.array([0.0, 0, 0.015]),
-                                                  np.array([0.0, 0, 1])))  # fmt: skip
+SIDE = Camera(
+    "side", 96, 96, INTRINSICS, look_at(np.array([0.0, -0.15, 0.015]), np.array([0.0, 0, 0.015]), np.array([0.0, 0, 1]))
+)
 
 
 def wedge() -> Mesh:

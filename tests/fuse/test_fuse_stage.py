@@ -47,9 +47,16 @@ def test_the_same_bytes_twice_and_resume(tmp_path):
 
 def test_disagreeing_views_are_registered(tmp_path):
     cameras = ring(8)
-    wrong = [replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.004 * (i % 3 - 1), 0.004 * (i % 2), 0.003, 0,
-                                                                     0.01 * (i % 2), 0])) @ c.world_from_cam)
-             for i, c in enumerate(cameras)]  # fmt: skip
+    wrong = [
+        replace(
+            c,
+            world_from_cam=pose_from_euler_xyz(
+                np.array([0.004 * (i % 3 - 1), 0.004 * (i % 2), 0.003, 0, 0.01 * (i % 2), 0])
+            )
+            @ c.world_from_cam,
+        )
+        for i, c in enumerate(cameras)
+    ]
     write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
     fuse(tmp_path / "set", tmp_path / "out")
     facts = json.loads((tmp_path / "out" / "fuse.json").read_text())["episodes"]["a"]
@@ -70,8 +77,10 @@ def test_a_tool_that_hides_the_object_from_one_of_two_opposed_cameras_is_no_disa
 def test_a_registration_without_a_finite_answer_is_not_kept(tmp_path, monkeypatch):
     """Normals turned away from each other leave no pair: what nothing was compared with has not been improved."""
     cameras = ring(4)
-    wrong = [replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.006 * i, 0, 0, 0, 0, 0])) @ c.world_from_cam)
-             for i, c in enumerate(cameras)]  # fmt: skip
+    wrong = [
+        replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.006 * i, 0, 0, 0, 0, 0])) @ c.world_from_cam)
+        for i, c in enumerate(cameras)
+    ]
     write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
     monkeypatch.setattr("plop.geometry.registration._NORMALS_AGREE", 2.0)
     summary = fuse(tmp_path / "set", tmp_path / "out")
@@ -87,8 +96,10 @@ def test_a_registration_that_is_no_number_is_not_kept(tmp_path, monkeypatch, bro
     import stages.fuse.episode as episode
 
     cameras = ring(4)
-    wrong = [replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.006 * i, 0, 0, 0, 0, 0])) @ c.world_from_cam)
-             for i, c in enumerate(cameras)]  # fmt: skip
+    wrong = [
+        replace(c, world_from_cam=pose_from_euler_xyz(np.array([0.006 * i, 0, 0, 0, 0, 0])) @ c.world_from_cam)
+        for i, c in enumerate(cameras)
+    ]
     write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
 
     def register(clouds, **settings):
@@ -102,8 +113,10 @@ def test_a_registration_that_is_no_number_is_not_kept(tmp_path, monkeypatch, bro
     assert "no finite answer" in summary.warnings[0]
 
 
-VERDICTS = [{"camera": "c0", "verdict": "bad", "fix": "its depth disagrees by 11.6 mm"},
-            {"camera": "c1", "verdict": "bad", "fix": "its depth disagrees by 9 mm"}]  # fmt: skip
+VERDICTS = [
+    {"camera": "c0", "verdict": "bad", "fix": "its depth disagrees by 11.6 mm"},
+    {"camera": "c1", "verdict": "bad", "fix": "its depth disagrees by 9 mm"},
+]
 
 
 @pytest.mark.parametrize("verdict, told", [("bad", True), ("good", False), ("corrected", False)])
@@ -139,8 +152,7 @@ def thickness(points: np.ndarray) -> float:
 @pytest.mark.parametrize("masks", [True, False])
 def test_scan_becomes_one_cloud_without_the_table(tmp_path, masks):
     scan = ring(10, distance=0.3, height=0.2)
-    write_set(tmp_path / "set", {"a": {}}, cameras=ring(2), scan=scan, masks=masks,
-              table_z_m=0.0 if masks else None)  # fmt: skip
+    write_set(tmp_path / "set", {"a": {}}, cameras=ring(2), scan=scan, masks=masks, table_z_m=0.0 if masks else None)
     fuse(tmp_path / "set", tmp_path / "out")
     facts = json.loads((tmp_path / "out" / "fuse.json").read_text())["episodes"]["a"]
     cloud = read_cloud(tmp_path / "out" / "clouds" / "a.ply")
@@ -196,10 +208,18 @@ def test_a_bad_episode_does_not_stop_the_others(tmp_path):
     assert any("a was skipped" in warning for warning in summary.warnings)
 
 
-@pytest.mark.parametrize("config", [
-    FuseConfig(voxel_m=2.0), FuseConfig(voxel_m=1e-9), FuseConfig(source="both"), FuseConfig(method="mesh"),
-    FuseConfig(frame=99), FuseConfig(source="scan"), FuseConfig(frame=-1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "config",
+    [
+        FuseConfig(voxel_m=2.0),
+        FuseConfig(voxel_m=1e-9),
+        FuseConfig(source="both"),
+        FuseConfig(method="mesh"),
+        FuseConfig(frame=99),
+        FuseConfig(source="scan"),
+        FuseConfig(frame=-1),
+    ],
+)
 def test_bad_settings_are_explained(tmp_path, config):
     write_set(tmp_path / "set", {"a": {}}, cameras=ring(2))
     with pytest.raises(PlopError):

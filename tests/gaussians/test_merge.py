@@ -56,8 +56,12 @@ def test_opacity_stays_below_one_in_moments_and_passes_it_in_paper():
 
 def test_a_survivor_that_absorbs_nothing_is_untouched():
     near, far = random_gaussians(5), random_gaussians(1, seed=3)
-    blob = concatenate([near.with_(opacities=torch.tensor([0.9, 0.01, 0.01, 0.01, 0.01])),
-                        far.with_(means=far.means + 5, opacities=torch.tensor([0.9]))])  # fmt: skip
+    blob = concatenate(
+        [
+            near.with_(opacities=torch.tensor([0.9, 0.01, 0.01, 0.01, 0.01])),
+            far.with_(means=far.means + 5, opacities=torch.tensor([0.9])),
+        ]
+    )
     merged, kept = merge(blob, 0.05)
     assert kept.tolist() == [0, 5]
     for name in ("means", "quats", "scales", "opacities", "sh", "ids"):

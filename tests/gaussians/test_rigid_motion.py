@@ -21,9 +21,14 @@ def blob(terms: int) -> Gaussians:
     draw = torch.Generator().manual_seed(0)
     count = 12
     quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=draw), dim=-1)
-    return Gaussians(0.02 * torch.randn(count, 3, generator=draw), quats,
-                     0.002 + 0.01 * torch.rand(count, 3, generator=draw), torch.rand(count, generator=draw),
-                     0.3 * torch.randn(count, terms, 3, generator=draw), torch.arange(count))  # fmt: skip
+    return Gaussians(
+        0.02 * torch.randn(count, 3, generator=draw),
+        quats,
+        0.002 + 0.01 * torch.rand(count, 3, generator=draw),
+        torch.rand(count, generator=draw),
+        0.3 * torch.randn(count, terms, 3, generator=draw),
+        torch.arange(count),
+    )
 
 
 @pytest.mark.parametrize("terms", [1, 4, 9, 16])

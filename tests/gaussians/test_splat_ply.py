@@ -28,8 +28,26 @@ def test_the_file_is_what_public_viewers_expect(tmp_path):
     lines = header.decode().splitlines()
     assert lines[:3] == ["ply", "format binary_little_endian 1.0", "element vertex 1"]
     names = [line.removeprefix("property float ") for line in lines[3:]]
-    assert names == ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{i}" for i in range(9)),
-                     "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]  # fmt: skip
+    assert names == [
+        "x",
+        "y",
+        "z",
+        "nx",
+        "ny",
+        "nz",
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+        *(f"f_rest_{i}" for i in range(9)),
+        "opacity",
+        "scale_0",
+        "scale_1",
+        "scale_2",
+        "rot_0",
+        "rot_1",
+        "rot_2",
+        "rot_3",
+    ]
     row = dict(zip(names, np.frombuffer(body, "<f4"), strict=True))
     assert row["f_rest_0"] == blob.sh[0, 1, 0] and row["f_rest_3"] == blob.sh[0, 1, 1]  # colour by colour
     sigma = float(blob.opacities[0])
@@ -39,11 +57,34 @@ def test_the_file_is_what_public_viewers_expect(tmp_path):
 
 
 def test_other_orders_types_and_ascii_are_read(tmp_path):
-    names = ["opacity", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2", "x", "y", "z",
-             "f_dc_0", "f_dc_1", "f_dc_2"]  # fmt: skip
+    names = [
+        "opacity",
+        "rot_0",
+        "rot_1",
+        "rot_2",
+        "rot_3",
+        "scale_0",
+        "scale_1",
+        "scale_2",
+        "x",
+        "y",
+        "z",
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+    ]
     values = [0.0, 2.0, 0, 0, 0, -5, -5, -6, 0.1, 0.2, 0.3, 1, 2, 3]
-    header = "\n".join(["ply", "format {}", "comment by hand", "element vertex 1",
-                        *(f"property double {name}" for name in names), "end_header", ""])  # fmt: skip
+    header = "\n".join(
+        [
+            "ply",
+            "format {}",
+            "comment by hand",
+            "element vertex 1",
+            *(f"property double {name}" for name in names),
+            "end_header",
+            "",
+        ]
+    )
     binary = tmp_path / "big.ply"
     binary.write_bytes(header.format("binary_big_endian 1.0").encode() + np.array(values, ">f8").tobytes())
     text = tmp_path / "text.ply"

@@ -8,8 +8,12 @@ from tests.gaussians.clouds import random_gaussians
 
 
 def test_frames_of_any_size_come_back_exactly(tmp_path):
-    frames = {("predicted", 0): random_gaussians(5), ("predicted", 12): random_gaussians(9, seed=1),
-              ("predicted", 3): random_gaussians(0), ("updated", 12): random_gaussians(7, seed=2)}  # fmt: skip
+    frames = {
+        ("predicted", 0): random_gaussians(5),
+        ("predicted", 12): random_gaussians(9, seed=1),
+        ("predicted", 3): random_gaussians(0),
+        ("updated", 12): random_gaussians(7, seed=2),
+    }
     with TrajectoryWriter(tmp_path / "a.h5") as writer:
         for (group, frame), blob in frames.items():
             writer.append(group, frame, blob, push=blob.means * 2, label=torch.arange(3))

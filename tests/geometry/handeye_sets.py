@@ -22,8 +22,16 @@ class Rig:
     """moving_from_cam [4, 4]."""
 
 
-def draw_rig(seed: int, *, mount: str | None = None, pairs: int | None = None, noise_mm: float | None = None,
-             noise_deg: float | None = None, turn_deg: float | None = None, size: float = 1.0) -> Rig:  # fmt: skip
+def draw_rig(
+    seed: int,
+    *,
+    mount: str | None = None,
+    pairs: int | None = None,
+    noise_mm: float | None = None,
+    noise_deg: float | None = None,
+    turn_deg: float | None = None,
+    size: float = 1.0,
+) -> Rig:
     """Draw a rig: 6 to 40 pairs, 0.2 to 3 mm and 0.05 to 0.5 deg of noise per axis, turns of 10 to 50 deg.
 
     `size` scales all lengths, the noise with them.
@@ -40,10 +48,12 @@ def draw_rig(seed: int, *, mount: str | None = None, pairs: int | None = None, n
     robot[:, :3, :3] = (turns * Rotation.from_euler("x", np.pi)).as_matrix()
     robot[:, :3, 3] = size * ([0.5, 0, 0.4] + draw.uniform(-1, 1, (count, 3)) * min(0.2, 0.2 * turn / 30))
     if mount == "wrist":
-        answer = pose_from_euler_xyz(np.r_[size * draw.uniform(-0.08, 0.08, 3), draw.uniform(-0.3, 0.3, 2),
-                                           draw.uniform(-3, 3)])  # fmt: skip
-        place = pose_from_euler_xyz(np.r_[size * (np.array([0.5, 0, 0]) + draw.uniform(-0.1, 0.1, 3)), 0, 0,
-                                          draw.uniform(-3, 3)])  # fmt: skip
+        answer = pose_from_euler_xyz(
+            np.r_[size * draw.uniform(-0.08, 0.08, 3), draw.uniform(-0.3, 0.3, 2), draw.uniform(-3, 3)]
+        )
+        place = pose_from_euler_xyz(
+            np.r_[size * (np.array([0.5, 0, 0]) + draw.uniform(-0.1, 0.1, 3)), 0, 0, draw.uniform(-3, 3)]
+        )
         board = invert_rigid(robot @ answer) @ place
     else:
         around = draw.uniform(0, 2 * np.pi)

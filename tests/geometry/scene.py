@@ -15,8 +15,10 @@ CENTER = np.array([0.0, 0.0, 0.03])
 RADII = np.array([0.06, 0.04, 0.03])
 POST_CENTER, POST_RADIUS = np.array([0.11, 0.03, 0.02]), 0.02
 PLATE_CENTER, PLATE_RADII = np.array([0.0, 0.0, 0.1]), np.array([0.002, 0.08, 0.039])
-TOOL = Mesh(np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], float),
-            np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))  # fmt: skip
+TOOL = Mesh(
+    np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]], float),
+    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+)
 
 
 def ring(count: int = 6, size: int = 96, distance: float = 0.35, height: float = 0.25) -> list[Camera]:
@@ -24,8 +26,9 @@ def ring(count: int = 6, size: int = 96, distance: float = 0.35, height: float =
     matrix = np.array([[1.6 * size, 0, size / 2], [0, 1.6 * size, size / 2], [0, 0, 1.0]])
     angles = 2 * np.pi * np.arange(count) / count + 0.1
     eyes = np.stack([distance * np.cos(angles), distance * np.sin(angles), np.full(count, height)], 1)
-    return [Camera(f"cam{i}", size, size, matrix, look_at(eye, CENTER, np.array([0, 0, 1.0])))
-            for i, eye in enumerate(eyes)]  # fmt: skip
+    return [
+        Camera(f"cam{i}", size, size, matrix, look_at(eye, CENTER, np.array([0, 0, 1.0]))) for i, eye in enumerate(eyes)
+    ]
 
 
 def render(camera: Camera, *, plate: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -37,9 +40,14 @@ def render(camera: Camera, *, plate: bool = False) -> tuple[np.ndarray, np.ndarr
     eye = camera.world_from_cam[:3, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         table = np.where(directions[..., 2] < -1e-9, -eye[2] / directions[..., 2], np.inf)
-    hits = np.stack([np.where(table < 0.8, table, np.inf), _ellipsoid(eye, directions, CENTER, RADII),
-                     _ellipsoid(eye, directions, POST_CENTER, np.full(3, POST_RADIUS)),
-                     *([_ellipsoid(eye, directions, PLATE_CENTER, PLATE_RADII)] if plate else [])])  # fmt: skip
+    hits = np.stack(
+        [
+            np.where(table < 0.8, table, np.inf),
+            _ellipsoid(eye, directions, CENTER, RADII),
+            _ellipsoid(eye, directions, POST_CENTER, np.full(3, POST_RADIUS)),
+            *([_ellipsoid(eye, directions, PLATE_CENTER, PLATE_RADII)] if plate else []),
+        ]
+    )
     nearest = hits.argmin(0)
     depth = hits.min(0)
     labels = np.array([MaskLabel.BACKGROUND, MaskLabel.OBJECT, MaskLabel.BACKGROUND, MaskLabel.TOOL], np.uint8)
@@ -65,22 +73,43 @@ def ellipsoid_distance(points: np.ndarray) -> np.ndarray:
     return (value - 1) / gradient
 
 
-def write_recording(path: Path, cameras: list[Camera], *, frames: int = 2, truth: list[Camera] | None = None,
-                    table_z_m: float | None = 0.0, depth_factor: dict[str, float] | None = None,
-                    scan: list[Camera] | None = None, scan_truth: list[Camera] | None = None,
-                    masks: bool = True, plate: bool = False) -> None:  # fmt: skip
+def write_recording(
+    path: Path,
+    cameras: list[Camera],
+    *,
+    frames: int = 2,
+    truth: list[Camera] | None = None,
+    table_z_m: float | None = 0.0,
+    depth_factor: dict[str, float] | None = None,
+    scan: list[Camera] | None = None,
+    scan_truth: list[Camera] | None = None,
+    masks: bool = True,
+    plate: bool = False,
+) -> None:
     """Write a still recording; `truth` holds the cameras that took the images when `cameras` are wrong."""
     tool_poses = np.tile(np.eye(4), (frames, 1, 1))
     tool_poses[:, 2, 3] = 0.2
-    with RecordingWriter(path, name=path.stem, source="test", environment="scene", table_z_m=table_z_m,
-                         time_s=np.arange(frames) / 30, tool_mesh=TOOL,
-                         world_from_tool=tool_poses) as writer:  # fmt: skip
+    with RecordingWriter(
+        path,
+        name=path.stem,
+        source="test",
+        environment="scene",
+        table_z_m=table_z_m,
+        time_s=np.arange(frames) / 30,
+        tool_mesh=TOOL,
+        world_from_tool=tool_poses,
+    ) as writer:
         for claimed, real in zip(cameras, truth or cameras, strict=True):
             rgb, depth, mask = render(real, plate=plate)
             mask = mask if masks else np.full_like(mask, MaskLabel.UNKNOWN)
             depth = depth * (depth_factor or {}).get(claimed.name, 1.0)
-            writer.add_camera(claimed.name, claimed.intrinsics, np.tile(claimed.world_from_cam, (frames, 1, 1)),
-                              claimed.height, claimed.width)  # fmt: skip
+            writer.add_camera(
+                claimed.name,
+                claimed.intrinsics,
+                np.tile(claimed.world_from_cam, (frames, 1, 1)),
+                claimed.height,
+                claimed.width,
+            )
             for frame in range(frames):
                 writer.write_frame(claimed.name, frame, rgb, depth, mask)
         if scan:

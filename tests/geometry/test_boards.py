@@ -35,8 +35,9 @@ def flat_picture(board: Board) -> np.ndarray:
 def photograph(board: Board, cam_from_board: np.ndarray) -> np.ndarray:
     """See the picture through a pinhole camera, twice oversampled; the board's origin is its first outer corner."""
     origin = 0.02 + (board.square_m if board.kind == "chessboard" else 0.0)
-    to_metres = np.array([[1 / PX_PER_M, 0, 0.5 / PX_PER_M - origin], [0, 1 / PX_PER_M, 0.5 / PX_PER_M - origin],
-                          [0, 0, 1]])  # fmt: skip
+    to_metres = np.array(
+        [[1 / PX_PER_M, 0, 0.5 / PX_PER_M - origin], [0, 1 / PX_PER_M, 0.5 / PX_PER_M - origin], [0, 0, 1]]
+    )
     plane = cam_from_board[:3, [0, 1, 3]]
     finer = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1.0]])
     picture = cv2.GaussianBlur(flat_picture(board), (0, 0), 1.2)
@@ -46,8 +47,9 @@ def photograph(board: Board, cam_from_board: np.ndarray) -> np.ndarray:
 
 def poses(count: int = 8) -> np.ndarray:
     draw = np.random.default_rng(3)
-    parts = np.concatenate([draw.uniform(-0.02, 0.02, (count, 3)) + [-0.08, -0.08, 0.4],
-                            draw.uniform(-0.4, 0.4, (count, 3))], axis=1)  # fmt: skip
+    parts = np.concatenate(
+        [draw.uniform(-0.02, 0.02, (count, 3)) + [-0.08, -0.08, 0.4], draw.uniform(-0.4, 0.4, (count, 3))], axis=1
+    )
     return pose_from_euler_xyz(parts)
 
 
@@ -88,9 +90,16 @@ def test_mixed_sizes_are_an_error():
         calibrate_intrinsics({"a": np.zeros((4, 4, 3), np.uint8), "b": np.zeros((5, 4, 3), np.uint8)}, CHESS)
 
 
-@pytest.mark.parametrize("board", [Board("chessboard", 12, 9, 25.0), Board("circles", 5, 7, 0.03),
-                                   Board("charuco", 5, 7, 0.03, 0.04), Board("chessboard", 2, 9, 0.03),
-                                   Board("charuco", 5, 7, 0.03, 0.02, "DICT_9X9")])  # fmt: skip
+@pytest.mark.parametrize(
+    "board",
+    [
+        Board("chessboard", 12, 9, 25.0),
+        Board("circles", 5, 7, 0.03),
+        Board("charuco", 5, 7, 0.03, 0.04),
+        Board("chessboard", 2, 9, 0.03),
+        Board("charuco", 5, 7, 0.03, 0.02, "DICT_9X9"),
+    ],
+)
 def test_impossible_boards_are_refused(board):
     with pytest.raises(PlopError):
         board.check()

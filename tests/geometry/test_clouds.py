@@ -61,10 +61,17 @@ def test_ascii_ply_without_normals_is_read(tmp_path):
     np.testing.assert_array_equal(read_cloud(tmp_path / "a.ply").points, [[0, 1, 2], [3, 4, 5]])
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n"
-                                     b"property float x\nproperty float y\nproperty float z\nend_header\n1234",
-                                     b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
-                                     b"property float z\nend_header\nnan 0 0\n"])  # fmt: skip
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"hello",
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 9\n"
+        b"property float x\nproperty float y\nproperty float z\nend_header\n1234",
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        b"property float z\nend_header\nnan 0 0\n",
+    ],
+)
 def test_damaged_ply_is_explained(tmp_path, content):
     (tmp_path / "a.ply").write_bytes(content)
     with pytest.raises(PlopError, match="a.ply"):

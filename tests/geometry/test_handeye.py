@@ -18,8 +18,10 @@ BOARD = pose_from_euler_xyz(np.array([0.5, 0.1, 0.0, 0.0, 0.0, 0.3]))
 
 def robot_poses(count=12, turn=0.5, seed=0):
     draw = np.random.default_rng(seed)
-    parts = np.concatenate([draw.uniform(-0.1, 0.1, (count, 3)) + [0.4, 0, 0.4],
-                            draw.uniform(-turn, turn, (count, 3)) + [np.pi, 0, 0]], axis=1)  # fmt: skip
+    parts = np.concatenate(
+        [draw.uniform(-0.1, 0.1, (count, 3)) + [0.4, 0, 0.4], draw.uniform(-turn, turn, (count, 3)) + [np.pi, 0, 0]],
+        axis=1,
+    )
     return pose_from_euler_xyz(parts)
 
 
@@ -91,8 +93,9 @@ def test_realsense_tsai_reproduces_the_published_transform(shared_data):
     folder = shared_data / "handeye_ros2_realsense" / "handeye_realsense" / "resource"
     data = read_handeye(folder)
     published = read_published_yaml(folder / "handeye_result_realsense.yaml")
-    angle, distance = difference(hand_eye(data.base_from_gripper, data.cam_from_board, methods=["TSAI"]).result,
-                                 published)  # fmt: skip
+    angle, distance = difference(
+        hand_eye(data.base_from_gripper, data.cam_from_board, methods=["TSAI"]).result, published
+    )
     assert round(angle, 4) == 0 and round(distance, 3) == 0
     chosen = hand_eye(data.base_from_gripper, data.cam_from_board)
     assert chosen.method != "ANDREFF" and difference(chosen.result, published) < (0.2, 1.0)

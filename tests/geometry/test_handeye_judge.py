@@ -57,16 +57,21 @@ WRONG = {
     "scale 1.1": lambda r, b, m: (r, stretched(b, 0.9), m),
     "positions are in millimetres": lambda r, b, m: (stretched(r, 0.001), b, m),
     "quaternions are w, x, y, z": lambda r, b, m: (
-        turned(r, lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]])), b, m),
+        turned(r, lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]])),
+        b,
+        m,
+    ),
     "Euler angles x, y, z about turning axes": lambda r, b, m: (
-        turned(r, lambda turns: Rotation.from_euler("xyz", turns.as_euler("XYZ"))), b, m),
+        turned(r, lambda turns: Rotation.from_euler("xyz", turns.as_euler("XYZ"))),
+        b,
+        m,
+    ),
     "a rotation vector": lambda r, b, m: (r, turned(b, lambda t: Rotation.from_euler("xyz", t.as_rotvec())), m),
     "sorted as text": lambda r, b, m: (as_text(r), b, m),
     "off by 1": lambda r, b, m: (r[1:], b[:-1], m),
     "transposed": lambda r, b, m: (r, turned(b, lambda turns: turns.inv()), m),
-    "pair 3 (counted from 0) does not belong": lambda r, b, m: (
-        r, np.concatenate([b[:3], b[8:9], b[4:]]), m),
-}  # fmt: skip
+    "pair 3 (counted from 0) does not belong": lambda r, b, m: (r, np.concatenate([b[:3], b[8:9], b[4:]]), m),
+}
 
 
 @pytest.mark.parametrize("name", list(WRONG))
@@ -131,7 +136,7 @@ def test_hand_eye_itself_refuses_what_is_inconsistent():
         (lambda pose: pose + np.eye(4)[3][:, None] * 0.5, "last row"),
         (lambda pose: pose, ""),
     ],
-)  # fmt: skip
+)
 def test_a_matrix_that_is_not_rigid_is_described(change, fault):
     pose = change(draw_rig(0).answer)
     assert fault in matrix_fault(pose) and (fault or not matrix_fault(pose))
@@ -153,9 +158,11 @@ def real_sets(shared_data):
     ros2 = read_handeye(shared_data / "handeye_ros2_realsense" / "handeye_realsense" / "resource")
     franka = read_handeye(shared_data / "franka_handeye" / "data" / "captured-data")
     moveit = np.array(json.loads((shared_data / "moveit_handeye" / "pose_samples.json").read_text()))
-    return [(ros2.base_from_gripper, ros2.cam_from_board, "wrist"),
-            (franka.base_from_gripper, franka.cam_from_board, "wrist"),
-            (moveit[:, 0], moveit[:, 1], "fixed")]  # fmt: skip
+    return [
+        (ros2.base_from_gripper, ros2.cam_from_board, "wrist"),
+        (franka.base_from_gripper, franka.cam_from_board, "wrist"),
+        (moveit[:, 0], moveit[:, 1], "fixed"),
+    ]
 
 
 def test_real_sets_pass_and_their_wrong_readings_are_named(shared_data):

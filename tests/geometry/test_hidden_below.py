@@ -45,8 +45,11 @@ def seen(meshes: Sequence[trimesh.Trimesh]) -> tuple[np.ndarray, list[tuple[Came
 def box_with_pusher() -> tuple[np.ndarray, list[tuple[Camera, np.ndarray]]]:
     """See a box on a table; a tool around one end of it hides the lower edge there."""
     box = trimesh.creation.box(SIZE_M, trimesh.transformations.translation_matrix([0, 0, 0.02]))
-    parts = (([0.01, 0.09, 0.016], [-0.0465, 0, 0.01]), ([0.04, 0.01, 0.016], [-0.03, 0.0315, 0.01]),
-             ([0.04, 0.01, 0.016], [-0.03, -0.0315, 0.01]))  # fmt: skip
+    parts = (
+        ([0.01, 0.09, 0.016], [-0.0465, 0, 0.01]),
+        ([0.04, 0.01, 0.016], [-0.03, 0.0315, 0.01]),
+        ([0.04, 0.01, 0.016], [-0.03, -0.0315, 0.01]),
+    )
     return seen(
         [box, *(trimesh.creation.box(size, trimesh.transformations.translation_matrix(at)) for size, at in parts)]
     )

@@ -41,7 +41,7 @@ def test_a_file_that_lost_a_part_is_refused_and_the_whole_one_is_not(tmp_path: P
     starts = np.linspace(len(whole) // 3, len(whole) * 0.9, 5).astype(int) if kind != "ply" else [int(len(whole) * 0.9)]
     for length in lengths:
         for start in starts:
-            path.write_bytes(whole[:start] + bytes(min(length, len(whole) - start)) + whole[start + length:])
+            path.write_bytes(whole[:start] + bytes(min(length, len(whole) - start)) + whole[start + length :])
             with pytest.raises(PlopError, match="damaged|cannot be used"):
                 tool_mesh(path, "e")
     for share in (0.4, 0.6, 0.8):
@@ -57,11 +57,11 @@ def test_lost_vertices_and_faces_of_arrays_are_refused(seed: int) -> None:
         vertices, faces = np.array(tool.vertices), np.array(tool.faces)
         start = int(rng.integers(0, len(vertices) - 8))
         lost = vertices.copy()
-        lost[start:start + 8] = 0
+        lost[start : start + 8] = 0
         with pytest.raises(PlopError, match="damaged"):
             check_tool_mesh(lost, faces, "tool")
         zeroed = faces.copy()
-        zeroed[len(faces) // 4:len(faces) // 2] = 0
+        zeroed[len(faces) // 4 : len(faces) // 2] = 0
         with pytest.raises(PlopError, match="damaged"):
             check_tool_mesh(vertices, zeroed, "tool")
 

@@ -29,8 +29,15 @@ def inputs(tmp_path_factory):
 
 
 def test_the_fit_is_no_worse_and_the_model_can_be_loaded(inputs, tmp_path):
-    config = IdentifyConfig(fit=("youngs_modulus_pa",), youngs_modulus_pa=2.0e4, spacing_m=0.010, start="settled",
-                            damping_per_s=5, iterations=1, jobs=1)  # fmt: skip
+    config = IdentifyConfig(
+        fit=("youngs_modulus_pa",),
+        youngs_modulus_pa=2.0e4,
+        spacing_m=0.010,
+        start="settled",
+        damping_per_s=5,
+        iterations=1,
+        jobs=1,
+    )
     summary = run(inputs, config, Output(tmp_path))
     facts = json.loads((tmp_path / "model.json").read_text())
     assert facts["kind"] == "engine" and facts["training"]["environment"] == "block"
@@ -54,11 +61,18 @@ def test_stiffness_is_recovered_from_the_engines_own_motion():
     assert fitted.material.youngs_modulus_pa == pytest.approx(1.5e4, rel=0.04)
 
 
-@pytest.mark.parametrize(("change", "expected"), [
-    ({"fit": ("hardness",)}, "youngs_modulus_pa"), ({"fit": ()}, "youngs_modulus_pa"), ({"start": "warm"}, "settled"),
-    ({"split": "tset"}, "train"), ({"table_cone": "square"}, "pyramid"), ({"iterations": -1}, "0 or more"),
-    ({"table_friction": -1.0}, "0 to 10"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"fit": ("hardness",)}, "youngs_modulus_pa"),
+        ({"fit": ()}, "youngs_modulus_pa"),
+        ({"start": "warm"}, "settled"),
+        ({"split": "tset"}, "train"),
+        ({"table_cone": "square"}, "pyramid"),
+        ({"iterations": -1}, "0 or more"),
+        ({"table_friction": -1.0}, "0 to 10"),
+    ],
+)
 def test_settings_that_make_no_sense_are_told_before_anything_is_read(change, expected):
     with pytest.raises(PlopError) as caught:
         STAGE.check(replace(IdentifyConfig(), **change), {})
@@ -106,8 +120,19 @@ def test_what_the_recordings_hardly_tell_is_said():
     told = Estimate(0.46, 0.39, 0.53, "-", False)
     open_ended = Estimate(0.24, 0.0, 1.55, "-", False)
     unknown = Estimate(1.5e4, -np.inf, np.inf, "Pa", False)
-    found = Calibration(MATERIAL, {"table_friction": told, "tool_friction": open_ended, "youngs_modulus_pa": unknown,
-                                   "poisson": Estimate(0.0, -np.inf, np.inf, "-", True)}, 1e-3, 1e-3, 1, 1)  # fmt: skip
+    found = Calibration(
+        MATERIAL,
+        {
+            "table_friction": told,
+            "tool_friction": open_ended,
+            "youngs_modulus_pa": unknown,
+            "poisson": Estimate(0.0, -np.inf, np.inf, "-", True),
+        },
+        1e-3,
+        1e-3,
+        1,
+        1,
+    )
     warnings = _summary(BASE, found, 4, {}).warnings
     assert [w.split()[0] for w in warnings] == ["tool_friction", "youngs_modulus_pa", "poisson"]
     assert "(0 to 1.55)" in warnings[0] and "leave it out of --fit" in warnings[0]

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.droid_scene import (
-    make_episode,
-)
+from tests.droid_scene import make_episode
 
 
 @pytest.fixture(scope="module")

@@ -77,11 +77,15 @@ def euler(order):
 
 
 CONVENTIONS = {
-    "OpenGL": gl, "ROS body": ros, "world -> camera": lambda pose: pose6(np.linalg.inv(pose)),
+    "OpenGL": gl,
+    "ROS body": ros,
+    "world -> camera": lambda pose: pose6(np.linalg.inv(pose)),
     "camera -> world and OpenGL": lambda pose: pose6(np.linalg.inv(pose @ np.diag([1.0, -1, -1, 1]))),
-    "intrinsic XYZ": euler("XYZ"), "extrinsic zyx": euler("zyx"), "intrinsic ZYX": euler("ZYX"),
+    "intrinsic XYZ": euler("XYZ"),
+    "extrinsic zyx": euler("zyx"),
+    "intrinsic ZYX": euler("ZYX"),
     "rotation vector": lambda pose: np.r_[pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_rotvec()],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("named", "write"), CONVENTIONS.items())

@@ -16,15 +16,7 @@ from plop.errors import PlopError
 from plop.recordings.droid_writer import write_video
 from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import MaskRules
-from tests.droid_scene import (
-    EXT1,
-    EXT2,
-    Scene,
-    exterior_poses,
-    flange_path,
-    make_episode,
-    world_from_tool,
-)
+from tests.droid_scene import EXT1, EXT2, Scene, exterior_poses, flange_path, make_episode, world_from_tool
 from tests.ingest.droid_runs import edit, episode_of, ingest, said
 
 
@@ -109,8 +101,7 @@ def test_depth_of_another_size_is_rescaled_and_said(raw, tmp_path):
     summary, _ = ingest(raw, tmp_path / "out")
     height, width = picture.shape
     sizes = f"{width // 2}x{height // 2} px, not the video's {width}x{height}"
-    assert said(summary, f"depth/{EXT1}", sizes, "rescaled",
-                "for 10 frames: 000002,")  # fmt: skip
+    assert said(summary, f"depth/{EXT1}", sizes, "rescaled", "for 10 frames: 000002,")
     assert not said(summary, f"depth/{EXT2}", "rescaled")
 
 
@@ -289,14 +280,25 @@ def test_poses_of_the_metadata_that_are_none_are_named(raw, tmp_path):
 
 
 WRONG = [
-    ({"stride": 0}, "1 to 10000"), ({"size": 2}, "8 to 8192"), ({"test_every": 0}, "2 to 1e+06"),
-    ({"min_frames": 0}, "2 to 1e+06"), ({"scan_frames": 0}, "1 to 10000"), ({"baseline_m": -0.1}, "0 to 1"),
-    ({"idle_s": np.nan}, "0 to 1e+06"), ({"match_width": 0}, "16 to 8192"), ({"farthest_m": 0.1}, "0.2 to 1000"),
-    ({"camera_delay_ms": np.inf}, "-10000 to 10000"), ({"touch_m": -1.0}, "0 to 1"),
-    ({"mask.refine_px": -1}, "0 to 100"), ({"mask.hand_to_m": -1.0}, "-0.12 to 2"), ({"mask.min_area_px": -5}, "0 to"),
-    ({"workspace_min": (np.nan, 0.0, 0.0)}, "within 5 m"), ({"workspace_max": (850.0, 450.0, 500.0)}, "within 5 m"),
-    ({"workspace_min": (0.9, 0.0, 0.0)}, "min below max"), ({"outcome": "good"}, "any or success or failure"),
-]  # fmt: skip
+    ({"stride": 0}, "1 to 10000"),
+    ({"size": 2}, "8 to 8192"),
+    ({"test_every": 0}, "2 to 1e+06"),
+    ({"min_frames": 0}, "2 to 1e+06"),
+    ({"scan_frames": 0}, "1 to 10000"),
+    ({"baseline_m": -0.1}, "0 to 1"),
+    ({"idle_s": np.nan}, "0 to 1e+06"),
+    ({"match_width": 0}, "16 to 8192"),
+    ({"farthest_m": 0.1}, "0.2 to 1000"),
+    ({"camera_delay_ms": np.inf}, "-10000 to 10000"),
+    ({"touch_m": -1.0}, "0 to 1"),
+    ({"mask.refine_px": -1}, "0 to 100"),
+    ({"mask.hand_to_m": -1.0}, "-0.12 to 2"),
+    ({"mask.min_area_px": -5}, "0 to"),
+    ({"workspace_min": (np.nan, 0.0, 0.0)}, "within 5 m"),
+    ({"workspace_max": (850.0, 450.0, 500.0)}, "within 5 m"),
+    ({"workspace_min": (0.9, 0.0, 0.0)}, "min below max"),
+    ({"outcome": "good"}, "any or success or failure"),
+]
 
 
 @pytest.mark.parametrize(("change", "expected"), WRONG)

@@ -119,8 +119,13 @@ def test_empty_masks_are_named(tmp_path):
 
 
 def test_an_episode_whose_tool_never_touches_is_skipped(raw, tmp_path):
-    make_episode(raw, rows=6, serials=(EXT1,), flange6=flange_path(6, low=0.25, high=0.35),
-                 moment=datetime(2023, 8, 6, 22, 15, 4))  # fmt: skip
+    make_episode(
+        raw,
+        rows=6,
+        serials=(EXT1,),
+        flange6=flange_path(6, low=0.25, high=0.35),
+        moment=datetime(2023, 8, 6, 22, 15, 4),
+    )
     summary, recordings = ingest(raw, tmp_path / "out")
     assert said(summary, "tool never touches", "frame 5", "flange_from_tool") and len(recordings.skipped) == 1
     summary, recordings = ingest(raw, tmp_path / "kept", keep_untouched=True)

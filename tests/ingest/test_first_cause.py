@@ -16,16 +16,7 @@ from plop.recordings.set import RecordingSet
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 from stages.ingest.droid_checks import check_views
 from stages.ingest.masks import Picture
-from tests.droid_scene import (
-    EXT1,
-    EXT2,
-    FLANGE_FROM_TOOL,
-    TABLE_Z,
-    WORKSPACE,
-    Scene,
-    exterior_poses,
-    make_episode,
-)
+from tests.droid_scene import EXT1, EXT2, FLANGE_FROM_TOOL, TABLE_Z, WORKSPACE, Scene, exterior_poses, make_episode
 from tests.ingest.droid_runs import edit
 
 
@@ -95,9 +86,10 @@ def test_a_good_episode_beside_a_bad_one_keeps_the_reason_in_the_set(tmp_path):
     assert any(reason in text for text in summary.warnings)
 
 
-@pytest.mark.parametrize(("turn_deg", "noise_m", "warned"), [
-    (0, 0.0, False), (0, 0.01, False), (2, 0.005, False), (60, 0.0, True), (60, 0.01, True), (-45, 0.005, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("turn_deg", "noise_m", "warned"),
+    [(0, 0.0, False), (0, 0.01, False), (2, 0.005, False), (60, 0.0, True), (60, 0.01, True), (-45, 0.005, True)],
+)
 def test_cameras_whose_tables_cross_are_told_and_noise_is_not(turn_deg, noise_m, warned):
     scene, poses, drawn = Scene(), exterior_poses(), np.random.default_rng(0)
     pictures = {}

@@ -55,8 +55,11 @@ def raw_folder(folder: Path, *sequences: MeshSequence) -> Path:
 
 
 def payload(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*"))
-            if path.is_file() and ".done" not in path.parts and path.suffix != ".tmp"}  # fmt: skip
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and ".done" not in path.parts and path.suffix != ".tmp"
+    }
 
 
 def test_recordings_show_the_object_where_the_truth_says(tmp_path: Path) -> None:
@@ -205,13 +208,21 @@ def in_millimetres(poses: np.ndarray) -> np.ndarray:
     ("sequence", "key", "found"),
     [
         (dataclasses.replace(BOX, times=BOX.times * 1000), "box_000.npz: times", "milliseconds"),
-        (dataclasses.replace(BOX, times=BOX.times[:1], vertices=BOX.vertices[:1], truth={},
-                             world_from_tool=BOX.world_from_tool[:1]), "box_000.npz: times", "1 frame"),
-        (dataclasses.replace(BOX, world_from_tool=in_millimetres(BOX.world_from_tool)), "box_000.npz: world_from_tool",
-         "m away"),
+        (
+            dataclasses.replace(
+                BOX, times=BOX.times[:1], vertices=BOX.vertices[:1], truth={}, world_from_tool=BOX.world_from_tool[:1]
+            ),
+            "box_000.npz: times",
+            "1 frame",
+        ),
+        (
+            dataclasses.replace(BOX, world_from_tool=in_millimetres(BOX.world_from_tool)),
+            "box_000.npz: world_from_tool",
+            "m away",
+        ),
         (dataclasses.replace(BOX, table_z_m=1.0), "box_000.json: table_z_m", "z = 0 to 0.03 m"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_an_episode_is_refused_by_file_and_key(
     tmp_path: Path, sequence: MeshSequence, key: str, found: str
 ) -> None:
@@ -269,9 +280,18 @@ def test_a_camera_that_loses_the_object_is_pointed_out(tmp_path: Path) -> None:
     assert any("loses sight" in warning for warning in summary.warnings)
 
 
-@pytest.mark.parametrize("change", [{"size": 2}, {"cameras": 0}, {"supersample": 2}, {"depth_dropout": 1.0},
-                                    {"depth_noise_m": np.nan}, {"room_m": np.inf},
-                                    {"workspace_m": np.nan}])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"size": 2},
+        {"cameras": 0},
+        {"supersample": 2},
+        {"depth_dropout": 1.0},
+        {"depth_noise_m": np.nan},
+        {"room_m": np.inf},
+        {"workspace_m": np.nan},
+    ],
+)
 def test_settings_out_of_range_are_named(tmp_path: Path, change: dict[str, float]) -> None:
     with pytest.raises(PlopError, match=f"{next(iter(change))}") as caught:
         ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", dataclasses.replace(SMALL, **change))
@@ -329,8 +349,11 @@ def test_a_real_recording_may_begin_at_rest(shared_data: Path, tmp_path: Path) -
     config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", size=32, cameras=2, supersample=1)
     for folder, from_rest in (("stored", False), ("rest", True)):
         (tmp_path / folder).mkdir()
-        INGEST_DISECT.run({"raw": Input(shared_data / "disect")}, dataclasses.replace(config, from_rest=from_rest),
-                          Output(tmp_path / folder))  # fmt: skip
+        INGEST_DISECT.run(
+            {"raw": Input(shared_data / "disect")},
+            dataclasses.replace(config, from_rest=from_rest),
+            Output(tmp_path / folder),
+        )
     paths = [tmp_path / folder / "episodes" / "prism_jelly_part_000.h5" for folder in ("stored", "rest")]
     with Recording(paths[0]) as stored, Recording(paths[1]) as rest, Truth(paths[1]) as truth:
         np.testing.assert_array_equal(rest.time_s, [0, *stored.time_s])
@@ -345,21 +368,34 @@ def _soft_block() -> MeshSequence:
     """A fine block that is pressed and falls in two parts, one of which is thrown aside from one frame to the next."""
     ball = trimesh.creation.icosphere(2, radius=0.03)
     rest = np.asarray(ball.vertices) + [0, 0, 0.03]
-    vertices = np.stack([np.concatenate([rest * [1 + 0.1 * k, 1, 1 - 0.1 * k], rest + [0.08 + 0.05 * (k > 2), 0, 0]])
-                         for k in range(6)])  # fmt: skip
+    vertices = np.stack(
+        [np.concatenate([rest * [1 + 0.1 * k, 1, 1 - 0.1 * k], rest + [0.08 + 0.05 * (k > 2), 0, 0]]) for k in range(6)]
+    )
     faces = np.concatenate([ball.faces, ball.faces + len(rest)])
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, 2, 3] = np.linspace(0.08, 0.06, 6)
-    return dataclasses.replace(BOX, times=np.arange(6) / 30, vertices=vertices, faces=faces, world_from_tool=poses,
-                               rest_vertices=vertices[0], cut_faces=None, truth={})  # fmt: skip
+    return dataclasses.replace(
+        BOX,
+        times=np.arange(6) / 30,
+        vertices=vertices,
+        faces=faces,
+        world_from_tool=poses,
+        rest_vertices=vertices[0],
+        cut_faces=None,
+        truth={},
+    )
 
 
 def test_vertices_that_change_their_order_are_told_from_fast_motion() -> None:
     block, rng = _soft_block(), np.random.default_rng(0)
     assert check_order(block, Path("e.npz")) == []
     turns = np.arange(6) * np.pi / 2
-    spun = np.stack([frame @ [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]
-                     for frame, a in zip(block.vertices, turns, strict=True)])  # fmt: skip
+    spun = np.stack(
+        [
+            frame @ [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]
+            for frame, a in zip(block.vertices, turns, strict=True)
+        ]
+    )
     assert check_order(dataclasses.replace(block, vertices=spun), Path("e.npz")) == []
     count = block.vertices.shape[1]
     for change, frame in ((rng.permutation(count), 4), (np.roll(np.arange(count), 1), 2)):

@@ -7,8 +7,13 @@ from plop.geometry.cameras import Camera, look_at
 from plop.metrics.frame import CONVENTIONS, FrameOptions, composite_over_black, score_frame
 from plop.recordings.recording import MaskLabel, View
 
-CAMERA = Camera("c", 40, 40, np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]),
-                look_at(np.array([0.0, 0, 0.4]), np.zeros(3), np.array([0.0, 1, 0])))  # fmt: skip
+CAMERA = Camera(
+    "c",
+    40,
+    40,
+    np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]),
+    look_at(np.array([0.0, 0, 0.4]), np.zeros(3), np.array([0.0, 1, 0])),
+)
 
 
 def view(columns: slice, depth_m: float = 0.4, seed: int = 0) -> View:
@@ -42,8 +47,12 @@ def test_depth_that_is_off_by_3_mm_costs_about_3_mm():
 
 def test_the_background_of_the_measurement_does_not_count():
     measured = view(slice(5, 25))
-    elsewhere = View(CAMERA, np.where(measured.object_mask[..., None], measured.rgb, 200).astype(np.uint8),
-                     measured.depth_m, measured.mask)  # fmt: skip
+    elsewhere = View(
+        CAMERA,
+        np.where(measured.object_mask[..., None], measured.rgb, 200).astype(np.uint8),
+        measured.depth_m,
+        measured.mask,
+    )
     predicted = black_outside(measured)
     assert score_frame([predicted], [elsewhere], FrameOptions()) == score_frame([predicted], [measured], FrameOptions())
 
@@ -52,14 +61,16 @@ def test_unknown_pixels_do_not_count():
     measured = view(slice(5, 25))
     hidden = measured.mask.copy()
     hidden[:, 15:] = MaskLabel.UNKNOWN
-    scores = score_frame([black_outside(measured)],
-                         [View(CAMERA, measured.rgb, measured.depth_m, hidden)], FrameOptions())  # fmt: skip
+    scores = score_frame(
+        [black_outside(measured)], [View(CAMERA, measured.rgb, measured.depth_m, hidden)], FrameOptions()
+    )
     assert (scores["j_score"], scores["cd_mm"], scores["psnr_db"]) == (1, 0, 100)
 
 
 def test_an_empty_measured_mask_is_undefined_never_zero():
-    measured = View(CAMERA, np.zeros((40, 40, 3), np.uint8), np.zeros((40, 40), np.float32),
-                    np.zeros((40, 40), np.uint8))  # fmt: skip
+    measured = View(
+        CAMERA, np.zeros((40, 40, 3), np.uint8), np.zeros((40, 40), np.float32), np.zeros((40, 40), np.uint8)
+    )
     scores = score_frame([black_outside(view(slice(5, 25)))], [measured], FrameOptions())
     assert set(scores.values()) == {None}
 

@@ -23,8 +23,9 @@ def as_batch(image: np.ndarray) -> torch.Tensor:
 
 
 def test_ssim_against_scikit_image_and_torchmetrics():
-    oracle = structural_similarity(NOISY, IMAGE, data_range=1.0, channel_axis=-1, gaussian_weights=True, sigma=1.5,
-                                   use_sample_covariance=False)  # fmt: skip
+    oracle = structural_similarity(
+        NOISY, IMAGE, data_range=1.0, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
     assert ssim(NOISY, IMAGE) == pytest.approx(oracle, abs=1e-9)
     _, everywhere = torch_ssim(as_batch(NOISY), as_batch(IMAGE), data_range=1.0, return_full_image=True)
     inside = everywhere[..., 5:-5, 5:-5]  # torchmetrics also counts windows that cross the border

@@ -12,17 +12,23 @@ def write_scores(path, shift=0.0, lpips=None):
     def parts(cd):
         return {part: {"cd_mm": cd + add, "lpips": lpips} for part, add in (("episode", 0), ("end", 2), ("start", 0))}
 
-    episodes = {"a": {"plop": parts(1 + shift), "persistence": parts(4)},
-                "b": {"plop": parts(2 + shift), "persistence": parts(4)}}  # fmt: skip
+    episodes = {
+        "a": {"plop": parts(1 + shift), "persistence": parts(4)},
+        "b": {"plop": parts(2 + shift), "persistence": parts(4)},
+    }
     methods = {method: parts(0) for method in ("plop", "persistence")}
-    path.write_text(json.dumps({"methods": methods, "episodes": episodes, "seed": 0,
-                                "conventions": {"cd_mm": "...", "lpips": "..."}}))  # fmt: skip
+    path.write_text(
+        json.dumps(
+            {"methods": methods, "episodes": episodes, "seed": 0, "conventions": {"cd_mm": "...", "lpips": "..."}}
+        )
+    )
     return path
 
 
 def test_the_shape_is_that_of_the_results_file(tmp_path):
-    found = collect({"prism-jelly": write_scores(tmp_path / "s.json")}, command="plop ...", versions={"plop": "1"},
-                    seeds=[0])  # fmt: skip
+    found = collect(
+        {"prism-jelly": write_scores(tmp_path / "s.json")}, command="plop ...", versions={"plop": "1"}, seeds=[0]
+    )
     assert (found["command"], found["versions"], found["seeds"]) == ("plop ...", {"plop": "1"}, [0])
     entry = found["environments"]["prism-jelly"]["plop"]
     assert entry["cd_mm"] == {"mean": 1.5, "low": 1.0, "high": 2.0, "n": 2}
@@ -50,8 +56,11 @@ def test_gains_by_hand(tmp_path):
     rows = gains_to_markdown(collect(scores)).splitlines()
     assert rows[0] == "| environment | CD, whole | EMD, whole | nodes, whole | CD, end | EMD, end | nodes, end |"
     # e: 1 - 1.5 / 4 and 1 - 3.5 / 6; f: 1 - 0.5 / 4 and 1 - 2.5 / 6
-    assert rows[2:] == ["| e | 62 | - | - | 42 | - | - |", "| f | 88 | - | - | 58 | - | - |",
-                        "| **mean** | **75** | - | - | **50** | - | - |"]  # fmt: skip
+    assert rows[2:] == [
+        "| e | 62 | - | - | 42 | - | - |",
+        "| f | 88 | - | - | 58 | - | - |",
+        "| **mean** | **75** | - | - | **50** | - | - |",
+    ]
 
 
 def test_markdown_by_hand(tmp_path):

@@ -94,8 +94,9 @@ def write(folder: Path, facts: dict) -> Path:
 
 
 def augmented(folder: Path, **effects: dict[str, float]) -> Path:
-    entries = [{"effect": name, "parameters": {k: {"value": v} for k, v in values.items()}}
-               for name, values in effects.items()]  # fmt: skip
+    entries = [
+        {"effect": name, "parameters": {k: {"value": v} for k, v in values.items()}} for name, values in effects.items()
+    ]
     return write(folder, {"kind": "augmented", "engine": base_to_dict(BASE), "effects": entries})
 
 

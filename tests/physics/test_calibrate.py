@@ -30,13 +30,15 @@ def sliding_case(block, material, speed, *, noise_m=0.0, seed=0) -> Case:
     body = block((0.048, 0.036, 0.03), 0.006)
     velocity = np.tile([speed, 0.1 * speed, 0], (len(body), 1))
     extra = np.full(len(body), 1e-6 * body.volumes[0])
-    particles = Particles(np.concatenate([body.positions] * 2), np.concatenate([body.volumes, extra]),
-                          np.concatenate([velocity] * 2))  # fmt: skip
+    particles = Particles(
+        np.concatenate([body.positions] * 2), np.concatenate([body.volumes, extra]), np.concatenate([velocity] * 2)
+    )
     away = np.eye(4)
     away[2, 3] = 1.0
     times = np.linspace(0, 0.12, 7)
-    case = Case("slide", particles, ToolMotion(*blade_mesh(), np.zeros(1), away[None]), times,
-                np.zeros((6, len(body), 3)), 0.0)  # fmt: skip
+    case = Case(
+        "slide", particles, ToolMotion(*blade_mesh(), np.zeros(1), away[None]), times, np.zeros((6, len(body), 3)), 0.0
+    )
     noise = np.random.default_rng(seed).normal(0, noise_m, case.observed.shape)
     return replace(case, observed=case.predict(material, CONFIG) + noise)
 

@@ -70,8 +70,13 @@ def halves(block, speed: float, gap: float = 0.0) -> Particles:
     sign = np.where(body.positions[:, 0] > 0, 1, -1)
     velocity = np.zeros_like(body.positions)
     velocity[:, 0] = -speed * sign
-    return Particles(body.positions + 0.5 * gap * sign[:, None] * [1, 0, 0], body.volumes, velocity, sides=sign,
-                     passed=np.ones(len(sign), bool))  # fmt: skip
+    return Particles(
+        body.positions + 0.5 * gap * sign[:, None] * [1, 0, 0],
+        body.volumes,
+        velocity,
+        sides=sign,
+        passed=np.ones(len(sign), bool),
+    )
 
 
 def test_halves_push_each_other_without_merging(block):
@@ -122,8 +127,22 @@ def test_solid_plate_presses(block):
     body = block((0.03, 0.03, 0.03), 0.0025)
     low, high = np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.03])
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-    hull_faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
-                           [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    hull_faces = np.array(
+        [
+            [0, 1, 3],
+            [0, 3, 2],
+            [4, 6, 7],
+            [4, 7, 5],
+            [0, 4, 5],
+            [0, 5, 1],
+            [2, 3, 7],
+            [2, 7, 6],
+            [0, 2, 6],
+            [0, 6, 4],
+            [1, 5, 7],
+            [1, 7, 3],
+        ]
+    )
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 2, 3] = [0.0302, 0.0285, 0.0285]
     plate = ToolMotion(corners, hull_faces, np.array([0, 0.2, 0.5]), poses)

@@ -28,12 +28,14 @@ def test_order_of_particles_and_place_of_the_object_do_not_matter(block):
     body = block((0.04, 0.03, 0.03), 0.005)
     shuffle = np.random.default_rng(0).permutation(len(body))
     plain = simulate(body, Material(), None, TIMES, EngineConfig(dx_m=0.01))
-    mixed = simulate(Particles(body.positions[shuffle], body.volumes[shuffle]), Material(), None, TIMES,
-                     EngineConfig(dx_m=0.01))  # fmt: skip
+    mixed = simulate(
+        Particles(body.positions[shuffle], body.volumes[shuffle]), Material(), None, TIMES, EngineConfig(dx_m=0.01)
+    )
     np.testing.assert_allclose(mixed.positions, plain.positions[:, shuffle], atol=1e-6)
     shift = np.array([0.07, -0.23, 0.4])
-    moved = simulate(Particles(body.positions + shift, body.volumes), Material(), None, TIMES,
-                     EngineConfig(dx_m=0.01, table_z_m=0.4))  # fmt: skip
+    moved = simulate(
+        Particles(body.positions + shift, body.volumes), Material(), None, TIMES, EngineConfig(dx_m=0.01, table_z_m=0.4)
+    )
     np.testing.assert_allclose(moved.positions - shift, plain.positions, atol=2e-6)
 
 
@@ -50,8 +52,9 @@ def test_a_run_can_go_on(block):
 def test_tracers_follow_and_do_not_act(block):
     body = block((0.04, 0.03, 0.03), 0.005)
     extra = np.array([[0.0, 0.0, 0.03], [0.01, 0.002, 0.012]])
-    with_tracers = Particles(np.concatenate([extra[:1], body.positions, extra[1:]]),
-                             np.concatenate([[0], body.volumes, [0]]))  # fmt: skip
+    with_tracers = Particles(
+        np.concatenate([extra[:1], body.positions, extra[1:]]), np.concatenate([[0], body.volumes, [0]])
+    )
     plain = simulate(body, Material(), None, TIMES, EngineConfig(dx_m=0.01))
     run = simulate(with_tracers, Material(), None, TIMES, EngineConfig(dx_m=0.01))
     np.testing.assert_array_equal(run.positions[:, 1:-1], plain.positions)
@@ -120,8 +123,16 @@ def test_an_unstable_frame_is_repeated_with_half_the_step(block, monkeypatch):
     assert "youngs_modulus_pa" in str(caught.value.where)
 
 
-@pytest.mark.parametrize(("name", "value"), [("youngs_modulus_pa", -1.0), ("poisson", 0.5), ("density_kg_m3", np.nan),
-                                             ("table_friction", -0.1), ("toughness_j_m2", np.inf)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("youngs_modulus_pa", -1.0),
+        ("poisson", 0.5),
+        ("density_kg_m3", np.nan),
+        ("table_friction", -0.1),
+        ("toughness_j_m2", np.inf),
+    ],
+)
 def test_material_out_of_range(name, value):
     with pytest.raises(PlopError, match="out of range") as caught:
         Material(**{name: value})

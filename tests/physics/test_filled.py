@@ -32,8 +32,9 @@ def drift_m(base: EngineBase, effects=()) -> float:
     points = corners * [0.9, 0.9, 0.9] + [0, 0, 0.002]
     particles = filled_particles(base, convex_surface(corners), points, 0.0, effects)
     np.testing.assert_allclose(particles.positions[-len(points) :], points, atol=1e-3)  # about where it was seen
-    run = simulate(particles, base.material, None, np.array([0, 0.15]), replace(base.config, table_z_m=0.0),
-                   effects=effects)  # fmt: skip
+    run = simulate(
+        particles, base.material, None, np.array([0, 0.15]), replace(base.config, table_z_m=0.0), effects=effects
+    )
     return float(np.linalg.norm(run.positions[-1] - run.positions[0], axis=1).max())
 
 
@@ -89,8 +90,9 @@ def test_a_settled_object_starts_where_it_was_seen_and_stays_there():
     assert np.abs(particles.positions - np.concatenate([filled, corners])).max() < 1e-4
     run = simulate(particles, wobbly.material, None, np.array([0, 0.5]), replace(SOFT.config, table_z_m=0.0))
     assert np.abs(run.positions[-1] - run.positions[0]).max() < 5e-5
-    sagging = simulate(replace(particles, F=None), wobbly.material, None, np.array([0, 0.5]),
-                       replace(SOFT.config, table_z_m=0.0))  # fmt: skip
+    sagging = simulate(
+        replace(particles, F=None), wobbly.material, None, np.array([0, 0.5]), replace(SOFT.config, table_z_m=0.0)
+    )
     assert np.abs(sagging.positions[-1] - sagging.positions[0]).max() > 1e-3
 
 
@@ -168,10 +170,16 @@ def test_settings_survive_a_round_trip_through_json():
     assert base_from_dict(json.loads(json.dumps(base_to_dict(base)))) == base
 
 
-@pytest.mark.parametrize("spoil", [
-    lambda t: t.pop("material"), lambda t: t["material"].update(law="wood"), lambda t: t.update(colour=1),
-    lambda t: t["material"].update(hardness=1), lambda t: t.update(material=None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda t: t.pop("material"),
+        lambda t: t["material"].update(law="wood"),
+        lambda t: t.update(colour=1),
+        lambda t: t["material"].update(hardness=1),
+        lambda t: t.update(material=None),
+    ],
+)
 def test_damaged_settings_are_refused(spoil):
     table = base_to_dict(BASE)
     spoil(table)

@@ -88,8 +88,13 @@ for jobs in (1, 2):
 def test_the_number_of_processes_changes_no_digit():
     """In a process that finds all kernels compiled: the run that compiles them may differ in the last digit."""
     for _ in ("compiles them, perhaps", "loads them"):
-        said = subprocess.run([sys.executable, "-c", BOTH_WAYS], cwd=Path(__file__).resolve().parents[2], check=True,
-                              capture_output=True, text=True).stdout.splitlines()  # fmt: skip
+        said = subprocess.run(
+            [sys.executable, "-c", BOTH_WAYS],
+            cwd=Path(__file__).resolve().parents[2],
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout.splitlines()
     alone, side_by_side = map(json.loads, said)
     assert alone == side_by_side and alone[0] == alone[1] > 1e-5
 
@@ -118,9 +123,15 @@ def test_random_draws_are_repeatable_various_and_never_decoys(monkeypatch):
     known, names = library(), []
     for seed in range(24):
         scene = Scene(seed=seed)
-        one, again = ([repr(effect) for effect in hidden.choose(scene, parse_hidden(["random", "random"]), snr=0.0,
-                                                                noise_floor_m=1e-3, effects=known)]
-                      for _ in range(2))  # fmt: skip
+        one, again = (
+            [
+                repr(effect)
+                for effect in hidden.choose(
+                    scene, parse_hidden(["random", "random"]), snr=0.0, noise_floor_m=1e-3, effects=known
+                )
+            ]
+            for _ in range(2)
+        )
         assert one == again and len({text.partition("(")[0] for text in one}) == 2
         names += [text.partition("(")[0] for text in one]
     assert {known[name].kind for name in names} == {"physics"} and len(set(names)) >= 6

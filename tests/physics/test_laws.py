@@ -30,8 +30,13 @@ def test_momentum_and_spin_are_kept_without_contact(block, law):
     arm = body.positions - body.positions.mean(0)
     spinning = np.cross([0.0, 0.0, 8.0], arm) + [0.3, -0.1, 0.2] + 6 * arm * [1, -1, 0]
     material = Material(youngs_modulus_pa=2e4, law=law)
-    run = simulate(type(body)(body.positions, body.volumes, spinning), material, None, np.array([0, 0.03, 0.06]),
-                   EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None))  # fmt: skip
+    run = simulate(
+        type(body)(body.positions, body.volumes, spinning),
+        material,
+        None,
+        np.array([0, 0.03, 0.06]),
+        EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None),
+    )
     mass = body.volumes * material.density_kg_m3
     before, after = mass @ spinning, momentum(run.final, material)
     np.testing.assert_allclose(after, before, atol=2e-5 * np.abs(before).max())
@@ -73,8 +78,13 @@ def test_sliding_block_obeys_coulomb(block, cone, share):
     body = block((0.04, 0.04, 0.02), 0.005)
     diagonal = speed * np.array([1, 1, 0]) / np.sqrt(2)
     material = Material(youngs_modulus_pa=1e5, poisson=0.3, table_friction=friction, damping_per_s=0)
-    run = simulate(type(body)(body.positions, body.volumes, np.tile(diagonal, (len(body), 1))), material, None,
-                   np.array([0, 0.08, 0.4]), EngineConfig(dx_m=0.01, table_cone=cone))  # fmt: skip
+    run = simulate(
+        type(body)(body.positions, body.volumes, np.tile(diagonal, (len(body), 1))),
+        material,
+        None,
+        np.array([0, 0.08, 0.4]),
+        EngineConfig(dx_m=0.01, table_cone=cone),
+    )
     way = np.linalg.norm((run.positions - run.positions[0]).mean(1)[:, :2], axis=1)
     brake = share * friction * G
     assert way[1] == pytest.approx(speed * 0.08 - 0.5 * brake * 0.08**2, rel=0.03)
@@ -89,8 +99,13 @@ def test_slow_sliding_decays_with_the_slip_speed_and_fast_sliding_obeys_coulomb(
     along = np.tile([speed, 0, 0], (len(body), 1))
     slow = friction * slip
     turn = (speed - slow) / (friction * G)
-    run = simulate(type(body)(body.positions, body.volumes, along), material, None, np.array([0, turn, turn + 0.1]),
-                   EngineConfig(dx_m=0.01, table_cone=cone))  # fmt: skip
+    run = simulate(
+        type(body)(body.positions, body.volumes, along),
+        material,
+        None,
+        np.array([0, turn, turn + 0.1]),
+        EngineConfig(dx_m=0.01, table_cone=cone),
+    )
     way = (run.positions - run.positions[0]).mean(1)[:, 0]
     assert way[1] == pytest.approx((speed**2 - slow**2) / (2 * friction * G), rel=0.03)
     assert way[2] - way[1] == pytest.approx(slow * slip / G * (1 - np.exp(-0.1 * G / slip)), rel=0.03)
@@ -105,8 +120,13 @@ def bar_frequency_error(block, spacing, law=ElasticLaw.NEO_HOOKEAN):
     velocity[:, 0] = 0.02 * mode
     material = Material(youngs_modulus_pa=young, poisson=0.0, law=law)
     times = np.linspace(0, 0.075, 61)
-    run = simulate(type(body)(body.positions, body.volumes, velocity), material, None, times,
-                   EngineConfig(dx_m=2 * spacing, gravity_m_s2=(0, 0, 0), table_z_m=None, courant=0.3))  # fmt: skip
+    run = simulate(
+        type(body)(body.positions, body.volumes, velocity),
+        material,
+        None,
+        times,
+        EngineConfig(dx_m=2 * spacing, gravity_m_s2=(0, 0, 0), table_z_m=None, courant=0.3),
+    )
     stretch = ((run.positions - run.positions[0])[:, :, 0] * mode).mean(1)
     falls = np.nonzero((stretch[1:-1] > 0) & (stretch[2:] <= 0))[0][0] + 1
     half_period = times[falls] + (times[1] - times[0]) * stretch[falls] / (stretch[falls] - stretch[falls + 1])
@@ -127,6 +147,11 @@ def test_second_law_oscillates_alike(block):
 def test_damping_slows_a_free_body_exponentially(block):
     body = block((0.02, 0.02, 0.02), 0.005)
     body = type(body)(body.positions, body.volumes, np.tile([1.0, 0, 0], (len(body), 1)))
-    run = simulate(body, Material(damping_per_s=20), None, np.array([0, 0.05]),
-                   EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None))  # fmt: skip
+    run = simulate(
+        body,
+        Material(damping_per_s=20),
+        None,
+        np.array([0, 0.05]),
+        EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None),
+    )
     np.testing.assert_allclose(run.final.velocities[:, 0], np.exp(-1), rtol=0.01)

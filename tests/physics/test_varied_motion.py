@@ -15,8 +15,9 @@ SAME = Variation(reach=1.0, speed=1.0, turn_rad=0.0, aside_m=(0.0, 0.0))
 
 def push(first_x: float = -0.02) -> ToolMotion:
     """Down beside the object, then 20 mm along x."""
-    places = [[first_x, 0.02, 0.02 - 0.005 * k] for k in range(4)] + [[first_x + 0.004 * k, 0.02, 0.005]
-                                                                      for k in range(1, 6)]  # fmt: skip
+    places = [[first_x, 0.02, 0.02 - 0.005 * k] for k in range(4)] + [
+        [first_x + 0.004 * k, 0.02, 0.005] for k in range(1, 6)
+    ]
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, :3, 3] = places
     return ToolMotion(*box_mesh((0.01, 0.02, 0.03)), 1.5 + STEP_S * np.arange(len(places)), poses)

@@ -73,10 +73,17 @@ RECORDINGS = InputSpec(("calibrate", "ingest"), "Recordings.")
 INGEST = Stage("ingest", 1, "Write pieces.", PiecesConfig, {"raw": InputSpec((), "A folder.")}, write_pieces)
 CALIBRATE = Stage("calibrate", 1, "Join.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, join_pieces)
 FUSE = Stage("fuse", 1, "Join.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, join_pieces)
-FIT = Stage("fit-init", 1, "Compare.", JoinConfig,
-            {"recordings": RECORDINGS, "clouds": InputSpec(("fuse",), "Clouds.", optional=True)}, compare)  # fmt: skip
-TRAIN = Stage("train", 1, "Compare.", JoinConfig,
-              {"recordings": RECORDINGS, "init": InputSpec(("fit-init",), "Fits.")}, compare)  # fmt: skip
+FIT = Stage(
+    "fit-init",
+    1,
+    "Compare.",
+    JoinConfig,
+    {"recordings": RECORDINGS, "clouds": InputSpec(("fuse",), "Clouds.", optional=True)},
+    compare,
+)
+TRAIN = Stage(
+    "train", 1, "Compare.", JoinConfig, {"recordings": RECORDINGS, "init": InputSpec(("fit-init",), "Fits.")}, compare
+)
 FULL_DISK = Stage("fuse", 1, "Fail.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, fail)
 
 

@@ -12,6 +12,11 @@ from tests.pipeline import fake_stages as fake
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     config = fake.PiecesConfig(pieces=6, pause_s=float(sys.argv[2]))
-    outcome = execute(fake.INGEST, store=Store(folder), config=config, inputs={"raw": folder / "blocks"},
-                      on_wait=lambda pid: print("waiting", flush=True))  # fmt: skip
+    outcome = execute(
+        fake.INGEST,
+        store=Store(folder),
+        config=config,
+        inputs={"raw": folder / "blocks"},
+        on_wait=lambda pid: print("waiting", flush=True),
+    )
     print("skipped" if outcome.skipped else "ran", flush=True)

@@ -7,9 +7,19 @@ from pathlib import Path
 from plop.recordings.mesh_sequence import write_mesh_sequence
 from tests.render.box_sequence import box_sequence
 
-SMALL = ["fit-init.count=120", "fit-init.steps=40", "fit-init.tool_count=20", "train.track_steps=6",
-         "train.image_steps=2", "train.horizon=2", "train.validate_every=4", "train.filter_iterations=3",
-         "train.width=4", "train.cells_across=4", "eval.threads=1"]  # fmt: skip
+SMALL = [
+    "fit-init.count=120",
+    "fit-init.steps=40",
+    "fit-init.tool_count=20",
+    "train.track_steps=6",
+    "train.image_steps=2",
+    "train.horizon=2",
+    "train.validate_every=4",
+    "train.filter_iterations=3",
+    "train.width=4",
+    "train.cells_across=4",
+    "eval.threads=1",
+]
 """--set options of the small workspace, for commands that run the whole pipeline."""
 
 COMMANDS = ("ingest mesh", "calibrate", "fuse", "fit-init", "train", "filter", "rollout", "eval")

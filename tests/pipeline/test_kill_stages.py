@@ -28,8 +28,12 @@ def test_killed_stage_goes_on_to_the_same_result(finished: Path, tmp_path: Path,
     shutil.copytree(finished, folder)
     shutil.rmtree(folder / "artifacts" / stage)
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen([sys.executable, "-m", "plop_cli", *arguments(command, folder), "-q"],
-                               env=environment, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-m", "plop_cli", *arguments(command, folder), "-q"],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     _wait_until_it_writes(folder / "artifacts" / stage, process)
     process.send_signal(signal.SIGKILL)
     said = process.communicate()[1]

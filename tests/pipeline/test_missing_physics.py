@@ -33,8 +33,10 @@ ENGINE = EngineBase(MATERIAL, spacing_m=0.008)
 
 
 def measured(first: int, effects: tuple[Effect, ...] = ()) -> list[Episode]:
-    return [episode_from_sequence(simulate_episode(TRUTH, k, effects), noise_m=3e-4, seed=k, points=150)
-            for k in range(first, first + EPISODES)]  # fmt: skip
+    return [
+        episode_from_sequence(simulate_episode(TRUTH, k, effects), noise_m=3e-4, seed=k, points=150)
+        for k in range(first, first + EPISODES)
+    ]
 
 
 @pytest.fixture(scope="module")

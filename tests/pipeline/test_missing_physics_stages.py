@@ -61,8 +61,13 @@ def tracked(store: Store, name: str, number: int, effects: tuple[Effect, ...] = 
 
         made_from = {given.removeprefix("--"): f"{name}-{given.removeprefix('--')}" for given in options[::2]}
         specs = {given: InputSpec(("simulate", "fit-init"), "") for given in made_from}
-        execute(Stage(stage, 1, "", PiecesConfig, specs, copied), store=store, config=PiecesConfig(seed=number),
-                inputs=made_from, name=f"{name}-{part}")  # fmt: skip
+        execute(
+            Stage(stage, 1, "", PiecesConfig, specs, copied),
+            store=store,
+            config=PiecesConfig(seed=number),
+            inputs=made_from,
+            name=f"{name}-{part}",
+        )
         options += [f"--{part}", f"{name}-{part}"]
     return options
 
@@ -72,16 +77,32 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, list[list
     store = Store(tmp_path_factory.mktemp("loop"))
     (store.workspace / "plop.toml").write_text(SETTINGS)
     plain, mystery = tracked(store, "plain", 0), tracked(store, "mystery", 1, (HIDDEN,))
-    reference = [option.replace("--", "--reference-").replace("-recordings", "") if option.startswith("--") else option
-                 for option in plain]  # fmt: skip
+    reference = [
+        option.replace("--", "--reference-").replace("-recordings", "") if option.startswith("--") else option
+        for option in plain
+    ]
     return store, [
         ["identify", *plain, "--name", "base"],
         ["diagnose", "--model", "base", *mystery, *reference, "--name", "verdict"],
         ["augment", "--model", "base", "--diagnosis", "verdict", "--name", "better"],
         *(["compare", "--model", model, *mystery, "--name", f"errors-{model}"] for model in ("base", "better")),
-        ["report", "--models", "base,better", *mystery[:4], "--comparisons", "errors-base,errors-better",
-         "--diagnoses", "verdict", "--evals", "none", "--labels", "base,better", "--name", "page"],
-    ]  # fmt: skip
+        [
+            "report",
+            "--models",
+            "base,better",
+            *mystery[:4],
+            "--comparisons",
+            "errors-base,errors-better",
+            "--diagnoses",
+            "verdict",
+            "--evals",
+            "none",
+            "--labels",
+            "base,better",
+            "--name",
+            "page",
+        ],
+    ]
 
 
 def test_what_is_hidden_is_named_added_and_reported(commands, capsys):
@@ -92,8 +113,10 @@ def test_what_is_hidden_is_named_added_and_reported(commands, capsys):
     assert (verdict["kind"], verdict["named"]) == ("EFFECT", ["swelling"]), verdict
     effect = json.loads((store.find("better").path / "model.json").read_text())["effects"][0]
     np.testing.assert_allclose(effect["parameters"]["rate_per_s"]["value"], HIDDEN["rate_per_s"], rtol=0.3)
-    before, after = (json.loads((store.find(f"errors-{model}").path / "compare.json").read_text())["tables"]["all"][0]
-                     for model in ("base", "better"))  # fmt: skip
+    before, after = (
+        json.loads((store.find(f"errors-{model}").path / "compare.json").read_text())["tables"]["all"][0]
+        for model in ("base", "better")
+    )
     assert after["rms_mm"] < 0.6 * before["rms_mm"]
     page = (store.find("page").path / "report.html").read_text()
     assert "Missing: swelling" in page and "None of these episodes was held out" in page

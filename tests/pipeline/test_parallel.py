@@ -70,8 +70,10 @@ def _own_number(name: str, out: Output) -> None:
 
 
 def test_a_killed_run_keeps_what_was_finished_and_leaves_no_process(tmp_path: Path) -> None:
-    program = ("from pathlib import Path; from tests.pipeline.test_parallel import *; "
-               f"list(each_piece(slow, NAMES, Output(Path({str(tmp_path)!r})), jobs=2))")  # fmt: skip
+    program = (
+        "from pathlib import Path; from tests.pipeline.test_parallel import *; "
+        f"list(each_piece(slow, NAMES, Output(Path({str(tmp_path)!r})), jobs=2))"
+    )
     parent = subprocess.Popen([sys.executable, "-c", program], cwd=REPOSITORY)
     end = time.monotonic() + 60
     while not (tmp_path / "d.started").is_file() or not all((tmp_path / ".done" / name).exists() for name in "abc"):
@@ -93,8 +95,10 @@ def test_what_no_plop_error_explains_is_raised(tmp_path: Path) -> None:
 
 
 def test_a_piece_that_fails_stops_the_others_without_a_word_of_its_helpers(tmp_path: Path) -> None:
-    program = ("from pathlib import Path; from tests.pipeline.test_parallel import *; "
-               f"every_piece(partial(write, 'a'), [*'abcdefgh'], Output(Path({str(tmp_path)!r})), jobs=2)")  # fmt: skip
+    program = (
+        "from pathlib import Path; from tests.pipeline.test_parallel import *; "
+        f"every_piece(partial(write, 'a'), [*'abcdefgh'], Output(Path({str(tmp_path)!r})), jobs=2)"
+    )
     done = subprocess.run([sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert done.returncode == 1 and "It cannot be read." in done.stderr and "Warning" not in done.stderr
 

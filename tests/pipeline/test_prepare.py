@@ -86,8 +86,10 @@ def test_a_stage_refuses_what_is_there_before_anything_is_made(store):
 def test_what_cannot_be_an_input_is_told_before_anything_is_made(store):
     blocks = recordings(store, "blocks")
     base = made(store, "identify", recordings=blocks)
-    for command, given in (("identify", {"recordings": base.address}),
-                           ("diagnose", {"model": blocks.address, "recordings": blocks.address})):  # fmt: skip
+    for command, given in (
+        ("identify", {"recordings": base.address}),
+        ("diagnose", {"model": blocks.address, "recordings": blocks.address}),
+    ):
         with pytest.raises(PlopError, match=f"cannot be the (model|recordings) of `{command}`"):
             preparation(store).inputs(stage_ref(command).load(), given, None)
     with pytest.raises(PlopError, match="What shall be reported"):
@@ -111,8 +113,12 @@ def test_a_report_refuses_what_recordings_tell_before_models_are_compared(store)
     blocks = recordings(store, "blocks")
     base = made(store, "identify", recordings=blocks)
     with pytest.raises(PlopError, match="No such camera in"):
-        report_inputs(preparation(store), replace(REPORT, check_inputs=refuse),
-                      {"models": base.address, "recordings": blocks.address}, REPORT.config())  # fmt: skip
+        report_inputs(
+            preparation(store),
+            replace(REPORT, check_inputs=refuse),
+            {"models": base.address, "recordings": blocks.address},
+            REPORT.config(),
+        )
     assert store.artifacts("fuse", "fit-init", "compare") == []
 
 
@@ -154,9 +160,10 @@ def test_tracks_are_made_from_the_fit_that_is_given_and_a_fit_is_that_of_the_giv
     assert store.find(str(found["init"])).key == mine.key and "fit-init" not in asked
 
 
-@pytest.mark.parametrize(("test", "written", "chosen"), [
-    (["c"], "", {}), ([], "", {"split": "all"}), ([], '[rollout]\nsplit = "train"\n', {}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("test", "written", "chosen"),
+    [(["c"], "", {}), ([], "", {"split": "all"}), ([], '[rollout]\nsplit = "train"\n', {})],
+)
 def test_recordings_without_test_episodes_are_rolled_out_whole(store, test, written, chosen):
     """Unless the workspace says which; else neither `eval` nor `report` could be made of them."""
     RecordingSet(store.workspace, "blocks", ["a", "b"], test).save()
@@ -167,9 +174,10 @@ def test_recordings_without_test_episodes_are_rolled_out_whole(store, test, writ
 
 def test_which_commands_prepare():
     assert wants_preparation(DIAGNOSE, {})
-    scores = replace(DIAGNOSE, inputs={
-        "recordings": InputSpec(("ingest",), ""), "rollouts": InputSpec(("rollout",), "", along="recordings"),
-    })  # fmt: skip
+    scores = replace(
+        DIAGNOSE,
+        inputs={"recordings": InputSpec(("ingest",), ""), "rollouts": InputSpec(("rollout",), "", along="recordings")},
+    )
     assert takes_model_instead(scores) and not takes_model_instead(DIAGNOSE)
     assert wants_preparation(scores, {"model": "base"}) and not wants_preparation(scores, {"rollouts": "x"})
     assert not wants_preparation(stage_ref("fuse").load(), {})
@@ -182,14 +190,21 @@ def test_wrong_settings_are_told_before_anything_is_made_on_the_way(store, monke
     monkeypatch.setattr(Preparation, "inputs", made_too_soon)
     monkeypatch.setattr("plop.pipeline.run.report_inputs", made_too_soon)
     monkeypatch.setattr("plop.pipeline.run.augment_inputs", made_too_soon)
-    named = {"diagnose": ["--model", "m", "--recordings", "r"], "compare": ["--model", "m", "--recordings", "r"],
-             "identify": ["--recordings", "r"], "report": ["--models", "m", "--recordings", "r"],
-             "augment": ["--model", "m", "--fit", "r"]}  # fmt: skip
+    named = {
+        "diagnose": ["--model", "m", "--recordings", "r"],
+        "compare": ["--model", "m", "--recordings", "r"],
+        "identify": ["--recordings", "r"],
+        "report": ["--models", "m", "--recordings", "r"],
+        "augment": ["--model", "m", "--fit", "r"],
+    }
     for command, *words, told in (
-        ("diagnose", "--effects", "tilf", "Did you mean tilt?"), ("diagnose", "--shams", "3", "Too few shams"),
-        ("compare", "--split", "tset", "train or test or all"), ("identify", "--fit", "poison", "mean poisson?"),
-        ("report", "--frames", "-1", "2 or more"), ("augment", "--effect", "tilf", "Did you mean tilt?"),
-    ):  # fmt: skip
+        ("diagnose", "--effects", "tilf", "Did you mean tilt?"),
+        ("diagnose", "--shams", "3", "Too few shams"),
+        ("compare", "--split", "tset", "train or test or all"),
+        ("identify", "--fit", "poison", "mean poisson?"),
+        ("report", "--frames", "-1", "2 or more"),
+        ("augment", "--effect", "tilf", "Did you mean tilt?"),
+    ):
         assert main([command, *named[command], "-w", str(store.workspace), *words]) == 1
         assert told in capsys.readouterr().err
 
@@ -201,8 +216,16 @@ def test_a_dry_run_names_what_would_be_made_on_the_way_and_makes_nothing(store, 
     tracks = made(store, "filter", recordings=plain, init=fit)  # of other recordings than those that are compared
     before = {a.key for a in store.artifacts()}
     monkeypatch.setattr(Preparation, "check_inputs", lambda *_: None)  # these recordings have no episodes
-    command = ["compare", "--model", base.address, "--recordings", mystery.address, "--dry-run", "-w",
-               str(store.workspace)]  # fmt: skip
+    command = [
+        "compare",
+        "--model",
+        base.address,
+        "--recordings",
+        mystery.address,
+        "--dry-run",
+        "-w",
+        str(store.workspace),
+    ]
     assert main([*command, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["would_run_first"] == {"init": "fit-init", "tracks": "filter"} and facts["address"] is None

@@ -11,9 +11,10 @@ from plop.artifacts.store import Artifact
 from plop.pipeline.report_inputs import diagnoses_of, labels_of_models
 
 
-@pytest.mark.parametrize(("typed", "labels"), [
-    ("base, base+tilt", ("base", "base+tilt")), ("base", ("base",)), ("train@1234,base", ()), ("base,base", ()),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("typed", "labels"),
+    [("base, base+tilt", ("base", "base+tilt")), ("base", ("base",)), ("train@1234,base", ()), ("base,base", ())],
+)
 def test_models_are_called_as_the_user_typed_them(typed: str, labels: tuple[str, ...]):
     assert labels_of_models(typed) == labels
 

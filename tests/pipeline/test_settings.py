@@ -67,29 +67,58 @@ def test_unknown_key_suggests_the_right_one():
     assert caught.value.where == "plop.toml"
 
 
-@pytest.mark.parametrize(("text", "kind", "value"), [
-    ("3", int, 3), ("1e3", int, 1000), ("3", float, 3.0), ("1e-3", float, 0.001), ("off", bool, False),
-    ("a, b", tuple[str, ...], ("a", "b")), ("1,2", tuple[int, int], (1, 2)), ([1, 2], tuple[float, ...], (1.0, 2.0)),
-    ("none", int | None, None), ("4", int | None, 4), ("solid", Literal["paper", "solid"], "solid"),
-    ("solid", Form, Form.SOLID), ("2", Literal[1, 2], 2), ("x", str, "x"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "kind", "value"),
+    [
+        ("3", int, 3),
+        ("1e3", int, 1000),
+        ("3", float, 3.0),
+        ("1e-3", float, 0.001),
+        ("off", bool, False),
+        ("a, b", tuple[str, ...], ("a", "b")),
+        ("1,2", tuple[int, int], (1, 2)),
+        ([1, 2], tuple[float, ...], (1.0, 2.0)),
+        ("none", int | None, None),
+        ("4", int | None, 4),
+        ("solid", Literal["paper", "solid"], "solid"),
+        ("solid", Form, Form.SOLID),
+        ("2", Literal[1, 2], 2),
+        ("x", str, "x"),
+    ],
+)
 def test_values_are_converted(text: Any, kind: Any, value: Any):
     assert convert(text, kind, key="k", where="w") == value
 
 
-@pytest.mark.parametrize(("text", "kind"), [
-    ("3.5", int), ("x", float), (True, int), ("maybe", bool), ("cubic", Literal["paper", "solid"]),
-    ("1,2,3", tuple[int, int]), (3, str), ("x", Form),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("3.5", int),
+        ("x", float),
+        (True, int),
+        ("maybe", bool),
+        ("cubic", Literal["paper", "solid"]),
+        ("1,2,3", tuple[int, int]),
+        (3, str),
+        ("x", Form),
+    ],
+)
 def test_wrong_values_are_clear_errors(text: Any, kind: Any):
     with pytest.raises(PlopError, match="wrong kind"):
         convert(text, kind, key="k", where="w")
 
 
-@pytest.mark.parametrize(("key", "value", "problem"), [
-    ("voxel_m", "nan", "not finite"), ("voxel_m", float("inf"), "not finite"), ("low", "0,-inf", "not finite"),
-    ("steps", "inf", "wrong kind"), ("limit", "1e999", "wrong kind"), ("seed", "-1", "seed is negative"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        ("voxel_m", "nan", "not finite"),
+        ("voxel_m", float("inf"), "not finite"),
+        ("low", "0,-inf", "not finite"),
+        ("steps", "inf", "wrong kind"),
+        ("limit", "1e999", "wrong kind"),
+        ("seed", "-1", "seed is negative"),
+    ],
+)
 def test_what_no_setting_takes_is_refused_by_name(key: str, value: Any, problem: str):
     with pytest.raises(PlopError, match=problem) as caught:
         resolve(Config, "fuse", ("--set", {key: value}))
@@ -109,8 +138,10 @@ def test_types_are_described():
 def test_settings_file_by_command(tmp_path: Path):
     path = tmp_path / "plop.toml"
     path.write_text("[train]\nhorizon = 8\ngrid.cells = 4\n[ingest.disect]\nsize = 64\n")
-    assert read_settings_file(path, COMMANDS) == {"train": {"horizon": 8, "grid.cells": 4},
-                                                  "ingest disect": {"size": 64}}  # fmt: skip
+    assert read_settings_file(path, COMMANDS) == {
+        "train": {"horizon": 8, "grid.cells": 4},
+        "ingest disect": {"size": 64},
+    }
     assert read_settings_file(tmp_path / "absent.toml", COMMANDS) == {}
 
 
@@ -125,9 +156,14 @@ def test_bad_settings_file_is_a_clear_error(tmp_path: Path, text: str, word: str
 
 def test_assignments():
     assert own_assignments(["horizon=8", "train.seed=1", "fill-at=2"], "train", COMMANDS) == {
-        "horizon": "8", "seed": "1", "fill_at": "2"}  # fmt: skip
+        "horizon": "8",
+        "seed": "1",
+        "fill_at": "2",
+    }
     assert parse_assignments(["ingest.mesh.size=9", "fit-init.steps=1"], COMMANDS) == {
-        "ingest mesh": {"size": "9"}, "fit-init": {"steps": "1"}}  # fmt: skip
+        "ingest mesh": {"size": "9"},
+        "fit-init": {"steps": "1"},
+    }
     with pytest.raises(PlopError, match="no effect"):
         own_assignments(["train.horizon=8"], "fit-init", COMMANDS)
     with pytest.raises(PlopError, match="key=value"):

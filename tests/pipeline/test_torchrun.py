@@ -34,11 +34,28 @@ def test_two_processes_make_one_artifact(finished: Path, tmp_path: Path):
     folder = tmp_path / "workspace"
     shutil.copytree(finished, folder)
     shutil.rmtree(folder / "artifacts" / "train")
-    launch = [sys.executable, "-m", "torch.distributed.run", "--master-addr", "127.0.0.1",
-              "--master-port", str(free_port()), "--nproc-per-node", "2", "-m", "plop_cli"]  # fmt: skip
+    launch = [
+        sys.executable,
+        "-m",
+        "torch.distributed.run",
+        "--master-addr",
+        "127.0.0.1",
+        "--master-port",
+        str(free_port()),
+        "--nproc-per-node",
+        "2",
+        "-m",
+        "plop_cli",
+    ]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run([*launch, *arguments("train", folder)], env=environment, capture_output=True, text=True,
-                          timeout=900, check=False)  # fmt: skip
+    done = subprocess.run(
+        [*launch, *arguments("train", folder)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("done in") == 1
     together = Store(folder).find("train@latest")

@@ -54,10 +54,24 @@ def reproduce_small(shared_data: Path, folder: Path) -> tuple[list[str], Path]:
     docs = folder / "docs"
     docs.mkdir()
     shutil.copyfile(REPOSITORY / "docs" / "results.md", docs / "results.md")
-    settings = [*SMALL, "ingest.disect.size=32", "ingest.disect.cameras=3", "ingest.disect.supersample=1",
-                "ingest.disect.episodes=*_part_00[04]"]  # fmt: skip
-    return ["reproduce", str(shared_data / "disect"), "--env", "prism-jelly", "-w", str(folder / "work"),
-            "--out", str(docs), *options(settings)], docs  # fmt: skip
+    settings = [
+        *SMALL,
+        "ingest.disect.size=32",
+        "ingest.disect.cameras=3",
+        "ingest.disect.supersample=1",
+        "ingest.disect.episodes=*_part_00[04]",
+    ]
+    return [
+        "reproduce",
+        str(shared_data / "disect"),
+        "--env",
+        "prism-jelly",
+        "-w",
+        str(folder / "work"),
+        "--out",
+        str(docs),
+        *options(settings),
+    ], docs
 
 
 def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, tmp_path: Path):
@@ -85,16 +99,23 @@ def test_reproduce_writes_the_results(
     assert capsys.readouterr().out.count("already there") == 7
     monkeypatch.chdir(tmp_path)  # its docs/ is what a run without --out would write to
     whole_table_stays(alone, docs, capsys)
-    more = ["fit-init.count=300", "filter.iterations=1", "identify.iterations=1", "identify.fit=table_friction",
-            "train.made_up=1"]  # fmt: skip
+    more = [
+        "fit-init.count=300",
+        "filter.iterations=1",
+        "identify.iterations=1",
+        "identify.fit=table_friction",
+        "train.made_up=1",
+    ]
     assert main([*command, *options(more)]) == 0
     shown = capsys.readouterr().out
     assert shown.count("already there") == 3 and "identify@" in shown
     store = Store(tmp_path / "work")
     assert "engine" in store.find("train@latest").manifest.inputs
     assert store.find("rollout@latest").manifest.inputs["model"]["stage"] == "train"
-    both = {profile: json.loads((docs / "results" / f"disect{profile}.json").read_text())
-            for profile in ("", "-cpu-recordings")}  # fmt: skip
+    both = {
+        profile: json.loads((docs / "results" / f"disect{profile}.json").read_text())
+        for profile in ("", "-cpu-recordings")
+    }
     for profile, results in both.items():
         assert {"command", "versions", "seeds", "environments"} <= results.keys()
         typed = f"plop reproduce <folder> --profile {profile.removeprefix('-') or 'cpu'} --env prism-jelly --set "
@@ -123,11 +144,14 @@ def whole_table_stays(command: list[str], docs: Path, capsys: pytest.CaptureFixt
     path.write_text(json.dumps(results))
 
 
-@pytest.mark.parametrize(("settings", "words"), [
-    (["fuse.voxl_m=1"], ["fuse has no setting 'voxl_m'", "voxel_m"]),
-    (["train.horizon=many"], ["train.horizon", "integer"]),
-    (["ingest.droid.size=9"], ["a stage that does not run here", "ingest.droid"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["fuse.voxl_m=1"], ["fuse has no setting 'voxl_m'", "voxel_m"]),
+        (["train.horizon=many"], ["train.horizon", "integer"]),
+        (["ingest.droid.size=9"], ["a stage that does not run here", "ingest.droid"]),
+    ],
+)
 def test_a_misspelt_setting_is_found_before_anything_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: list[str], words: list[str]
 ):

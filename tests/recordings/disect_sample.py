@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 
 FRAMES = 3
-NODES = np.array([[-0.02, 0, -0.02], [0.02, 0, -0.02], [0.02, 0, 0.02], [-0.02, 0, 0.02], [0.0, 0.03, 0.0],
-                  [0.5, 0.5, 0.5]], np.float32)  # fmt: skip
+NODES = np.array(
+    [[-0.02, 0, -0.02], [0.02, 0, -0.02], [0.02, 0, 0.02], [-0.02, 0, 0.02], [0.0, 0.03, 0.0], [0.5, 0.5, 0.5]],
+    np.float32,
+)
 """A pyramid on the ground, y up, and one virtual node that no surface uses."""
 SURFACE = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1], [1, 4, 2], [2, 4, 3], [3, 4, 0]])
-BLADE = np.array([[-0.001, 0, -0.05], [0.001, 0, -0.05], [0, -0.02, -0.05], [-0.001, 0, 0.05], [0.001, 0, 0.05],
-                  [0, -0.02, 0.05]], np.float32)  # fmt: skip
+BLADE = np.array(
+    [[-0.001, 0, -0.05], [0.001, 0, -0.05], [0, -0.02, -0.05], [-0.001, 0, 0.05], [0.001, 0, 0.05], [0, -0.02, 0.05]],
+    np.float32,
+)
 BLADE_FACES = np.array([[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]])
 TIMES = np.array([0.05, 0.10, 0.15])
 
@@ -33,13 +37,18 @@ def node_positions() -> np.ndarray:
 def side_arrays() -> dict[str, np.ndarray]:
     """The content of the npz file."""
     return {
-        "times": TIMES, "knife_position": knife_positions(),
+        "times": TIMES,
+        "knife_position": knife_positions(),
         "knife_quaternion_xyzw": np.tile(np.float32([0, 0, 0, 1]), (FRAMES, 1)),
-        "knife_vertices": BLADE, "knife_faces": BLADE_FACES, "points_rest": NODES,
-        "tets": np.array([[0, 1, 2, 4], [0, 2, 3, 4]]), "surface_clean": SURFACE,
-        "cut_edge_indices": np.array([[0, 1], [3, 2]]), "cut_edge_coords": np.float32([0.5, 0.25]),
+        "knife_vertices": BLADE,
+        "knife_faces": BLADE_FACES,
+        "points_rest": NODES,
+        "tets": np.array([[0, 1, 2, 4], [0, 2, 3, 4]]),
+        "surface_clean": SURFACE,
+        "cut_edge_indices": np.array([[0, 1], [3, 2]]),
+        "cut_edge_coords": np.float32([0.5, 0.25]),
         "virtual_nodes": np.array([5]),
-    }  # fmt: skip
+    }
 
 
 def write_sample(

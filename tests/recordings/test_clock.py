@@ -73,12 +73,16 @@ def test_what_is_unknown():
 
 REFUSED = [
     (1_691_359_984_000 + 0.067 * np.arange(60), "in seconds it would last 3.95 s"),  # ms at the start, then s
-    (np.arange(50.0), "each 1|steps of 1"), (np.arange(1, 50), "steps of 1"),
-    (np.full(20, 1_691_359_984_000), "not at all"), (1_691_359_984_000 - 67 * np.arange(20), "backwards"),
+    (np.arange(50.0), "each 1|steps of 1"),
+    (np.arange(1, 50), "steps of 1"),
+    (np.full(20, 1_691_359_984_000), "not at all"),
+    (1_691_359_984_000 - 67 * np.arange(20), "backwards"),
     (np.repeat(1_691_359_984 + np.arange(4), 15), "equal the one before"),  # whole seconds
     ((1_691_359_984 + np.arange(4000) / 15).astype(np.float32), "float32"),
-    (np.arange(30) * 1e6, "1 rows a second"), (np.array([["a"]]), "list of numbers"), ([1, "x"], "x"),
-]  # fmt: skip
+    (np.arange(30) * 1e6, "1 rows a second"),
+    (np.array([["a"]]), "list of numbers"),
+    ([1, "x"], "x"),
+]
 
 
 @pytest.mark.parametrize(("values", "named"), REFUSED)
@@ -108,8 +112,15 @@ def test_clocks_of_one_recording_go_together():
         check_together({"a": own, "b": read(2 * np.arange(1, 31))})
 
 
-@pytest.mark.parametrize("rounded", [lambda ns: ns // 10**6, lambda ns: np.rint(ns / 1e6).astype(int),
-                                     lambda ns: ns / 1e9, lambda ns: (ns // 10**3).tolist()])  # fmt: skip
+@pytest.mark.parametrize(
+    "rounded",
+    [
+        lambda ns: ns // 10**6,
+        lambda ns: np.rint(ns / 1e6).astype(int),
+        lambda ns: ns / 1e9,
+        lambda ns: (ns // 10**3).tolist(),
+    ],
+)
 def test_frames_are_found_across_units(tmp_path, rounded):
     stamps = TODAY_NS + steps_ns(30, 20, 0.05)
     kept = np.delete(stamps, 5)

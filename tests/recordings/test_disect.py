@@ -91,10 +91,14 @@ def test_missing_and_truncated_files_are_named(tmp_path: Path, harm: Callable[[P
 
 @pytest.mark.parametrize(
     ("change", "where", "found"),
-    [([], "", "a list: []"), ({"units": "m"}, ": units", 'a text: "m"'), ({"settings": []}, ": settings", "a list: []"),
-     ({"environment": ["jelly"]}, ": environment", 'a list: ["jelly"]'),
-     ({"shape": 1, "material": "jelly"}, ": shape", "a whole number: 1")],
-)  # fmt: skip
+    [
+        ([], "", "a list: []"),
+        ({"units": "m"}, ": units", 'a text: "m"'),
+        ({"settings": []}, ": settings", "a list: []"),
+        ({"environment": ["jelly"]}, ": environment", 'a list: ["jelly"]'),
+        ({"shape": 1, "material": "jelly"}, ": shape", "a whole number: 1"),
+    ],
+)
 def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: object, where: str, found: str) -> None:
     path = sample.write_sample(tmp_path)
     side = path.with_suffix(".json")
@@ -107,12 +111,15 @@ def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: obj
 
 @pytest.mark.parametrize(
     ("key", "change", "problem"),
-    [("times", lambda array: array[:0], "another shape"), ("knife_vertices", lambda array: array.ravel(), "another"),
-     ("surface_clean", lambda array: array + 0.5, "another shape or type"),
-     ("tets", lambda array: array.astype(str), "another shape or type"),
-     ("surface_clean", lambda array: array - 9, "belong together"),
-     ("cut_edge_indices", lambda array: array + 99, "belong together")],
-)  # fmt: skip
+    [
+        ("times", lambda array: array[:0], "another shape"),
+        ("knife_vertices", lambda array: array.ravel(), "another"),
+        ("surface_clean", lambda array: array + 0.5, "another shape or type"),
+        ("tets", lambda array: array.astype(str), "another shape or type"),
+        ("surface_clean", lambda array: array - 9, "belong together"),
+        ("cut_edge_indices", lambda array: array + 99, "belong together"),
+    ],
+)
 def test_an_array_of_another_shape_or_kind_is_named(
     tmp_path: Path, key: str, change: Callable[[np.ndarray], np.ndarray], problem: str
 ) -> None:

@@ -68,15 +68,27 @@ def test_a_link_that_leaves_the_raw_folder_is_refused(tmp_path):
 def test_euler_convention_against_known_real_poses():
     """The four cameras of DROID's calibration_info.json: left and right eye are a ZED's baseline apart."""
     eyes = [  # baseline as built, left and right [x, y, z, a, b, c]
-        (0.120, [0.11133259, 0.82074817, 0.04550905, -1.64633975, -0.17857016, -2.93766368],
-         [-0.00941784, 0.79726687, 0.06931512, -1.64730253, -0.18917295, -2.94221890]),
-        (0.063, [-0.07528311, 0.02872137, 0.02331657, -0.32557736, 0.00624743, -1.56287453],
-         [-0.06961441, -0.03539660, 0.02041079, -0.31886274, 0.00782202, -1.55214306]),
-        (0.120, [0.41548840, 0.47754709, 0.41143223, -2.21604102, -0.02257695, -2.96372386],
-         [0.29402237, 0.45672118, 0.41110094, -2.20799482, -0.01940120, -2.95977621]),
-        (0.120, [0.25955495, -0.50010183, 0.43688190, -2.27734563, 0.33618977, -0.53690070],
-         [0.35203881, -0.55772972, 0.40182455, -2.27980636, 0.34639742, -0.54752158]),
-    ]  # fmt: skip
+        (
+            0.120,
+            [0.11133259, 0.82074817, 0.04550905, -1.64633975, -0.17857016, -2.93766368],
+            [-0.00941784, 0.79726687, 0.06931512, -1.64730253, -0.18917295, -2.94221890],
+        ),
+        (
+            0.063,
+            [-0.07528311, 0.02872137, 0.02331657, -0.32557736, 0.00624743, -1.56287453],
+            [-0.06961441, -0.03539660, 0.02041079, -0.31886274, 0.00782202, -1.55214306],
+        ),
+        (
+            0.120,
+            [0.41548840, 0.47754709, 0.41143223, -2.21604102, -0.02257695, -2.96372386],
+            [0.29402237, 0.45672118, 0.41110094, -2.20799482, -0.01940120, -2.95977621],
+        ),
+        (
+            0.120,
+            [0.25955495, -0.50010183, 0.43688190, -2.27734563, 0.33618977, -0.53690070],
+            [0.35203881, -0.55772972, 0.40182455, -2.27980636, 0.34639742, -0.54752158],
+        ),
+    ]
     off = []
     for built, *pair in eyes:
         left, right = pose_from_euler_xyz(np.array(pair))
@@ -138,10 +150,15 @@ def test_idle_stretches_are_cut():
     assert len(active_rows(flange, np.arange(40) / 10, np.arange(40), idle_s=0, idle_m=0.002)) == 40
 
 
-@pytest.mark.parametrize("entry", [
-    {"cameraMatrix": [530.0, 640.0, 531.0, 360.0]}, [530.0, 640.0, 531.0, 360.0], [530.0, 531.0, 640.0, 360.0],
-    [[530.0, 0, 640.0], [0, 531.0, 360.0], [0, 0, 1.0]],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"cameraMatrix": [530.0, 640.0, 531.0, 360.0]},
+        [530.0, 640.0, 531.0, 360.0],
+        [530.0, 531.0, 640.0, 360.0],
+        [[530.0, 0, 640.0], [0, 531.0, 360.0], [0, 0, 1.0]],
+    ],
+)
 def test_every_order_of_intrinsics_gives_the_same_matrix(entry):
     matrix, _ = matrix_from_side(entry, "intrinsics.json")
     assert np.allclose(matrix, [[530, 0, 640], [0, 531, 360], [0, 0, 1]])
@@ -232,18 +249,21 @@ def test_millimetres_and_degrees_are_refused(pose, words):
         check_pose(np.array(pose, float), where="x", what="camera")
 
 
-@pytest.mark.parametrize("notes, words", [
-    ({"workspace": {"min": [350, -150, 0], "max": [650, 150, 300]}}, "millimetres"),
-    ({"workspace": {"min": [1, 0, 0], "max": [0, 1, 1]}}, "min below max"),
-    ({"table_z": 20.0}, "millimetres"),
-    ({"table": 0.0}, "unknown key"),
-    ({"scan": [5, 2]}, "first <= last"),
-    ({"scan": [0.5, 2]}, "first row"),
-    ({"scan_episode": "../../../../../../etc"}, "leaves the raw folder"),
-    ({"tool": {"mesh": "nothing.stl"}}, "no file"),
-    ({"tool": {"mesh": "/etc/hostname"}}, "leaves the raw folder"),
-    ({"tool": {"flange_from_tool": [0, 0, 1]}}, "6 finite numbers"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "notes, words",
+    [
+        ({"workspace": {"min": [350, -150, 0], "max": [650, 150, 300]}}, "millimetres"),
+        ({"workspace": {"min": [1, 0, 0], "max": [0, 1, 1]}}, "min below max"),
+        ({"table_z": 20.0}, "millimetres"),
+        ({"table": 0.0}, "unknown key"),
+        ({"scan": [5, 2]}, "first <= last"),
+        ({"scan": [0.5, 2]}, "first row"),
+        ({"scan_episode": "../../../../../../etc"}, "leaves the raw folder"),
+        ({"tool": {"mesh": "nothing.stl"}}, "no file"),
+        ({"tool": {"mesh": "/etc/hostname"}}, "leaves the raw folder"),
+        ({"tool": {"flange_from_tool": [0, 0, 1]}}, "6 finite numbers"),
+    ],
+)
 def test_notes_with_mistakes_are_refused(tmp_path, notes, words):
     folder = tmp_path / "L/success/d/t"
     (folder / "recordings").mkdir(parents=True)

@@ -83,10 +83,15 @@ def test_a_reader_takes_its_own_and_names_any_other(tmp_path, name, reader):
     assert (f"plop ingest {form.reader} {tmp_path / 'raw'}" if form.reader else "docs/your-data.md") in told.fix
 
 
-@pytest.mark.parametrize("make", [
-    lambda f: put(f / "broken.npz"), lambda f: [put(f / "broken.npz"), put(f / "tool_1.obj"), put(f / "tool_2.obj")],
-    lambda f: put(f / "notes.txt"), lambda f: npz(f / "a.npz", "times", "vertices"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda f: put(f / "broken.npz"),
+        lambda f: [put(f / "broken.npz"), put(f / "tool_1.obj"), put(f / "tool_2.obj")],
+        lambda f: put(f / "notes.txt"),
+        lambda f: npz(f / "a.npz", "times", "vertices"),
+    ],
+)
 def test_what_is_damaged_or_unknown_is_left_to_the_reader(tmp_path, make):
     make(tmp_path)
     check_raw_folder(tmp_path, "mesh")
@@ -106,8 +111,11 @@ def test_a_large_data_set_is_recognised_at_a_glance(tmp_path):
 
 def test_no_folder_says_what_is_nearest(tmp_path):
     npz(tmp_path / "recordings/blocks/a.npz", *MESH)
-    for wrong, near in (("recordings/block", "recordings/blocks"), ("recording/blocks", "recordings"),
-                        ("Recordings/Blocks", "recordings")):  # fmt: skip
+    for wrong, near in (
+        ("recordings/block", "recordings/blocks"),
+        ("recording/blocks", "recordings"),
+        ("Recordings/Blocks", "recordings"),
+    ):
         error = ask_format(tmp_path / wrong)
         assert f"Did you mean {tmp_path / near}" in str(error.fix)
     assert "has no xyz" in str(ask_format(tmp_path / "xyz").fix)

@@ -77,28 +77,39 @@ def put(key: str, value: object) -> Callable[[h5py.File], None]:
 POSES = np.tile(np.eye(4), (3, 1, 1))
 
 
-@pytest.mark.parametrize(("change", "key", "message"), [
-    *[(put(key, None), key, "incomplete") for key in ("cameras/a/rgb", "cameras/a/depth_m", "cameras/a/intrinsics",
-                                                      "cameras/a/world_from_cam", "scan/wrist/mask",
-                                                      "tool/mesh/vertices")],
-    (put("cameras", None), "cameras", "no camera"),
-    (put("frames/time_s", np.ones((3, 1))), "frames/time_s", "another shape"),
-    (put("frames/time_s", 1.0), "frames/time_s", "another shape"),
-    (put("tool/world_from_tool", np.full((3, 4, 4), b"x")), "tool/world_from_tool", "another shape or type"),
-    (lambda file: file.attrs.pop("environment"), "", "incomplete"),
-    (put("cameras/a", None), "cameras", "no camera"),
-    (put("cameras/a/rgb", np.zeros((3, 4, 5), np.uint8)), "cameras/a/rgb", "another shape"),
-    (put("cameras/a/intrinsics", np.zeros((3, 3))), "cameras/a/intrinsics", "focal length"),
-    (put("cameras/a/intrinsics", np.full((3, 3), np.nan)), "cameras/a/intrinsics", "no numbers"),
-    (put("cameras/a/intrinsics", np.ones(4)), "cameras/a/intrinsics", "another shape"),
-    (put("cameras/a/world_from_cam", POSES * np.nan), "cameras/a/world_from_cam", "no numbers"),
-    (put("cameras/a/world_from_cam", POSES[:2]), "cameras/a/world_from_cam", "lengths"),
-    (put("scan/wrist/world_from_cam", POSES[:1] * 2), "scan/wrist/world_from_cam", "not a rotation"),
-    (put("tool/world_from_tool", POSES * np.nan), "tool/world_from_tool", "no numbers"),
-    (put("tool/world_from_tool", POSES[:, 0]), "tool/world_from_tool", "another shape"),
-    (put("frames/time_s", np.ones(3)), "frames/time_s", "does not increase"),
-    (put("frames/time_s", np.array([0, 1, np.nan])), "frames/time_s", "does not increase"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        *[
+            (put(key, None), key, "incomplete")
+            for key in (
+                "cameras/a/rgb",
+                "cameras/a/depth_m",
+                "cameras/a/intrinsics",
+                "cameras/a/world_from_cam",
+                "scan/wrist/mask",
+                "tool/mesh/vertices",
+            )
+        ],
+        (put("cameras", None), "cameras", "no camera"),
+        (put("frames/time_s", np.ones((3, 1))), "frames/time_s", "another shape"),
+        (put("frames/time_s", 1.0), "frames/time_s", "another shape"),
+        (put("tool/world_from_tool", np.full((3, 4, 4), b"x")), "tool/world_from_tool", "another shape or type"),
+        (lambda file: file.attrs.pop("environment"), "", "incomplete"),
+        (put("cameras/a", None), "cameras", "no camera"),
+        (put("cameras/a/rgb", np.zeros((3, 4, 5), np.uint8)), "cameras/a/rgb", "another shape"),
+        (put("cameras/a/intrinsics", np.zeros((3, 3))), "cameras/a/intrinsics", "focal length"),
+        (put("cameras/a/intrinsics", np.full((3, 3), np.nan)), "cameras/a/intrinsics", "no numbers"),
+        (put("cameras/a/intrinsics", np.ones(4)), "cameras/a/intrinsics", "another shape"),
+        (put("cameras/a/world_from_cam", POSES * np.nan), "cameras/a/world_from_cam", "no numbers"),
+        (put("cameras/a/world_from_cam", POSES[:2]), "cameras/a/world_from_cam", "lengths"),
+        (put("scan/wrist/world_from_cam", POSES[:1] * 2), "scan/wrist/world_from_cam", "not a rotation"),
+        (put("tool/world_from_tool", POSES * np.nan), "tool/world_from_tool", "no numbers"),
+        (put("tool/world_from_tool", POSES[:, 0]), "tool/world_from_tool", "another shape"),
+        (put("frames/time_s", np.ones(3)), "frames/time_s", "does not increase"),
+        (put("frames/time_s", np.array([0, 1, np.nan])), "frames/time_s", "does not increase"),
+    ],
+)
 def test_a_recording_that_no_stage_can_use_is_refused_by_key(
     tmp_path: Path, change: Callable[[h5py.File], None], key: str, message: str
 ) -> None:
@@ -114,8 +125,11 @@ def test_a_recording_that_no_stage_can_use_is_refused_by_key(
 def test_a_single_frame_is_no_recording(tmp_path: Path) -> None:
     write(tmp_path / "one.h5")
     with h5py.File(tmp_path / "one.h5", "a") as file:
-        for key in ("frames/time_s", "tool/world_from_tool", *(f"cameras/a/{part}" for part in
-                    ("rgb", "depth_m", "mask", "world_from_cam"))):  # fmt: skip
+        for key in (
+            "frames/time_s",
+            "tool/world_from_tool",
+            *(f"cameras/a/{part}" for part in ("rgb", "depth_m", "mask", "world_from_cam")),
+        ):
             put(key, file[key][:1])(file)
     with pytest.raises(PlopError, match="too short") as caught:
         Recording(tmp_path / "one.h5")

@@ -41,9 +41,12 @@ def test_one_more_than_frames_is_told(tmp_path):
 
 
 REFUSED = [
-    ([1, 2, 3, *range(5, 15)], "count from 1"), (range(0, 28, 2), "2 more than the last"), (range(28), "28 pictures"),
-    (range(1, 16), "000015.png"), ([10**12 + 67 * i + i % 3 for i in range(14)], "time stamps"),
-]  # fmt: skip
+    ([1, 2, 3, *range(5, 15)], "count from 1"),
+    (range(0, 28, 2), "2 more than the last"),
+    (range(28), "28 pictures"),
+    (range(1, 16), "000015.png"),
+    ([10**12 + 67 * i + i % 3 for i in range(14)], "time stamps"),
+]
 
 
 @pytest.mark.parametrize(("numbers", "named"), REFUSED)

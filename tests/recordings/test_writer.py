@@ -23,9 +23,16 @@ def images(frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def write(path: Path, frames: int = FRAMES) -> None:
     poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-    with RecordingWriter(path, name="one", source="test", environment="box", table_z_m=None,
-                         time_s=np.arange(FRAMES) / 10, tool_mesh=TRIANGLE,
-                         world_from_tool=poses) as writer:  # fmt: skip
+    with RecordingWriter(
+        path,
+        name="one",
+        source="test",
+        environment="box",
+        table_z_m=None,
+        time_s=np.arange(FRAMES) / 10,
+        tool_mesh=TRIANGLE,
+        world_from_tool=poses,
+    ) as writer:
         writer.add_camera("a", np.eye(3), poses, *SIZE)
         writer.add_camera("wrist", np.eye(3), poses[:1], *SIZE, group="scan")
         for frame in range(frames):
@@ -78,8 +85,16 @@ def test_a_failure_keeps_the_older_recording(tmp_path: Path) -> None:
 
 def test_nan_and_infinite_depth_become_not_measured(tmp_path: Path) -> None:
     poses = np.tile(np.eye(4), (2, 1, 1))
-    with RecordingWriter(tmp_path / "n.h5", name="n", source="test", environment="box", table_z_m=0.0,
-                         time_s=np.arange(2), tool_mesh=TRIANGLE, world_from_tool=poses) as writer:  # fmt: skip
+    with RecordingWriter(
+        tmp_path / "n.h5",
+        name="n",
+        source="test",
+        environment="box",
+        table_z_m=0.0,
+        time_s=np.arange(2),
+        tool_mesh=TRIANGLE,
+        world_from_tool=poses,
+    ) as writer:
         writer.add_camera("a", np.eye(3), poses, *SIZE)
         rgb, depth, mask = images(0)
         depth[0, :3] = np.nan, np.inf, -1
@@ -94,8 +109,16 @@ def test_nan_and_infinite_depth_become_not_measured(tmp_path: Path) -> None:
 def test_bad_times_are_refused(tmp_path: Path, time: list[float]) -> None:
     poses = np.tile(np.eye(4), (len(time), 1, 1))
     with pytest.raises(PlopError, match="Time"):
-        RecordingWriter(tmp_path / "n.h5", name="n", source="test", environment="box", table_z_m=0.0,
-                        time_s=np.array(time), tool_mesh=TRIANGLE, world_from_tool=poses)  # fmt: skip
+        RecordingWriter(
+            tmp_path / "n.h5",
+            name="n",
+            source="test",
+            environment="box",
+            table_z_m=0.0,
+            time_s=np.array(time),
+            tool_mesh=TRIANGLE,
+            world_from_tool=poses,
+        )
 
 
 def test_the_reader_of_recordings_does_not_give_the_truth(tmp_path: Path) -> None:

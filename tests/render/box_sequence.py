@@ -7,10 +7,25 @@ import numpy as np
 from plop.recordings.mesh_sequence import MeshSequence
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-_FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
-                   [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
-BLADE = np.array([[-0.003, -0.06, 0], [0.003, -0.06, 0], [0, -0.06, -0.03],
-                  [-0.003, 0.06, 0], [0.003, 0.06, 0], [0, 0.06, -0.03]])  # fmt: skip
+_FACES = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ]
+)
+BLADE = np.array(
+    [[-0.003, -0.06, 0], [0.003, -0.06, 0], [0, -0.06, -0.03], [-0.003, 0.06, 0], [0.003, 0.06, 0], [0, 0.06, -0.03]]
+)
 BLADE_FACES = np.array([[0, 1, 2], [3, 5, 4], [0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 3], [2, 3, 0]])
 BLADE_FACES = BLADE_FACES[:, ::-1]
 
@@ -29,7 +44,16 @@ def box_sequence(
     cut = np.zeros(len(faces), bool)
     cut[[2, 3, 12, 13]] = True
     return MeshSequence(
-        name=name, environment=environment, times=np.arange(frames) * 0.05, vertices=vertices, faces=faces,
-        tool_vertices=BLADE, tool_faces=BLADE_FACES, world_from_tool=poses, rest_vertices=rest, cut_faces=cut,
-        truth={"nodes_m": vertices.astype(np.float32)}, facts={"youngs_modulus_pa": 1e4},
-    )  # fmt: skip
+        name=name,
+        environment=environment,
+        times=np.arange(frames) * 0.05,
+        vertices=vertices,
+        faces=faces,
+        tool_vertices=BLADE,
+        tool_faces=BLADE_FACES,
+        world_from_tool=poses,
+        rest_vertices=rest,
+        cut_faces=cut,
+        truth={"nodes_m": vertices.astype(np.float32)},
+        facts={"youngs_modulus_pa": 1e4},
+    )

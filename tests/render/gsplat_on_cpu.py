@@ -23,18 +23,40 @@ class Kernels:
         self._images: Tensor | None = None
 
     def fully_fused_projection(
-        self, means: Tensor, covars: None, quats: Tensor, scales: Tensor, viewmats: Tensor, Ks: Tensor,
-        width: int, height: int, *, eps2d: float, packed: bool, near_plane: float, far_plane: float,
-        camera_model: str, **_: Any,
-    ) -> tuple[Tensor | None, ...]:  # fmt: skip
+        self,
+        means: Tensor,
+        covars: None,
+        quats: Tensor,
+        scales: Tensor,
+        viewmats: Tensor,
+        Ks: Tensor,
+        width: int,
+        height: int,
+        *,
+        eps2d: float,
+        packed: bool,
+        near_plane: float,
+        far_plane: float,
+        camera_model: str,
+        **_: Any,
+    ) -> tuple[Tensor | None, ...]:
         """Project; gives what is visible, packed."""
         from gsplat.cuda import _torch_impl as own
 
         assert packed and covars is None
         turned, _precision = own._quat_scale_to_covar_preci(quats, scales, True, False, triu=False)
         radii, places, depths, conics, _no = own._fully_fused_projection(
-            means, turned, viewmats, Ks, width, height, eps2d=eps2d, near_plane=near_plane, far_plane=far_plane,
-            camera_model=camera_model)  # fmt: skip
+            means,
+            turned,
+            viewmats,
+            Ks,
+            width,
+            height,
+            eps2d=eps2d,
+            near_plane=near_plane,
+            far_plane=far_plane,
+            camera_model=camera_model,
+        )
         cameras, ids = torch.nonzero((radii > 0).all(-1), as_tuple=True)
         self._images = cameras
         packed_values = (values[cameras, ids] for values in (radii, places, depths, conics))
@@ -59,9 +81,18 @@ class Kernels:
         return torch.zeros(images, rows, columns, dtype=torch.int64)
 
     def rasterize_to_pixels(
-        self, places: Tensor, conics: Tensor, colors: Tensor, opacities: Tensor, width: int, height: int,
-        tile_size: int, offsets: Tensor, order: Tensor, **_: Any,
-    ) -> tuple[Tensor, Tensor]:  # fmt: skip
+        self,
+        places: Tensor,
+        conics: Tensor,
+        colors: Tensor,
+        opacities: Tensor,
+        width: int,
+        height: int,
+        tile_size: int,
+        offsets: Tensor,
+        order: Tensor,
+        **_: Any,
+    ) -> tuple[Tensor, Tensor]:
         """Composite Gaussian by Gaussian, all pixels at once."""
         assert self._images is not None
         views = int(offsets.shape[0])
@@ -90,8 +121,13 @@ def without_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
     import gsplat.rendering
 
     kernels = Kernels()
-    for name in ("fully_fused_projection", "spherical_harmonics", "isect_tiles", "isect_offset_encode",
-                 "rasterize_to_pixels"):  # fmt: skip
+    for name in (
+        "fully_fused_projection",
+        "spherical_harmonics",
+        "isect_tiles",
+        "isect_offset_encode",
+        "rasterize_to_pixels",
+    ):
         assert hasattr(gsplat.rendering, name), name
         monkeypatch.setattr(gsplat.rendering, name, getattr(kernels, name))
     monkeypatch.setattr(torch.Tensor, "is_cuda", property(lambda _: True), raising=False)

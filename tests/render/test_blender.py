@@ -55,8 +55,9 @@ def test_subdividing_keeps_the_surface() -> None:
 
     for part in (slice(0, 12), slice(12, 24)):
         small = slice(part.start * 16, part.stop * 16)
-        np.testing.assert_allclose(area(vertices[1], faces[small]), area(sequence.vertices[1], sequence.faces[part]),
-                                   atol=1e-8)  # fmt: skip
+        np.testing.assert_allclose(
+            area(vertices[1], faces[small]), area(sequence.vertices[1], sequence.faces[part]), atol=1e-8
+        )
     box = np.abs(vertices[0] - [0, 0, 0.015]) - [0.03, 0.03, 0.015]
     assert box.max() < 1e-6
 

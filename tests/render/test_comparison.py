@@ -92,9 +92,12 @@ def test_the_scale_is_round_and_a_few_pixels_do_not_stretch_it():
 @pytest.mark.parametrize("where", ["middle", "corner", "pixel", "nowhere"])
 def test_people_see_the_object_at_512_px_wherever_it_is(height, width, where):
     mask = np.zeros((height, width), bool)
-    boxes = {"middle": (slice(height // 3, 2 * height // 3), slice(width // 3, width // 2)),
-             "corner": (slice(0, height // 5), slice(width - width // 6, width)),
-             "pixel": (slice(height - 1, height), slice(2, 3)), "nowhere": (slice(0, 0), slice(0, 0))}  # fmt: skip
+    boxes = {
+        "middle": (slice(height // 3, 2 * height // 3), slice(width // 3, width // 2)),
+        "corner": (slice(0, height // 5), slice(width - width // 6, width)),
+        "pixel": (slice(height - 1, height), slice(2, 3)),
+        "nowhere": (slice(0, 0), slice(0, 0)),
+    }
     mask[boxes[where]] = True
     crop = Crop.around([mask, mask], PANEL_PX)
     assert max(crop.size) == PANEL_PX and min(crop.size) >= 2
@@ -164,4 +167,9 @@ def test_a_view_without_depth_or_object_still_makes_a_page():
 
 def test_millimetres_are_written_with_the_digits_that_one_reads():
     assert [millimetres(value) for value in (0.1234, 0.999, 1.26, 9.96, 123.4)] == [
-        "0.12 mm", "1.0 mm", "1.3 mm", "10 mm", "123 mm"]  # fmt: skip
+        "0.12 mm",
+        "1.0 mm",
+        "1.3 mm",
+        "10 mm",
+        "123 mm",
+    ]

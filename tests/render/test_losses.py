@@ -40,8 +40,9 @@ def test_ssim_is_that_of_scikit_image():
     rng = np.random.default_rng(0)
     image, other = rng.random((50, 37, 3)), rng.random((50, 37, 3))
     other = 0.5 * image + 0.5 * other
-    expected = structural_similarity(image, other, channel_axis=2, data_range=1.0, gaussian_weights=True, sigma=1.5,
-                                     use_sample_covariance=False)  # fmt: skip
+    expected = structural_similarity(
+        image, other, channel_axis=2, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
     assert ssim(torch.from_numpy(image), torch.from_numpy(other)).item() == pytest.approx(expected, abs=1e-5)
 
 
@@ -55,9 +56,11 @@ def test_a_perfect_rendering_costs_nothing_and_every_fault_costs_something():
     target = target_from_view(a_view())
     loss, _ = render_loss(perfect(target), target)
     assert loss.item() == pytest.approx(0, abs=1e-6)
-    faults = {"l1": Rendering(target.rgb * 0.9, target.depth_m, target.object_mask.float()),
-              "depth_m": Rendering(target.rgb, target.depth_m + 0.01, target.object_mask.float()),
-              "mask": Rendering(target.rgb, target.depth_m, 0.5 * target.object_mask.float())}  # fmt: skip
+    faults = {
+        "l1": Rendering(target.rgb * 0.9, target.depth_m, target.object_mask.float()),
+        "depth_m": Rendering(target.rgb, target.depth_m + 0.01, target.object_mask.float()),
+        "mask": Rendering(target.rgb, target.depth_m, 0.5 * target.object_mask.float()),
+    }
     for name, rendering in faults.items():
         loss, terms = render_loss(rendering, target)
         assert loss > 1e-4 and terms[name] > 1e-3, name
@@ -66,8 +69,11 @@ def test_a_perfect_rendering_costs_nothing_and_every_fault_costs_something():
 def test_the_loss_is_the_weighted_sum_of_its_terms():
     target = target_from_view(a_view())
     generator = torch.Generator().manual_seed(0)
-    rendering = Rendering(torch.rand(SIZE, SIZE, 3, generator=generator), target.depth_m + 0.02,
-                          torch.rand(SIZE, SIZE, generator=generator))  # fmt: skip
+    rendering = Rendering(
+        torch.rand(SIZE, SIZE, 3, generator=generator),
+        target.depth_m + 0.02,
+        torch.rand(SIZE, SIZE, generator=generator),
+    )
     weights = RenderWeights(ssim=0.3, l1=0.5, depth=0.7, mask=0.11, depth_unit_m=0.05)
     loss, terms = render_loss(rendering, target, weights)
     expected = 0.3 * terms["ssim"] + 0.5 * terms["l1"] + 0.7 * terms["depth_m"] / 0.05 + 0.11 * terms["mask"]

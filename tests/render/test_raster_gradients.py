@@ -7,14 +7,7 @@ from plop.gaussians.state import Gaussians
 from plop.render.interface import Rendering
 from plop.render.rasterize import render, render_many
 from tests.render.gsplat_on_cpu import without_cuda
-from tests.render.raster_scene import (
-    FIELDS,
-    camera_at,
-    random_gaussians,
-    relative_error,
-    weighted_sum,
-    with_gradients,
-)
+from tests.render.raster_scene import FIELDS, camera_at, random_gaussians, relative_error, weighted_sum, with_gradients
 
 EYE = (0.12, -0.3, 0.2)
 

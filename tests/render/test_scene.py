@@ -13,8 +13,13 @@ from plop.render.sh import C0
 from plop.render.video import VideoWriter
 from plop.render.view_file import ViewFile, ViewWriter
 
-CAMERA = Camera("top", 40, 40, np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]),
-                look_at(np.array([0.0, 0, 0.4]), np.zeros(3), np.array([0.0, 1, 0])))  # fmt: skip
+CAMERA = Camera(
+    "top",
+    40,
+    40,
+    np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]),
+    look_at(np.array([0.0, 0, 0.4]), np.zeros(3), np.array([0.0, 1, 0])),
+)
 
 
 def wall(height_m: float, left_m: float, right_m: float, colour: float) -> Gaussians:

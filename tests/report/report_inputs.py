@@ -24,17 +24,33 @@ def parameter(value: float, unit: str) -> dict:
 
 
 def ranked(effect: str, gain: float, p: float, reasons: list[str], kind: str = "physics") -> dict:
-    return {"effect": effect, "kind": kind, "help": NASTY, "gain": gain, "gain_error": 0.05, "p": p, "size_mm": 1.5,
-            "parameters": {f"{effect}_pa_s": parameter(40.0, "Pa s")}, "reasons": reasons}  # fmt: skip
+    return {
+        "effect": effect,
+        "kind": kind,
+        "help": NASTY,
+        "gain": gain,
+        "gain_error": 0.05,
+        "p": p,
+        "size_mm": 1.5,
+        "parameters": {f"{effect}_pa_s": parameter(40.0, "Pa s")},
+        "reasons": reasons,
+    }
 
 
 DIAGNOSIS = {
-    "schema": 1, "error": 6.0, "floor": 1.1, "closed_share": 0.9, "shams": {"count": 199}, "episodes": ["box_000"],
+    "schema": 1,
+    "error": 6.0,
+    "floor": 1.1,
+    "closed_share": 0.9,
+    "shams": {"count": 199},
+    "episodes": ["box_000"],
     "verdict": {"kind": "EFFECT", "named": ["viscosity"], "text": "Missing: viscosity."},
     "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("tilt", 0.01, 0.4, ["p = 0.400 > 0.02", "gain 1 %"])],
-    "base": ranked("base parameters", 0.0, 0.9, ["p = 0.900 > 0.02"], "base"), "sensors": [], "dropped": {},
+    "base": ranked("base parameters", 0.0, 0.9, ["p = 0.900 > 0.02"], "base"),
+    "sensors": [],
+    "dropped": {},
     "limits": {"adhesion": {"parameter": "traction_pa", "amplitude": 12.0, "unit": "Pa", "displacement_m": 2e-4}},
-}  # fmt: skip
+}
 
 
 def with_manifest(path: Path, stage: str, mark: str, **sources: str) -> Input:
@@ -46,8 +62,10 @@ def with_manifest(path: Path, stage: str, mark: str, **sources: str) -> Input:
 def report_inputs(folder: Path) -> dict[str, Input]:
     """Make everything that a report of two models takes."""
     measured = make_inputs(folder)
-    found = {"recordings": with_manifest(measured["recordings"].path, "simulate", "rec"),
-             "init": with_manifest(measured["init"].path, "fit-init", "ini", recordings="rec")}  # fmt: skip
+    found = {
+        "recordings": with_manifest(measured["recordings"].path, "simulate", "rec"),
+        "init": with_manifest(measured["init"].path, "fit-init", "ini", recordings="rec"),
+    }
     with pytest.MonkeyPatch.context() as patch:
         for k, share in enumerate((1.0, 0.2)):
 

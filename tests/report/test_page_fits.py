@@ -18,18 +18,31 @@ from stages.report.stage import ReportConfig, run
 from tests.report.report_inputs import DIAGNOSIS, parameter, ranked, visible, with_manifest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-extensions", "--disable-sync",
-         "--disable-background-networking", "--disable-component-update")  # fmt: skip
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-extensions",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+)
 LONG = "base_with_a_name_of_many_parts_that_nobody_would_want_to_type_twice"
-OPEN = {"traction_pa": parameter(300.0, "Pa") | {"low": 184.0, "high": 7890.0},
-        "release_s": {"value": 0.1, "low": None, "high": None, "unit": "s", "chosen": True, "also": [0.03, 0.3]}}
+OPEN = {
+    "traction_pa": parameter(300.0, "Pa") | {"low": 184.0, "high": 7890.0},
+    "release_s": {"value": 0.1, "low": None, "high": None, "unit": "s", "chosen": True, "also": [0.03, 0.3]},
+}
 """As a diagnosis of before wrote it, without "determined"."""
 WORSE = DIAGNOSIS | {
-    "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("adhesion", 0.2, 0.1, ["p"]) | {"parameters": OPEN},
-                *(ranked(name, -2.04, 1.0, ["gain -204.0 % <= 5 %"]) | {"gain_error": 3.1}
-                  for name in ("tilt", "fibres"))],
-    "base": ranked("stiffness", -2.0, 1.0, ["gain -200.0 % <= 5 %"], "base"), "closed_share": -31.4,
-}  # fmt: skip
+    "ranking": [
+        ranked("viscosity", 0.7, 0.005, []),
+        ranked("adhesion", 0.2, 0.1, ["p"]) | {"parameters": OPEN},
+        *(ranked(name, -2.04, 1.0, ["gain -204.0 % <= 5 %"]) | {"gain_error": 3.1} for name in ("tilt", "fibres")),
+    ],
+    "base": ranked("stiffness", -2.0, 1.0, ["gain -200.0 % <= 5 %"], "base"),
+    "closed_share": -31.4,
+}
 KINDS = ("several", "one", "undiagnosed", "untested", "six")
 
 
@@ -46,12 +59,19 @@ def pages(inputs, tmp_path_factory) -> dict[str, Path]:
     two = {**inputs, "diagnoses.0": diagnosed(folder / "worse", WORSE)}
     every = DIAGNOSIS | {"episodes": ["box_000", "box_001"]}
     alone = {name: inputs[name] for name in ("recordings", "init", "comparisons.0", "models.0")}
-    six = {f"comparisons.{k}": with_manifest(inputs[f"comparisons.{k % 2}"].path, "compare", f"c{k}", recordings="rec",
-                                             model=f"m{k}") for k in range(6)}  # fmt: skip
-    wanted = {"several": (two, ("base", LONG)), "one": ({**alone, "diagnoses.0": two["diagnoses.0"]}, ("base",)),
-              "undiagnosed": (alone, ("base",)),
-              "untested": ({**inputs, "diagnoses.0": diagnosed(folder / "every", every)}, ("base", "b")),
-              "six": ({name: inputs[name] for name in ("recordings", "init")} | six, tuple("abcdef"))}  # fmt: skip
+    six = {
+        f"comparisons.{k}": with_manifest(
+            inputs[f"comparisons.{k % 2}"].path, "compare", f"c{k}", recordings="rec", model=f"m{k}"
+        )
+        for k in range(6)
+    }
+    wanted = {
+        "several": (two, ("base", LONG)),
+        "one": ({**alone, "diagnoses.0": two["diagnoses.0"]}, ("base",)),
+        "undiagnosed": (alone, ("base",)),
+        "untested": ({**inputs, "diagnoses.0": diagnosed(folder / "every", every)}, ("base", "b")),
+        "six": ({name: inputs[name] for name in ("recordings", "init")} | six, tuple("abcdef")),
+    }
     assert tuple(wanted) == KINDS
     found = {}
     for name, (given, labels) in wanted.items():
@@ -117,11 +137,21 @@ def test_nothing_is_wider_than_the_screen(pages, tmp_path, width):
     """Every page in a frame of that width (a headless window cannot be as narrow), asked for what sticks out."""
     if CHROMIUM is None:
         pytest.skip("no Chromium here: no page was laid out (apt-get install chromium)")
-    frames = "".join(f'<iframe id="{name}" width="{width}" height="900" style="border:0" '
-                     f'srcdoc="{escape(page.read_text())}"></iframe>' for name, page in pages.items())  # fmt: skip
+    frames = "".join(
+        f'<iframe id="{name}" width="{width}" height="900" style="border:0" '
+        f'srcdoc="{escape(page.read_text())}"></iframe>'
+        for name, page in pages.items()
+    )
     (tmp_path / "frames.html").write_text(f"<!doctype html><body style='margin:0'>{frames}<script>{ASK}</script>")
-    command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1600,1000",
-               "--virtual-time-budget=20000", "--dump-dom", (tmp_path / "frames.html").as_uri()]  # fmt: skip
+    command = [
+        CHROMIUM,
+        *FLAGS,
+        f"--user-data-dir={tmp_path / 'profile'}",
+        "--window-size=1600,1000",
+        "--virtual-time-budget=20000",
+        "--dump-dom",
+        (tmp_path / "frames.html").as_uri(),
+    ]
     dom = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False).stdout
     told = re.findall(r'<pre class="told">(.*?)</pre>', dom, re.S)
     found = {entry["name"]: entry for entry in (json.loads(unescape(text)) for text in told)}

@@ -19,8 +19,17 @@ from stages.report.stage import ReportConfig, check_inputs, run
 from tests.report.report_inputs import DIAGNOSIS, NASTY, ranked, visible, with_manifest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-extensions",
-         "--disable-background-networking", "--disable-component-update", "--disable-sync")  # fmt: skip
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +43,23 @@ def page(inputs, tmp_path_factory) -> Path:
 def test_the_page_says_what_was_found(page):
     said = visible(page)
     assert said.index("EFFECT") < said.index("Measured, predicted, difference") < said.index("Ranking")
-    for words in ("What base is missing is viscosity", "70.0 ± 5.0 %", "p = 0.400 > 0.02", "viscosity_pa_s", "36 to 44",
-                  "Pa s", "traction_pa 12 Pa", "held out", "By phase", "By distance to the tool", "By camera",
-                  "nothing moves", "plop compare --recordings x@rec", "compare@cmp1", "seed"):  # fmt: skip
+    for words in (
+        "What base is missing is viscosity",
+        "70.0 ± 5.0 %",
+        "p = 0.400 > 0.02",
+        "viscosity_pa_s",
+        "36 to 44",
+        "Pa s",
+        "traction_pa 12 Pa",
+        "held out",
+        "By phase",
+        "By distance to the tool",
+        "By camera",
+        "nothing moves",
+        "plop compare --recordings x@rec",
+        "compare@cmp1",
+        "seed",
+    ):
         assert words in said, words
 
 
@@ -69,8 +92,9 @@ def test_the_page_says_which_episodes_were_held_out_of_the_fit(page, inputs, tmp
 
 
 def test_what_the_base_was_fitted_to_is_not_held_out(inputs, tmp_path):
-    (tmp_path / "model.json").write_text(json.dumps({"schema": MODEL_SCHEMA, "kind": "engine",
-                                                     "training": {"episodes": ["box_001"]}}))  # fmt: skip
+    (tmp_path / "model.json").write_text(
+        json.dumps({"schema": MODEL_SCHEMA, "kind": "engine", "training": {"episodes": ["box_001"]}})
+    )
     for source, over in (("rec", "all episodes, none held out"), ("other", "held-out episodes")):
         base = with_manifest(tmp_path, "identify", "model0", recordings=source)
         summary = run({**inputs, "models.0": base}, ReportConfig(frames=2), Output(tmp_path))
@@ -103,14 +127,18 @@ def test_the_commands_to_repeat_it_end_with_the_report_itself(page):
     commands = re.search(r"To repeat it.*?<pre>(.*?)</pre>", page.read_text(), re.S)
     last = unescape(commands[1]).splitlines()[-1]
     assert last.startswith("plop report --recordings simulate@rec --init fit-init@ini")
-    for part in ("--comparisons compare@cmp0,compare@cmp1", "--models augment@model0,augment@model1", "--evals none",
-                 "--diagnoses diagnose@diag", "--set 'labels=[\"base\"", "# this report"):  # fmt: skip
+    for part in (
+        "--comparisons compare@cmp0,compare@cmp1",
+        "--models augment@model0,augment@model1",
+        "--evals none",
+        "--diagnoses diagnose@diag",
+        '--set \'labels=["base"',
+        "# this report",
+    ):
         assert part in last, part
 
 
-@pytest.mark.parametrize("change", [
-    {"comparisons.1": ("compare", "model0")}, {"diagnoses.0": ("diagnose", "model9")},
-])  # fmt: skip
+@pytest.mark.parametrize("change", [{"comparisons.1": ("compare", "model0")}, {"diagnoses.0": ("diagnose", "model9")}])
 def test_one_model_twice_and_a_diagnosis_of_another_are_refused(inputs, tmp_path, change):
     [(name, (stage, model))] = change.items()
     other = with_manifest(inputs[name].path, stage, "x", recordings="rec", model=model)
@@ -134,8 +162,15 @@ def test_in_a_browser_it_renders_the_scrubber_moves_and_nothing_is_requested(pag
         pytest.skip("no Chromium here: the page was not opened in a browser (apt-get install chromium)")
     found, dom = None, ""
     for budget_ms in (10_000, 100_000, 1_000_000):  # virtual time does not wait for pictures that are being decoded
-        command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,900",
-                   f"--virtual-time-budget={budget_ms}", "--dump-dom", f"{page.as_uri()}#selftest"]  # fmt: skip
+        command = [
+            CHROMIUM,
+            *FLAGS,
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--window-size=1280,900",
+            f"--virtual-time-budget={budget_ms}",
+            "--dump-dom",
+            f"{page.as_uri()}#selftest",
+        ]
         dom = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False).stdout
         found = re.search(r'<pre id="selftest">(.*?)</pre>', dom, re.S)
         if found:
@@ -153,8 +188,15 @@ def test_results_of_other_recordings_are_refused(inputs, tmp_path):
         run({**inputs, "comparisons.1": other}, ReportConfig(), Output(tmp_path))
 
 
-@pytest.mark.parametrize("config", [ReportConfig(labels=("one",)), ReportConfig(labels=("a", "a")),
-                                    ReportConfig(frames=1), ReportConfig(difference_mm=float("nan"))])  # fmt: skip
+@pytest.mark.parametrize(
+    "config",
+    [
+        ReportConfig(labels=("one",)),
+        ReportConfig(labels=("a", "a")),
+        ReportConfig(frames=1),
+        ReportConfig(difference_mm=float("nan")),
+    ],
+)
 def test_settings_without_sense_are_named(inputs, tmp_path, config):
     with pytest.raises(PlopError) as caught:
         run(inputs, config, Output(tmp_path))

@@ -13,8 +13,15 @@ from plop.render.settings import CameraSettings
 from plop.sensors.faults import parse_faults
 
 CAMERAS = [f"cam_{index:02d}" for index in range(6)]
-FAULTY = ["clock=0.02@cam_00", "depth_scale=1.01@cam_01", "depth_bias=0.003@cam_02", "pose_drift.x_m=0.003@cam_03",
-          "pose_drift.ry_rad=0.00873@cam_04", "pose_error.z_m=0.003@cam_05", "clock=-0.02@cam_05"]  # fmt: skip
+FAULTY = [
+    "clock=0.02@cam_00",
+    "depth_scale=1.01@cam_01",
+    "depth_bias=0.003@cam_02",
+    "pose_drift.x_m=0.003@cam_03",
+    "pose_drift.ry_rad=0.00873@cam_04",
+    "pose_error.z_m=0.003@cam_05",
+    "clock=-0.02@cam_05",
+]
 
 
 @pytest.fixture(scope="session")

@@ -19,10 +19,14 @@ from plop.sensors.residuals import SYSTEMATIC_M, residuals
 from plop.sensors.scene import camera_scene, tool_track
 from tests.sensors.conftest import CAMERAS, film
 
-TRUE = {"cam_00": {"clock": {"offset_s": 0.02}}, "cam_01": {"depth_scale": {"factor": 1.01}},
-        "cam_02": {"depth_bias": {"offset_m": 0.003}}, "cam_03": {"pose_drift": {"x_m": 0.003}},
-        "cam_04": {"pose_drift": {"ry_rad": 0.00873}},
-        "cam_05": {"clock": {"offset_s": -0.02}, "pose_error": {"z_m": 0.003}}}  # fmt: skip
+TRUE = {
+    "cam_00": {"clock": {"offset_s": 0.02}},
+    "cam_01": {"depth_scale": {"factor": 1.01}},
+    "cam_02": {"depth_bias": {"offset_m": 0.003}},
+    "cam_03": {"pose_drift": {"x_m": 0.003}},
+    "cam_04": {"pose_drift": {"ry_rad": 0.00873}},
+    "cam_05": {"clock": {"offset_s": -0.02}, "pose_error": {"z_m": 0.003}},
+}
 CLOSE = {"offset_s": 2e-3, "factor": 1e-3, "offset_m": 4e-4, "x_m": 8e-4, "ry_rad": 2e-3, "z_m": 8e-4}
 
 
@@ -52,8 +56,12 @@ def test_an_object_that_lags_is_no_fault_of_the_cameras(good):
 
 
 def test_standard_errors_are_honest(good):
-    scores = [(each.values[key] - FAULTS[each.fault]()[key]) / each.standard_errors[key]
-              for finding in good for each in finding.faults for key in each.values]  # fmt: skip
+    scores = [
+        (each.values[key] - FAULTS[each.fault]()[key]) / each.standard_errors[key]
+        for finding in good
+        for each in finding.faults
+        for key in each.values
+    ]
     assert np.mean(np.abs(scores) < 3) > 0.95
 
 

@@ -54,10 +54,16 @@ def test_a_star_means_all_cameras():
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("clok=0.02", "no such sensor fault"), ("clock", "cannot be read"), ("clock=soon", "cannot be read"),
-     ("clock=3", "out of range"), ("depth_scale=nan", "out of range"), ("pose_drift.a=1", "no such parameter"),
-     ("clock=0.01@z", "camera that does not exist")],
-)  # fmt: skip
+    [
+        ("clok=0.02", "no such sensor fault"),
+        ("clock", "cannot be read"),
+        ("clock=soon", "cannot be read"),
+        ("clock=3", "out of range"),
+        ("depth_scale=nan", "out of range"),
+        ("pose_drift.a=1", "no such parameter"),
+        ("clock=0.01@z", "camera that does not exist"),
+    ],
+)
 def test_what_cannot_be_is_refused(text, message):
     with pytest.raises(PlopError, match=message):
         parse_faults([text], ["a", "b"])

@@ -19,8 +19,12 @@ def deviations(**values: list[float]) -> np.ndarray:
 
 
 def test_each_fault_alone_moves_the_object_as_the_whole_does():
-    for name, part, expected in (("clock", [0.01], 1e-3), ("depth_scale", [0.01], 4e-3), ("depth_bias", [3e-3], 3e-3),
-                                 ("pose_error", [0, 0, 2e-3, 0, 0, 0], 2e-3)):  # fmt: skip
+    for name, part, expected in (
+        ("clock", [0.01], 1e-3),
+        ("depth_scale", [0.01], 4e-3),
+        ("depth_bias", [3e-3], 3e-3),
+        ("pose_error", [0, 0, 2e-3, 0, 0, 0], 2e-3),
+    ):
         values = deviations(**{name: part})
         assert effect_m(name, values[SLICES[name]], VIEWED) == pytest.approx(expected, rel=0.02)
         assert joint_effect_m([name], values, VIEWED) == pytest.approx(expected, rel=0.02)

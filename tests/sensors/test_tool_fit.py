@@ -36,10 +36,14 @@ def test_the_right_mesh_is_measured_and_kept(frames):
     assert look.better_axes(frames) is None
 
 
-@pytest.mark.parametrize(("matrix", "name"), [
-    ([[1, 0, 0], [0, 0, 1], [0, -1, 0]], "about x"), ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], "about y"),
-    ([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], "about z"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("matrix", "name"),
+    [
+        ([[1, 0, 0], [0, 0, 1], [0, -1, 0]], "about x"),
+        ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], "about y"),
+        ([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], "about z"),
+    ],
+)
 def test_other_axes_are_named(frames, matrix, name):
     mesh = replace(knife(), vertices=knife().vertices @ np.array(matrix, float).T)
     found = ToolLook(mesh, TABLE_Z).better_axes(frames)

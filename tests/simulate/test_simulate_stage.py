@@ -49,8 +49,11 @@ def simulate(scene: Path, folder: Path, config: SimulateConfig = SMALL) -> Summa
 
 
 def payload(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*"))
-            if path.is_file() and not {".done", ".checkpoints"} & set(path.parts)}  # fmt: skip
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not {".done", ".checkpoints"} & set(path.parts)
+    }
 
 
 @pytest.fixture(scope="module")
@@ -109,8 +112,10 @@ def test_a_fault_changes_its_camera_only(scene, plain, tmp_path):
     quiet = replace(SMALL, episodes=1, depth_noise_m=0.0)
     simulate(scene, tmp_path / "right", quiet)
     simulate(scene, tmp_path / "wrong", replace(quiet, fault=("depth_scale=1.05@cam_01",)))
-    with Recording(tmp_path / "right/episodes/gel_000.h5") as right, \
-            Recording(tmp_path / "wrong/episodes/gel_000.h5") as wrong:  # fmt: skip
+    with (
+        Recording(tmp_path / "right/episodes/gel_000.h5") as right,
+        Recording(tmp_path / "wrong/episodes/gel_000.h5") as wrong,
+    ):
         same, scaled = ([r.view(c, 0).depth_m for r in (right, wrong)] for c in ("cam_00", "cam_01"))
         np.testing.assert_array_equal(*same)
         np.testing.assert_allclose(scaled[1], 1.05 * scaled[0], rtol=1e-5)
@@ -121,12 +126,15 @@ def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_pa
     config = replace(SMALL, size=64, episodes=1, droid=True, depth_noise_m=0.0, colour_noise=0.0)
     simulate(scene, tmp_path / "out", config)
     (tmp_path / "read").mkdir()
-    summary = INGEST_DROID.run({"raw": Input(tmp_path / "out/droid")}, DroidConfig(min_frames=3),
-                               Output(tmp_path / "read"))  # fmt: skip
+    summary = INGEST_DROID.run(
+        {"raw": Input(tmp_path / "out/droid")}, DroidConfig(min_frames=3), Output(tmp_path / "read")
+    )
     (name,) = RecordingSet.load(tmp_path / "read").names
     assert summary.figures["skipped"] == 0
-    with Recording(tmp_path / f"read/episodes/{name}.h5") as recording, \
-            Truth(tmp_path / "out/episodes/gel_000.h5") as truth:  # fmt: skip
+    with (
+        Recording(tmp_path / f"read/episodes/{name}.h5") as recording,
+        Truth(tmp_path / "out/episodes/gel_000.h5") as truth,
+    ):
         low, high = (getattr(truth.surface(0).vertices, end)(0) + [0.5, 0, 0] for end in ("min", "max"))
         view = recording.view(recording.camera_names[0], 0)
         points = view.camera.back_project(view.depth_m, view.object_mask)

@@ -26,8 +26,18 @@ from stages.train.stage import run, train_on
 from tests.small_episode import PUSH_M, write_set
 from tests.tracked_set import write_engine
 
-QUICK = TrainConfig(track_steps=3, image_steps=2, batch=2, horizon=1, width=4, cells_across=4, filter_iterations=1,
-                    made_up=3, made_up_reach=3.0, jobs=1)  # fmt: skip
+QUICK = TrainConfig(
+    track_steps=3,
+    image_steps=2,
+    batch=2,
+    horizon=1,
+    width=4,
+    cells_across=4,
+    filter_iterations=1,
+    made_up=3,
+    made_up_reach=3.0,
+    jobs=1,
+)
 NAMES = ["episode_0-0", "episode_1-1", "episode_0-2"]
 
 
@@ -76,16 +86,21 @@ def test_recorded_episodes_weigh_as_much_as_made_up_ones_and_alone_choose_the_we
     monkeypatch.setattr(stage, "train_on", noted)
     run(inputs, replace(QUICK, folds=2), Output(tmp_path))
     recorded = ["episode_0", "episode_1"]
-    assert seen == [(["episode_1", "episode_1-1"], 1), (["episode_0", "episode_0", "episode_0-0", "episode_0-2"], 1),
-                    ([*recorded, *recorded, *NAMES], 2)]  # fmt: skip
+    assert seen == [
+        (["episode_1", "episode_1-1"], 1),
+        (["episode_0", "episode_0", "episode_0-0", "episode_0-2"], 1),
+        ([*recorded, *recorded, *NAMES], 2),
+    ]
     assert trained_on(tmp_path) == {"episode_0", "episode_1"}
     assert json.loads((tmp_path / "model.json").read_text())["training"]["made_up"] == 3
 
 
 def test_they_change_what_is_learned_and_nothing_when_there_are_none(inputs, trained, tmp_path):
     weights = {}
-    for name, config, given in (("none", replace(QUICK, made_up=0), inputs),
-                                ("no engine", QUICK, {k: v for k, v in inputs.items() if k != "engine"})):  # fmt: skip
+    for name, config, given in (
+        ("none", replace(QUICK, made_up=0), inputs),
+        ("no engine", QUICK, {k: v for k, v in inputs.items() if k != "engine"}),
+    ):
         (tmp_path / name).mkdir()
         run(given, config, Output(tmp_path / name))
         weights[name] = load_file(tmp_path / name / "model.safetensors")
@@ -168,8 +183,9 @@ def fitted_engine(folder, episodes, recordings=(), effect_episodes=None):
     return Input(folder)
 
 
-@pytest.mark.parametrize("more", [{"episodes": ["episode_0", "episode_2"]},
-                                  {"episodes": ["episode_0"], "effect_episodes": ["episode_2"]}])  # fmt: skip
+@pytest.mark.parametrize(
+    "more", [{"episodes": ["episode_0", "episode_2"]}, {"episodes": ["episode_0"], "effect_episodes": ["episode_2"]}]
+)
 def test_an_engine_that_has_seen_test_episodes_is_refused_before_anything_is_tracked(inputs, tmp_path, more):
     (tmp_path / "out").mkdir()
     with pytest.raises(PlopError, match="episodes that are for testing") as caught:
@@ -188,8 +204,11 @@ def test_recordings_are_told_apart_by_content_not_by_the_names_of_their_episodes
     own = replace(inputs["recordings"], manifest=calibrated)
     (tmp_path / "out").mkdir()
     with pytest.raises(PlopError, match="episodes that are for testing"):
-        run({**inputs, "recordings": own, "engine": fitted_engine(tmp_path / "same", ["episode_2"], content)}, QUICK,
-            Output(tmp_path / "out"))  # fmt: skip
+        run(
+            {**inputs, "recordings": own, "engine": fitted_engine(tmp_path / "same", ["episode_2"], content)},
+            QUICK,
+            Output(tmp_path / "out"),
+        )
     other = fitted_engine(tmp_path / "other", ["episode_2"], ["3" * 64])
     assert run({**inputs, "recordings": own, "engine": other}, QUICK, Output(tmp_path / "out")).figures
 

@@ -34,8 +34,10 @@ def test_an_engine_is_rolled_out_with_what_its_own_environment_has(tmp_path, mon
     typed: list[tuple[str, ...]] = []
     monkeypatch.setattr(Engines, "plop", lambda self, *words: typed.append(words))
     engines = Engines(tmp_path)
-    engines.store = SimpleNamespace(artifacts=lambda stage: [artifact(stage, name) for name in ("other", "a", "late")],
-                                    find=lambda name: SimpleNamespace(path=tmp_path / name))  # fmt: skip
+    engines.store = SimpleNamespace(
+        artifacts=lambda stage: [artifact(stage, name) for name in ("other", "a", "late")],
+        find=lambda name: SimpleNamespace(path=tmp_path / name),
+    )
     assert engines.scored("a") == tmp_path / "a-engine-scores" / "scores.json"
     assert [words[0] for words in typed] == ["rollout", "eval"]
     assert {"identify@a", "calibrate@a", "fit-init@a"} <= set(typed[0])

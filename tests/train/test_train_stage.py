@@ -30,9 +30,18 @@ from tests.small_episode import PUSH_M, write_set
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SMALL = TrainConfig(
-    track_steps=150, image_steps=4, batch=2, horizon=2, width=8, cells_across=5, learning_rate=5e-3, averaging=0.8,
-    filter_iterations=12, validate_every=77, checkpoint_every=5,
-)  # fmt: skip
+    track_steps=150,
+    image_steps=4,
+    batch=2,
+    horizon=2,
+    width=8,
+    cells_across=5,
+    learning_rate=5e-3,
+    averaging=0.8,
+    filter_iterations=12,
+    validate_every=77,
+    checkpoint_every=5,
+)
 
 QUICK = TrainConfig(track_steps=2, image_steps=1, batch=1, horizon=1, width=4, cells_across=4, filter_iterations=1)
 
@@ -142,8 +151,12 @@ def test_a_fold_has_not_seen_its_share_of_the_episodes(inputs, tmp_path, monkeyp
     assert judges_of(tmp_path / "0") == {} and trained_on(out) == {"episode_0", "episode_1"}
     assert all(torch.equal(value, weights[2][name]) for name, value in weights[0].items())
     folds = out / "folds"
-    assert learned_from == {tmp_path / "0": ["episode_0", "episode_1"], out: ["episode_0", "episode_1"],
-                            folds / "0": ["episode_1"], folds / "1": ["episode_0"]}  # fmt: skip
+    assert learned_from == {
+        tmp_path / "0": ["episode_0", "episode_1"],
+        out: ["episode_0", "episode_1"],
+        folds / "0": ["episode_1"],
+        folds / "1": ["episode_0"],
+    }
     assert isinstance(load_model(folds / "1"), PlopModel)
 
 

@@ -21,8 +21,14 @@ def viewer():
     def made(*arguments, **named):
         return SimpleNamespace(arguments=arguments, **named)
 
-    return SimpleNamespace(logged=logged, log=lambda entity, thing: logged.append((entity, thing)),
-                           set_time=lambda *a, **k: None, Points3D=made, Arrows3D=made, Scalars=made)  # fmt: skip
+    return SimpleNamespace(
+        logged=logged,
+        log=lambda entity, thing: logged.append((entity, thing)),
+        set_time=lambda *a, **k: None,
+        Points3D=made,
+        Arrows3D=made,
+        Scalars=made,
+    )
 
 
 def test_measured_predicted_and_error_of_every_frame(viewer, episode, tmp_path):  # noqa: F811

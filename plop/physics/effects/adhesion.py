@@ -40,8 +40,26 @@ def drag_along(slip, p, x, y, z, most):
 
 
 @kernel()
-def stick(x, v, mass, volume, radius, side, cut, kind, pose, faces, thickness, dt, traction, keep, touching, slip_m,
-          bond, slip):  # fmt: skip
+def stick(
+    x,
+    v,
+    mass,
+    volume,
+    radius,
+    side,
+    cut,
+    kind,
+    pose,
+    faces,
+    thickness,
+    dt,
+    traction,
+    keep,
+    touching,
+    slip_m,
+    bond,
+    slip,
+):
     """Let bonds form and fade, and pull the particles back along their way relative to the tool.
 
     Takes:
@@ -105,9 +123,22 @@ class Adhesion(Effect):
             return
         dx = body.config.dx_m
         body.impulse[1] += stick(
-            body.x, body.v, body.mass, body.volume, body.radius, body.side, body.cut, *body.tool_now, np.float32(dt),
-            np.float32(self["traction_pa"]), np.float32(np.exp(-dt / self["release_s"])), np.float32(_TOUCHING * dx),
-            np.float32(_SLIP_M), body.memory["adhesion.bond"], body.memory["adhesion.slip"])  # fmt: skip
+            body.x,
+            body.v,
+            body.mass,
+            body.volume,
+            body.radius,
+            body.side,
+            body.cut,
+            *body.tool_now,
+            np.float32(dt),
+            np.float32(self["traction_pa"]),
+            np.float32(np.exp(-dt / self["release_s"])),
+            np.float32(_TOUCHING * dx),
+            np.float32(_SLIP_M),
+            body.memory["adhesion.bond"],
+            body.memory["adhesion.slip"],
+        )
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
         """Bonds are springs on the outermost particles, a quarter of a cell thick."""

@@ -16,9 +16,10 @@ class BladeFriction(Effect):
     law = "|t| <= (mu + d_mu) p at the tool"
     source = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
     amplitudes = (
-        Parameter("d_mu", "-", -2.0, 2.0, step=0.1, typical=1.0, help="change of the coefficient",
-                  tried=(-0.5, -0.25, 0.5)),
-    )  # fmt: skip
+        Parameter(
+            "d_mu", "-", -2.0, 2.0, step=0.1, typical=1.0, help="change of the coefficient", tried=(-0.5, -0.25, 0.5)
+        ),
+    )
 
     def material(self, material: Material) -> Material:
         """Add to the base's own friction."""

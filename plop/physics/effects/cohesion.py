@@ -117,8 +117,27 @@ def carry_along(c, p, q, dt, rest, normal):
 
 
 @kernel()
-def hold_together(x, v, c, mass, volume, side, cut, index, dt, traction, critical, rise, spacing, partner, share,
-                  rest, normal, strength, peak):  # fmt: skip
+def hold_together(
+    x,
+    v,
+    c,
+    mass,
+    volume,
+    side,
+    cut,
+    index,
+    dt,
+    traction,
+    critical,
+    rise,
+    spacing,
+    partner,
+    share,
+    rest,
+    normal,
+    strength,
+    peak,
+):
     """Pull the faces together over their opening; what has opened beyond the critical one is gone.
 
     The traction is that of the largest opening so far, in proportion to the opening when it is smaller (unloading
@@ -181,9 +200,17 @@ class Cohesion(Effect):
         "Baylor 1998; wear by the blade's force: Heiden et al. 2021, DiSECt"
     )
     amplitudes = (
-        Parameter("traction_pa", "Pa", 0.0, 1e5, step=50.0, typical=400.0, help="largest traction between the faces",
-                  tried=(1500.0,)),
-    )  # fmt: skip
+        Parameter(
+            "traction_pa",
+            "Pa",
+            0.0,
+            1e5,
+            step=50.0,
+            typical=400.0,
+            help="largest traction between the faces",
+            tried=(1500.0,),
+        ),
+    )
     shapes = (
         Parameter("opening_m", "m", 1e-4, 0.05, step=0.0, default=0.004, help="opening at which the traction is gone"),
         Parameter("wear", "1/(Pa s)", 0.0, 1e3, step=0.0, default=0.0, help="strength lost per pressure and time"),
@@ -194,9 +221,13 @@ class Cohesion(Effect):
         {"opening_m": 0.004, "wear": 0.01},
     )
     remembers = {
-        "partner": ((), 0.0), "share": ((), 0.0), "rest": ((3,), 0.0), "normal": ((3,), 0.0), "strength": ((), 1.0),
+        "partner": ((), 0.0),
+        "share": ((), 0.0),
+        "rest": ((3,), 0.0),
+        "normal": ((3,), 0.0),
+        "strength": ((), 1.0),
         "peak": ((), 0.0),
-    }  # fmt: skip
+    }
 
     @property
     def energy_j_m2(self) -> float:
@@ -212,15 +243,43 @@ class Cohesion(Effect):
             join(body.x, body.side, body.cut, body.number, pose, faces, spacing, partner, share, rest, normal)
             if self["wear"] > 0:
                 modulus = body.material.lame_pa + 2 * body.material.shear_pa
-                wear_down(body.x, body.side, body.cut, body.radius, pose, faces, thickness,
-                          np.float32(STIFFNESS * modulus / body.config.dx_m), np.float32(dt * self["wear"]), partner,
-                          strength)  # fmt: skip
+                wear_down(
+                    body.x,
+                    body.side,
+                    body.cut,
+                    body.radius,
+                    pose,
+                    faces,
+                    thickness,
+                    np.float32(STIFFNESS * modulus / body.config.dx_m),
+                    np.float32(dt * self["wear"]),
+                    partner,
+                    strength,
+                )
         index = np.full(int(body.number.max()) + 1, -1)
         index[body.number] = np.arange(len(body.number))
         critical = self["opening_m"]
-        hold_together(body.x, body.v, body.c, body.mass, body.volume, body.side, body.cut, index, np.float32(dt),
-                      np.float32(self["traction_pa"]), np.float32(critical), np.float32(_RISE * critical), spacing,
-                      partner, share, rest, normal, strength, peak)  # fmt: skip
+        hold_together(
+            body.x,
+            body.v,
+            body.c,
+            body.mass,
+            body.volume,
+            body.side,
+            body.cut,
+            index,
+            np.float32(dt),
+            np.float32(self["traction_pa"]),
+            np.float32(critical),
+            np.float32(_RISE * critical),
+            spacing,
+            partner,
+            share,
+            rest,
+            normal,
+            strength,
+            peak,
+        )
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
         """Bonds are springs between outermost particles, each a quarter of a cell thick."""

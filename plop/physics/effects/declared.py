@@ -30,9 +30,13 @@ def check_declared(effect: type[Effect], path: Path) -> None:
         PlopError: Something is missing or out of place; names the line of it, or the class's own.
     """
     for name, expected, found in _mistakes(effect):
-        raise PlopError("The effect file has an error.", where=f"{path}, line {line_of(effect, name, path)}",
-                        expected=f"{effect.__name__}.{name}: {expected}", found=found,
-                        fix="Correct that line; docs/effects.md has a template.")  # fmt: skip
+        raise PlopError(
+            "The effect file has an error.",
+            where=f"{path}, line {line_of(effect, name, path)}",
+            expected=f"{effect.__name__}.{name}: {expected}",
+            found=found,
+            fix="Correct that line; docs/effects.md has a template.",
+        )
 
 
 Mistake = tuple[str, str, str]
@@ -128,8 +132,11 @@ def _mistaken_hooks(effect: type[Effect]) -> Iterator[Mistake]:
     own = {name for base in effect.__mro__[: effect.__mro__.index(Effect)] for name in vars(base)}
     if not own & set(HOOKS):
         near = [name for name in sorted(own) if callable(getattr(effect, name)) and get_close_matches(name, HOOKS, 1)]
-        yield (near[0] if near else "before"), "at least one hook: " + ", ".join(HOOKS), \
-            f"{near[0]}, which nothing calls" if near else "none: it would change nothing"  # fmt: skip
+        yield (
+            (near[0] if near else "before"),
+            "at least one hook: " + ", ".join(HOOKS),
+            f"{near[0]}, which nothing calls" if near else "none: it would change nothing",
+        )
     for name in HOOKS:
         expected = list(inspect.signature(getattr(Effect, name)).parameters)
         hook = getattr(effect, name)

@@ -84,8 +84,9 @@ class Effect:
     "<effect>.<name>". The engine sorts, saves and restores them with the particles."""
 
     def __init__(self, **values: float) -> None:
-        self.values = checked_values("effect", self.name, self.parameters(), values,
-                                     units="lengths are metres, stresses pascals")  # fmt: skip
+        self.values = checked_values(
+            "effect", self.name, self.parameters(), values, units="lengths are metres, stresses pascals"
+        )
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:

@@ -98,8 +98,9 @@ def act(effect: Effect, hook: str, body: Engine, dt: float) -> str | None:
         if not isinstance(values, np.ndarray):
             raise _misused(effect, hook, f"body.{name} float32 {expected}, changed in place", type(values).__name__)
         if values.shape != expected or values.dtype != np.float32 or not values.flags.c_contiguous:
-            raise _misused(effect, hook, f"body.{name} float32 {expected}, changed in place",
-                           f"{values.dtype} {values.shape}")  # fmt: skip
+            raise _misused(
+                effect, hook, f"body.{name} float32 {expected}, changed in place", f"{values.dtype} {values.shape}"
+            )
         flat = values.reshape(-1)
         if not np.isfinite(flat @ flat):
             return f"the effect {_place(effect, hook)} left a number in body.{name} that is not finite"
@@ -107,8 +108,13 @@ def act(effect: Effect, hook: str, body: Engine, dt: float) -> str | None:
 
 
 def _misused(effect: Effect, hook: str, expected: str, found: str) -> PlopError:
-    return UserCodeError("A hook of an effect cannot be used.", where=_place(effect, hook), expected=expected,
-                         found=found, fix="See the template in docs/effects.md.")  # fmt: skip
+    return UserCodeError(
+        "A hook of an effect cannot be used.",
+        where=_place(effect, hook),
+        expected=expected,
+        found=found,
+        fix="See the template in docs/effects.md.",
+    )
 
 
 def _place(effect: Effect, hook: str) -> str:

@@ -33,10 +33,13 @@ def _own() -> dict[str, EffectType]:
 
 def _effects_of(module: object) -> list[EffectType]:
     return [
-        value for value in vars(module).values()
-        if inspect.isclass(value) and issubclass(value, Effect) and value is not Effect
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value)
+        and issubclass(value, Effect)
+        and value is not Effect
         and value.__module__ == getattr(module, "__name__", None)
-    ]  # fmt: skip
+    ]
 
 
 def library(effect_files: Iterable[str | Path] = ()) -> dict[str, EffectType]:
@@ -53,8 +56,12 @@ def library(effect_files: Iterable[str | Path] = ()) -> dict[str, EffectType]:
         for effect in load_effect_file(path):
             if effect.name in found:
                 line = line_of(effect, "name", path)
-                raise PlopError("Two effects have the same name.", where=f"{path}, line {line}", found=effect.name,
-                                fix="Give yours another name.")  # fmt: skip
+                raise PlopError(
+                    "Two effects have the same name.",
+                    where=f"{path}, line {line}",
+                    found=effect.name,
+                    fix="Give yours another name.",
+                )
             found[effect.name] = effect
     return found
 
@@ -68,8 +75,12 @@ def effect_type(name: str, effects: dict[str, EffectType] | None = None) -> Effe
     known = library() if effects is None else effects
     if name not in known:
         near = get_close_matches(name, known, 1)
-        raise PlopError("There is no such effect.", expected=", ".join(known), found=name,
-                        fix=f"Did you mean {near[0]}?" if near else "See docs/effects.md.")  # fmt: skip
+        raise PlopError(
+            "There is no such effect.",
+            expected=", ".join(known),
+            found=name,
+            fix=f"Did you mean {near[0]}?" if near else "See docs/effects.md.",
+        )
     return known[name]
 
 
@@ -80,8 +91,13 @@ def load_effect_file(path: Path) -> list[EffectType]:
         PlopError: No such file, an error in it or in what an effect declares (its line is named), or no effect.
     """
     if not path.is_file():
-        raise PlopError("There is no such effect file.", where=path, expected="a Python file", found="no file",
-                        fix="Check the path of --effect-file; docs/effects.md has a template.")  # fmt: skip
+        raise PlopError(
+            "There is no such effect file.",
+            where=path,
+            expected="a Python file",
+            found="no file",
+            fix="Check the path of --effect-file; docs/effects.md has a template.",
+        )
     spec = importlib.util.spec_from_file_location(f"plop_user_effect_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -92,8 +108,13 @@ def load_effect_file(path: Path) -> list[EffectType]:
         raise user_error(path, error) from error
     effects = _effects_of(module)
     if not effects:
-        raise PlopError("The effect file defines no effect.", where=path, expected="a subclass of Effect",
-                        found="none", fix="See the template in docs/effects.md.")  # fmt: skip
+        raise PlopError(
+            "The effect file defines no effect.",
+            where=path,
+            expected="a subclass of Effect",
+            found="none",
+            fix="See the template in docs/effects.md.",
+        )
     for effect in effects:
         check_declared(effect, path)
     return effects
@@ -101,7 +122,17 @@ def load_effect_file(path: Path) -> list[EffectType]:
 
 def user_error(path: Path, error: BaseException) -> PlopError:
     """Say which line of a user's file an error came from."""
-    line = next((frame.lineno for frame in reversed(traceback.extract_tb(error.__traceback__))
-                 if Path(frame.filename).resolve() == path.resolve()), getattr(error, "lineno", None))  # fmt: skip
-    return UserCodeError("The effect file has an error.", where=f"{path}, line {line}" if line else str(path),
-                         found=f"{type(error).__name__}: {error}", fix="Correct that line and run again.")  # fmt: skip
+    line = next(
+        (
+            frame.lineno
+            for frame in reversed(traceback.extract_tb(error.__traceback__))
+            if Path(frame.filename).resolve() == path.resolve()
+        ),
+        getattr(error, "lineno", None),
+    )
+    return UserCodeError(
+        "The effect file has an error.",
+        where=f"{path}, line {line}" if line else str(path),
+        found=f"{type(error).__name__}: {error}",
+        fix="Correct that line and run again.",
+    )

@@ -100,9 +100,10 @@ class Plasticity(Effect):
     law = "sqrt(3/2) |dev(tau)| <= 1 / softness + 3 mu hardening e_p, by shrinking the elastic strain by the flow e_p"
     source = "von Mises 1913; return mapping: Simo & Hughes, Computational Inelasticity, 1998, ch. 9"
     amplitudes = (
-        Parameter("softness_per_kpa", "1/kPa", 0.0, 20.0, step=2.0, typical=4.0, help="1 / yield stress",
-                  tried=(2.0, 8.0)),
-    )  # fmt: skip
+        Parameter(
+            "softness_per_kpa", "1/kPa", 0.0, 20.0, step=2.0, typical=4.0, help="1 / yield stress", tried=(2.0, 8.0)
+        ),
+    )
     shapes = (
         Parameter("hardening", "-", 0.0, 1.0, step=0.0, default=0.1, help="slope of stress over flow, over 3 mu"),
     )
@@ -116,5 +117,6 @@ class Plasticity(Effect):
     def after(self, body: Engine, dt: float) -> None:
         """Flow."""
         hardening_pa = 3 * self["hardening"] * body.material.shear_pa
-        yield_flow(body.f, body.memory["plasticity.flow"], *body.elastic, np.float32(self.yield_pa),
-                   np.float32(hardening_pa))  # fmt: skip
+        yield_flow(
+            body.f, body.memory["plasticity.flow"], *body.elastic, np.float32(self.yield_pa), np.float32(hardening_pa)
+        )

@@ -56,8 +56,9 @@ def branch_stress(f, branch, shear_pa, extra):
     """
     for p in range(f.shape[0]):
         add_deviator(extra, p, -shear_pa, *left_cauchy_green(f, p))
-        add_deviator(extra, p, shear_pa, branch[p, 0], branch[p, 1], branch[p, 2], branch[p, 3], branch[p, 4],
-                     branch[p, 5])  # fmt: skip
+        add_deviator(
+            extra, p, shear_pa, branch[p, 0], branch[p, 1], branch[p, 2], branch[p, 3], branch[p, 4], branch[p, 5]
+        )
 
 
 class Relaxation(Effect):

@@ -27,9 +27,13 @@ def left_cauchy_green(f, p):
     """Compute b = F F^T of particle p of an array [N, 3, 3]: xx, yy, zz, xy, xz, yz."""
     a, b, c, d, e, g, h, i, j = row_major(f, p)
     return (
-        a * a + b * b + c * c, d * d + e * e + g * g, h * h + i * i + j * j,
-        a * d + b * e + c * g, a * h + b * i + c * j, d * h + e * i + g * j,
-    )  # fmt: skip
+        a * a + b * b + c * c,
+        d * d + e * e + g * g,
+        h * h + i * i + j * j,
+        a * d + b * e + c * g,
+        a * h + b * i + c * j,
+        d * h + e * i + g * j,
+    )
 
 
 @njit(fastmath=True)

@@ -16,9 +16,17 @@ class TableFriction(Effect):
     law = "|t| <= (mu + d_mu) p at the table"
     source = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
     amplitudes = (
-        Parameter("d_mu", "-", -2.0, 2.0, step=0.05, typical=0.5, help="change of the coefficient",
-                  tried=(-0.4, -0.3, -0.2, -0.1, 0.25)),
-    )  # fmt: skip
+        Parameter(
+            "d_mu",
+            "-",
+            -2.0,
+            2.0,
+            step=0.05,
+            typical=0.5,
+            help="change of the coefficient",
+            tried=(-0.4, -0.3, -0.2, -0.1, 0.25),
+        ),
+    )
 
     def material(self, material: Material) -> Material:
         """Add to the base's own friction."""

@@ -28,10 +28,11 @@ class UntrustedEffectError(PlopError):
         self.files = list(files)
         super().__init__(
             "This model holds a program of somebody's own, and would run it.",
-            where=", ".join(map(str, files)), expected="effect files that you have read and trust",
+            where=", ".join(map(str, files)),
+            expected="effect files that you have read and trust",
             found="content that was not trusted here before",
             fix="Read the file; then repeat the command with --trust-effects (remembered for this content only).",
-        )  # fmt: skip
+        )
 
 
 def trusted_copies(files: Sequence[Path]) -> list[Path]:

@@ -24,7 +24,12 @@ def find_scene(path: Path) -> Path:
     if path.is_file():
         return path
     if path.parent != Path():
-        raise PlopError("There is no such scene.", where=path, expected="a TOML file", found="nothing",
-                        fix=f"Shipped scenes: {', '.join(shipped_scenes())}.")  # fmt: skip
+        raise PlopError(
+            "There is no such scene.",
+            where=path,
+            expected="a TOML file",
+            found="nothing",
+            fix=f"Shipped scenes: {', '.join(shipped_scenes())}.",
+        )
     name = one_of(path.name if path.suffix else f"{path.name}.toml", shipped_scenes(), "scene", where=str(path))
     return Path(str(importlib.resources.files("plop.physics.scenes") / name))

@@ -20,8 +20,22 @@ def plate() -> Callable[..., ToolMotion]:
     """A plate of 60 x 60 x 30 mm whose lower side follows points (x, z) at the given times."""
     low, high = np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.03])
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
-                      [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    faces = np.array(
+        [
+            [0, 1, 3],
+            [0, 3, 2],
+            [4, 6, 7],
+            [4, 7, 5],
+            [0, 4, 5],
+            [0, 5, 1],
+            [2, 3, 7],
+            [2, 7, 6],
+            [0, 2, 6],
+            [0, 6, 4],
+            [1, 5, 7],
+            [1, 7, 3],
+        ]
+    )
 
     def lead(*points: tuple[float, float], times: list[float]) -> ToolMotion:
         poses = np.tile(np.eye(4), (len(points), 1, 1))
@@ -38,8 +52,13 @@ def strained() -> Callable[..., Engine]:
     def build(f: np.ndarray, effects: list, material: Material | None = None) -> Engine:
         count = len(f)
         places = np.stack([np.arange(count) * 0.005, np.zeros(count), np.zeros(count)], 1)
-        engine = Engine(Particles(places, np.full(count, 1e-7), F=f), material or Material(), None,
-                        EngineConfig(gravity_m_s2=(0, 0, 0), table_z_m=None), effects)  # fmt: skip
+        engine = Engine(
+            Particles(places, np.full(count, 1e-7), F=f),
+            material or Material(),
+            None,
+            EngineConfig(gravity_m_s2=(0, 0, 0), table_z_m=None),
+            effects,
+        )
         engine.extra = np.zeros((count, 6), np.float32)
         return engine
 
@@ -55,9 +74,14 @@ def half_period_s(block) -> Callable[..., float]:
     times = np.linspace(0, 0.075, 61)
 
     def measure(*effects) -> float:
-        run = simulate(moving, Material(youngs_modulus_pa=2e4, poisson=0.0), None, times,
-                       EngineConfig(dx_m=0.02, gravity_m_s2=(0, 0, 0), table_z_m=None, courant=0.3),
-                       effects=effects)  # fmt: skip
+        run = simulate(
+            moving,
+            Material(youngs_modulus_pa=2e4, poisson=0.0),
+            None,
+            times,
+            EngineConfig(dx_m=0.02, gravity_m_s2=(0, 0, 0), table_z_m=None, courant=0.3),
+            effects=effects,
+        )
         stretch = ((run.positions - run.positions[0])[:, :, 0] * mode).mean(1)
         falls = np.nonzero((stretch[1:-1] > 0) & (stretch[2:] <= 0))[0][0] + 1
         return times[falls] + (times[1] - times[0]) * stretch[falls] / (stretch[falls] - stretch[falls + 1])

@@ -24,17 +24,24 @@ def flying_speed(block):
 
     def measure(effect, times) -> np.ndarray:
         config = EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None)
-        ends = [simulate(moving, Material(damping_per_s=2), None, np.array([0, t]), config, effects=[effect]).final
-                for t in times]  # fmt: skip
+        ends = [
+            simulate(moving, Material(damping_per_s=2), None, np.array([0, t]), config, effects=[effect]).final
+            for t in times
+        ]
         return np.array([np.linalg.norm(end.velocities, axis=1).mean() for end in ends])
 
     return measure
 
 
-@pytest.mark.parametrize(("effect", "ratio"), [
-    (Stiffness(d_ln_e=np.log(2)), np.sqrt(0.5)), (Stiffness(d_ln_e=-np.log(1.5)), np.sqrt(1.5)),
-    (Density(d_ln_rho=np.log(2)), np.sqrt(2)), (Inertia(ratio=0.5), np.sqrt(1.5)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("effect", "ratio"),
+    [
+        (Stiffness(d_ln_e=np.log(2)), np.sqrt(0.5)),
+        (Stiffness(d_ln_e=-np.log(1.5)), np.sqrt(1.5)),
+        (Density(d_ln_rho=np.log(2)), np.sqrt(2)),
+        (Inertia(ratio=0.5), np.sqrt(1.5)),
+    ],
+)
 def test_period_of_a_bar(half_period_s, effect, ratio):
     assert half_period_s(effect) / half_period_s() == pytest.approx(ratio, rel=0.02)
 

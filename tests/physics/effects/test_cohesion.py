@@ -56,6 +56,7 @@ class Grips(Effect):
 
 def faces(spacing: float, *, nodes: bool = False) -> Particles:
     """Two halves that a blade has just passed at x = 0 and a film still joins."""
+
     def axis(low, high, n):
         return np.linspace(low, high, n + 1) if nodes else low + (high - low) * (np.arange(n) + 0.5) / n
 
@@ -75,13 +76,21 @@ def faces(spacing: float, *, nodes: bool = False) -> Particles:
     other = np.where(number[None] // half != number[:, None] // half, away, 1.0).argmin(1)
     sign = np.repeat([-1.0, 1.0], half)
     memory = {
-        "cohesion.partner": np.where(near, other + 1.0, -1.0), "cohesion.share": 1 - np.abs(places[:, 0]) / spacing,
+        "cohesion.partner": np.where(near, other + 1.0, -1.0),
+        "cohesion.share": 1 - np.abs(places[:, 0]) / spacing,
         "cohesion.rest": places - places[other],
-        "cohesion.normal": sign[:, None] * [1.0, 0, 0], "cohesion.strength": np.ones(2 * half),
+        "cohesion.normal": sign[:, None] * [1.0, 0, 0],
+        "cohesion.strength": np.ones(2 * half),
         "cohesion.peak": np.zeros(2 * half),
-    }  # fmt: skip
-    return Particles(places, np.concatenate(volumes), sides=sign, passed=np.ones(2 * half, bool),
-                     radii=np.zeros(2 * half) if nodes else None, memory=memory)  # fmt: skip
+    }
+    return Particles(
+        places,
+        np.concatenate(volumes),
+        sides=sign,
+        passed=np.ones(2 * half, bool),
+        radii=np.zeros(2 * half) if nodes else None,
+        memory=memory,
+    )
 
 
 def smooth(share: float) -> float:
@@ -93,11 +102,18 @@ def smooth(share: float) -> float:
 FREE = {"gravity_m_s2": (0, 0, 0), "table_z_m": None}
 
 
-def pull(law: Cohesion, path: Callable[[float], float], end_s: float, spacing: float = 0.005, *,
-         nodes: bool = False) -> Grips:  # fmt: skip
+def pull(
+    law: Cohesion, path: Callable[[float], float], end_s: float, spacing: float = 0.005, *, nodes: bool = False
+) -> Grips:
     grips = Grips(path)
-    simulate(faces(spacing, nodes=nodes), SOFT, None, np.array([0, end_s]), EngineConfig(dx_m=2 * spacing, **FREE),
-             effects=[law, grips])  # fmt: skip
+    simulate(
+        faces(spacing, nodes=nodes),
+        SOFT,
+        None,
+        np.array([0, end_s]),
+        EngineConfig(dx_m=2 * spacing, **FREE),
+        effects=[law, grips],
+    )
     return grips
 
 
@@ -105,10 +121,17 @@ LAW = Cohesion(traction_pa=TRACTION_PA, opening_m=OPENING_M)
 ENERGY_J = LAW.energy_j_m2 * SIDE_M**2
 
 
-@pytest.mark.parametrize(("spacing", "way_s", "nodes"), [
-    (0.005, 0.3, False), (0.003, 0.3, False), (0.005, 0.6, False), (0.005, 0.15, False), (0.005, 0.3, True),
-    (0.00375, 0.3, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("spacing", "way_s", "nodes"),
+    [
+        (0.005, 0.3, False),
+        (0.003, 0.3, False),
+        (0.005, 0.6, False),
+        (0.005, 0.15, False),
+        (0.005, 0.3, True),
+        (0.00375, 0.3, True),
+    ],
+)
 def test_the_work_of_pulling_apart_is_the_energy_of_separation(spacing, way_s, nodes):
     grips = pull(LAW, lambda t: 0.007 * smooth(t / way_s), way_s + 0.1, spacing, nodes=nodes)
     assert grips.work == pytest.approx(ENERGY_J, rel=0.05)
@@ -192,8 +215,14 @@ def filled(_) -> Particles:
 @pytest.mark.parametrize(("yaw_deg", "x_m"), [(0, 0.0), (0, 0.0012), (0, 0.0025), (8, 0.001), (20, 0.002), (45, 0.0)])
 def test_the_blade_joins_the_area_that_it_has_cut(block, fill, yaw_deg, x_m):
     body = fill(block)
-    run = simulate(body, SOFT, blade(yaw_deg, x_m), np.array([0, 0.3]), EngineConfig(dx_m=0.01),
-                   effects=[Cohesion(traction_pa=1, opening_m=0.05)])  # fmt: skip
+    run = simulate(
+        body,
+        SOFT,
+        blade(yaw_deg, x_m),
+        np.array([0, 0.3]),
+        EngineConfig(dx_m=0.01),
+        effects=[Cohesion(traction_pa=1, opening_m=0.05)],
+    )
     memory = run.final.memory
     joined = memory["cohesion.partner"] > 0
     area = (memory["cohesion.share"] * body.volumes)[joined].sum() / np.cbrt(body.volumes.max())
@@ -203,8 +232,14 @@ def test_the_blade_joins_the_area_that_it_has_cut(block, fill, yaw_deg, x_m):
 @pytest.mark.parametrize(("x_m", "yaw_deg"), [(0.0, 0.0), (0.004, 8.0), (-0.007, 15.0)])
 def test_halves_that_were_made_apart_are_joined_over_the_area_of_their_faces(x_m, yaw_deg):
     body = halved_body(BLOCK, 0.005, x_m, np.deg2rad(yaw_deg)).particles
-    run = simulate(body, SOFT, blade(yaw_deg, x_m), np.array([0, 0.3]), EngineConfig(dx_m=0.01),
-                   effects=[Cohesion(traction_pa=1, opening_m=0.05)])  # fmt: skip
+    run = simulate(
+        body,
+        SOFT,
+        blade(yaw_deg, x_m),
+        np.array([0, 0.3]),
+        EngineConfig(dx_m=0.01),
+        effects=[Cohesion(traction_pa=1, opening_m=0.05)],
+    )
     share = np.where(run.final.memory["cohesion.partner"] > 0, run.final.memory["cohesion.share"], 0)
     area = (share * body.volumes).sum() / np.cbrt(body.volumes.max())
     assert area == pytest.approx(0.03**2 / np.cos(np.deg2rad(yaw_deg)), rel=0.1)

@@ -68,8 +68,14 @@ def test_adhesion_pulls_with_its_traction_and_then_lets_go(block, plate):
 def test_adhesion_lifts_what_is_light_enough(block, plate):
     body = block((0.03, 0.03, 0.03), 0.005)
     motion = plate((0, 0.0305), (0, 0.0298), (0, 0.0398), times=[0, 0.05, 0.25])
-    run = simulate(body, Material(youngs_modulus_pa=2e4, poisson=0.2), motion, np.array([0, 0.25]), CONFIG,
-                   effects=[Adhesion(traction_pa=900, release_s=2.0)])  # fmt: skip
+    run = simulate(
+        body,
+        Material(youngs_modulus_pa=2e4, poisson=0.2),
+        motion,
+        np.array([0, 0.25]),
+        CONFIG,
+        effects=[Adhesion(traction_pa=900, release_s=2.0)],
+    )
     assert (run.positions[-1] - run.positions[0])[:, 2].min() > 0.007
 
 
@@ -79,14 +85,22 @@ def test_toughness_costs_force_times_width(block):
     poses[:, 2, 3] = [0.034, 0.002]
     blade = ToolMotion(*blade_mesh(), np.array([0, 0.4]), poses)
     material = Material(youngs_modulus_pa=1.5e4, tool_friction=0, damping_per_s=20)
-    forces = [simulate(body, material, blade, np.array([0, 0.15, 0.35]), CONFIG, effects=e).tool_force[2, 2]
-              for e in ([], [Toughness(d_j_m2=10.0)])]  # fmt: skip
+    forces = [
+        simulate(body, material, blade, np.array([0, 0.15, 0.35]), CONFIG, effects=e).tool_force[2, 2]
+        for e in ([], [Toughness(d_j_m2=10.0)])
+    ]
     assert forces[0] - forces[1] == pytest.approx(10 * 0.03, rel=0.2)
 
 
 def test_tilt_is_a_sideways_fall(block):
     body = block((0.02, 0.02, 0.02), 0.005)
-    run = simulate(body, Material(), None, np.array([0, 0.1]), EngineConfig(dx_m=0.01, table_z_m=None),
-                   effects=[Tilt(gx_m_s2=0.5, gy_m_s2=-1.0)])  # fmt: skip
+    run = simulate(
+        body,
+        Material(),
+        None,
+        np.array([0, 0.1]),
+        EngineConfig(dx_m=0.01, table_z_m=None),
+        effects=[Tilt(gx_m_s2=0.5, gy_m_s2=-1.0)],
+    )
     fallen = (run.positions[-1] - run.positions[0]).mean(0)
     np.testing.assert_allclose(fallen, 0.5 * 0.1**2 * np.array([0.5, -1.0, -G]), rtol=0.02)

@@ -22,8 +22,11 @@ def random_f(count: int = 40) -> np.ndarray:
 def equivalent_pa(f: np.ndarray, material: Material) -> np.ndarray:
     """Von Mises stress from singular values, [N] [Pa]."""
     s, mu = np.linalg.svd(f.astype(float), compute_uv=False), material.shear_pa
-    tau = {ElasticLaw.NEO_HOOKEAN: mu * s**2, ElasticLaw.FIXED_COROTATED: 2 * mu * (s - 1) * s,
-           ElasticLaw.STABLE_NEO_HOOKEAN: mu * (1 - 1 / ((s**2).sum(1, keepdims=True) + 1)) * s**2}  # fmt: skip
+    tau = {
+        ElasticLaw.NEO_HOOKEAN: mu * s**2,
+        ElasticLaw.FIXED_COROTATED: 2 * mu * (s - 1) * s,
+        ElasticLaw.STABLE_NEO_HOOKEAN: mu * (1 - 1 / ((s**2).sum(1, keepdims=True) + 1)) * s**2,
+    }
     deviator = tau[material.law] - tau[material.law].mean(1, keepdims=True)
     return np.sqrt(1.5 * (deviator**2).sum(1))
 
@@ -85,8 +88,14 @@ def test_pressed_beyond_yield_it_pushes_back_less_and_stays_flat(block, plate):
 def test_free_block_grows_as_the_rate_says_and_stays_without_stress(block):
     body = block((0.04, 0.03, 0.03), 0.005)
     material = Material(youngs_modulus_pa=2e4, damping_per_s=50)
-    run = simulate(body, material, None, np.array([0, 0.4]), EngineConfig(gravity_m_s2=(0, 0, 0), table_z_m=None),
-                   effects=[Swelling(rate_per_s=-0.3)])  # fmt: skip
+    run = simulate(
+        body,
+        material,
+        None,
+        np.array([0, 0.4]),
+        EngineConfig(gravity_m_s2=(0, 0, 0), table_z_m=None),
+        effects=[Swelling(rate_per_s=-0.3)],
+    )
     size = np.ptp(run.positions, axis=1)
     np.testing.assert_allclose(np.log(size[1] / size[0]), -0.3 * 0.4 / 3, rtol=0.05)
     assert np.abs(run.F[-1] - np.eye(3)).max() < 0.004

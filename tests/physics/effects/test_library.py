@@ -23,10 +23,25 @@ EFFECTS = library()
 MATERIAL = Material(youngs_modulus_pa=6e3, tool_friction=0.2, table_friction=0.3, damping_per_s=5)
 CONFIG = EngineConfig(dx_m=0.01, dt_s=4e-4)
 FIRST = {
-    "tilt", "table_friction", "blade_friction", "adhesion", "viscosity", "plasticity", "fibres", "stiffening",
-    "swelling", "toughness", "softening", "relaxation", "drag", "inertia", "stiffness", "damping", "density",
+    "tilt",
+    "table_friction",
+    "blade_friction",
+    "adhesion",
+    "viscosity",
+    "plasticity",
+    "fibres",
+    "stiffening",
+    "swelling",
+    "toughness",
+    "softening",
+    "relaxation",
+    "drag",
+    "inertia",
+    "stiffness",
+    "damping",
+    "density",
     "cohesion",
-}  # fmt: skip
+}
 IN_A_CUT = {"toughness", "cohesion"}
 """What a press does not show."""
 
@@ -140,24 +155,44 @@ def run_user_file(tmp_path, block, monkeypatch):
     def run(hook: str, body: str):
         (tmp_path / "mine.py").write_text(USER.format(hook=hook, body=body))
         effect = library(["mine.py"])["mine"](a=0.5)
-        return simulate(block((0.02, 0.02, 0.02), 0.005), Material(), None, np.array([0, 0.01]),
-                        EngineConfig(dx_m=0.01), effects=[effect])  # fmt: skip
+        return simulate(
+            block((0.02, 0.02, 0.02), 0.005),
+            Material(),
+            None,
+            np.array([0, 0.01]),
+            EngineConfig(dx_m=0.01),
+            effects=[effect],
+        )
 
     return run
 
 
-@pytest.mark.parametrize("hook", [BEFORE, STRESS, AFTER, "def material(self, material):", "def config(self, config):",
-                                  "def slowest_step_s(self, material, config):"])  # fmt: skip
+@pytest.mark.parametrize(
+    "hook",
+    [
+        BEFORE,
+        STRESS,
+        AFTER,
+        "def material(self, material):",
+        "def config(self, config):",
+        "def slowest_step_s(self, material, config):",
+    ],
+)
 def test_an_error_in_a_user_s_hook_names_its_line(run_user_file, hook):
     with pytest.raises(PlopError, match="error") as caught:
         run_user_file(hook, "x = 1 + undefined_name")
     assert "mine.py, line 8" in str(caught.value.where) and "undefined_name" in str(caught.value.found)
 
 
-@pytest.mark.parametrize(("hook", "body"), [
-    (BEFORE, "body.v[3] = float('nan')"), (STRESS, "body.extra[2] += 1e38 * 10"),
-    (AFTER, "body.f /= 0 * body.f"), (AFTER, "body.x[0] = float('inf')"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("hook", "body"),
+    [
+        (BEFORE, "body.v[3] = float('nan')"),
+        (STRESS, "body.extra[2] += 1e38 * 10"),
+        (AFTER, "body.f /= 0 * body.f"),
+        (AFTER, "body.x[0] = float('inf')"),
+    ],
+)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_numbers_that_are_not_finite_name_the_effect(run_user_file, hook, body):
     with pytest.raises(PlopError, match="unstable") as caught:
@@ -165,10 +200,16 @@ def test_numbers_that_are_not_finite_name_the_effect(run_user_file, hook, body):
     assert "effect mine" in str(caught.value.where) and "mine(a=0.5)" in str(caught.value.found)
 
 
-@pytest.mark.parametrize(("hook", "body"), [
-    (BEFORE, "body.v = body.v * 1.5j"), (STRESS, "body.extra = body.extra[:, :3]"), (AFTER, "body.f = 1.0 * body.f.T"),
-    ("def material(self, material):", "return None"), ("def slowest_step_s(self, material, config):", "return -1.0"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("hook", "body"),
+    [
+        (BEFORE, "body.v = body.v * 1.5j"),
+        (STRESS, "body.extra = body.extra[:, :3]"),
+        (AFTER, "body.f = 1.0 * body.f.T"),
+        ("def material(self, material):", "return None"),
+        ("def slowest_step_s(self, material, config):", "return -1.0"),
+    ],
+)
 def test_a_hook_that_does_something_else_is_refused(run_user_file, hook, body):
     with pytest.raises(PlopError, match="hook of an effect") as caught:
         run_user_file(hook, body)
@@ -187,8 +228,9 @@ def test_a_law_at_rest_is_that_law(tmp_path, monkeypatch, body, told):
 @pytest.mark.parametrize("base", ["viscosity", "relaxation", "swelling"])
 def test_a_law_of_one_s_own_may_be_a_kind_of_the_library_s(tmp_path, base):
     path = tmp_path / "mine.py"
-    path.write_text(f"from plop.physics.effects.{base} import {base.title()}\n\n\n"
-                    f"class Mine({base.title()}):\n    name = 'mine'\n")  # fmt: skip
+    path.write_text(
+        f"from plop.physics.effects.{base} import {base.title()}\n\n\nclass Mine({base.title()}):\n    name = 'mine'\n"
+    )
     kind = library([path])["mine"]
     law = kind(**{kind.amplitudes[0].name: kind.amplitudes[0].typical})
     (resting,) = hooks.at_rest([law])
@@ -222,8 +264,14 @@ def test_a_broken_file_names_its_line_and_a_taken_name_is_refused(tmp_path):
 def test_an_unstable_run_lists_the_effects_that_act(block):
     fast = EFFECTS["tilt"](gx_m_s2=1.0)
     with pytest.raises(PlopError, match="unstable") as caught:
-        simulate(block((0.04, 0.03, 0.03), 0.005), Material(youngs_modulus_pa=1e6), None, np.array([0, 0.2]),
-                 EngineConfig(dx_m=0.01, dt_s=2e-3), effects=[fast])  # fmt: skip
+        simulate(
+            block((0.04, 0.03, 0.03), 0.005),
+            Material(youngs_modulus_pa=1e6),
+            None,
+            np.array([0, 0.2]),
+            EngineConfig(dx_m=0.01, dt_s=2e-3),
+            effects=[fast],
+        )
     assert "tilt(gx_m_s2=1" in str(caught.value.found)
 
 

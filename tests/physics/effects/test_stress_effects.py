@@ -46,8 +46,10 @@ def test_viscosity_damps_a_bar(block):
     moving = Particles(body.positions, body.volumes, 0.02 * mode[:, None] * [1, 0, 0])
     material, seconds = Material(youngs_modulus_pa=2e4, poisson=0.0), 0.12 / np.sqrt(20)
     config = EngineConfig(dx_m=0.01, gravity_m_s2=(0, 0, 0), table_z_m=None, dt_s=3e-4)
-    left = [simulate(moving, material, None, np.array([0, seconds]), config, effects=e).final.velocities[:, 0] @ mode
-            for e in ([], [Viscosity(viscosity_pa_s=eta)])]  # fmt: skip
+    left = [
+        simulate(moving, material, None, np.array([0, seconds]), config, effects=e).final.velocities[:, 0] @ mode
+        for e in ([], [Viscosity(viscosity_pa_s=eta)])
+    ]
     assert np.log(left[0] / left[1]) == pytest.approx(4 / 3 * eta * wave**2 / 2000 * seconds, rel=0.1)
 
 
@@ -114,8 +116,11 @@ def test_softening_lets_the_first_loading_be_and_weakens_the_second(strained, la
     second = stress_of(engine, effect)[0]
     peak, strain = (s**2 + 2 / s - 3 for s in (1.3, 1.1))
     share = 0.6 * (1 - np.exp(-(peak - strain) / (3 * 0.3**2)))
-    first = {0: MU * (1.1**2 - 1 / 1.1), 1: 2 * MU * (1.1 * 0.1 - 1.1**-0.5 * (1.1**-0.5 - 1)),
-             2: MU * (1 - 1 / (strain + 4)) * (1.1**2 - 1 / 1.1)}[int(law)]  # fmt: skip
+    first = {
+        0: MU * (1.1**2 - 1 / 1.1),
+        1: 2 * MU * (1.1 * 0.1 - 1.1**-0.5 * (1.1**-0.5 - 1)),
+        2: MU * (1 - 1 / (strain + 4)) * (1.1**2 - 1 / 1.1),
+    }[int(law)]
     assert second[0] - second[1] == pytest.approx(-share * first, rel=2e-3)
     engine.f[:] = stretched(1.3)
     assert np.abs(stress_of(engine, effect)).max() < 1e-3
