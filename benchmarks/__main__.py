@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.goals import goals_table
 from plop.artifacts.atomic_file import write_text
-from plop.compute.freed_memory import keep_freed_memory
+from plop.compute.malloc import keep_freed_memory
 from plop.metrics.table import replace_between_markers
 
 HERE = Path(__file__).resolve().parent

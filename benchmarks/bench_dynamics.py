@@ -16,7 +16,7 @@ from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.transfer import g2p, p2g
 from plop.gaussians.state import Gaussians
 from plop.geometry.tool import ToolGeometry
-from plop.physics.tools import blade_mesh
+from plop.physics.scenes.tools import blade_mesh
 
 _CHANNELS = 32
 _SIZE_M = (0.08, 0.05, 0.04)

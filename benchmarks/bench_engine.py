@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from plop.physics.solver import EngineTrajectory
+    from plop.physics.engine.solver import EngineTrajectory
 
 
 def cases() -> dict[str, Callable[[], float]]:
@@ -35,12 +35,12 @@ def _box(count: int, spacing_m: float = 0.005) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _run(count: int, seconds: float, threads: int, *, cut: bool) -> tuple[EngineTrajectory, int]:
-    from plop.physics.config import EngineConfig
-    from plop.physics.material import Material
-    from plop.physics.particles import Particles
-    from plop.physics.solver import simulate
-    from plop.physics.tool_motion import ToolMotion
-    from plop.physics.tools import blade_mesh
+    from plop.physics.engine.config import EngineConfig
+    from plop.physics.engine.material import Material
+    from plop.physics.engine.particles import Particles
+    from plop.physics.engine.solver import simulate
+    from plop.physics.engine.tool_motion import ToolMotion
+    from plop.physics.scenes.tools import blade_mesh
 
     positions, volumes = _box(count)
     top = positions[:, 2].max() + 0.004
@@ -93,10 +93,10 @@ def tracer_share() -> float:
 
 def _step_ns(count: int, tracers: int = 0) -> tuple[float, int]:
     """Processor time of a step of a block at rest [ns], and its particles."""
-    from plop.physics.config import EngineConfig
-    from plop.physics.material import Material
-    from plop.physics.particles import Particles
-    from plop.physics.solver import simulate
+    from plop.physics.engine.config import EngineConfig
+    from plop.physics.engine.material import Material
+    from plop.physics.engine.particles import Particles
+    from plop.physics.engine.solver import simulate
 
     positions, volumes = _box(count, 0.0074)
     draw = np.random.default_rng(0)

@@ -21,14 +21,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.metrics.table import replace_between_markers
-from plop.physics.config import EngineConfig
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
-from plop.physics.motions import CUTS, MotionPlan, draw_motion, tool_motion
-from plop.physics.scene import Scene, settled
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.solver import simulate
 from plop.physics.scenes import find_scene
-from plop.physics.shapes import halved_body
-from plop.physics.solver import simulate
+from plop.physics.scenes.motions import CUTS, MotionPlan, draw_motion, tool_motion
+from plop.physics.scenes.scene import Scene, settled
+from plop.physics.scenes.shapes import halved_body
 
 HERE = Path(__file__).resolve().parent
 PAGE, RESULT = HERE.parent / "docs" / "effects.md", HERE.parent / "docs" / "results" / "cohesive_motions.json"

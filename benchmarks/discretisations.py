@@ -20,15 +20,15 @@ from joblib import Parallel, delayed
 
 from benchmarks.physics_points import PARTICLES, SCENE, fitted_engine
 from benchmarks.physics_response import response_error
-from plop.diagnosis.discretisations import OTHERS, discretised
-from plop.diagnosis.episode import Episode, episode_from_sequence
+from plop.comparison.discretisations import OTHERS, discretised
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured, Table
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
-from plop.physics.filled import EngineBase
-from plop.physics.scene import Scene, simulate_episode
+from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.pipeline.execute import versions
+from plop.tracking.episode import Episode, episode_from_sequence
 
 KINDS = ("push", "hold", "cut-push", "cycles")
 SEED, RESPONSE_SEED, RESPONSE_EPISODES = 9000, 9001, 4

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
 
 HERE = Path(__file__).resolve().parent
@@ -37,10 +38,10 @@ def positions(effects: list[Effect], dt_s: float = STEP_S) -> tuple[np.ndarray, 
         Positions, all episodes and frames in one array [K, 3] [m]; least processor time of a time step, over
         the episodes [s].
     """
-    from plop.physics.config import EngineConfig
-    from plop.physics.demo import BLOCK_M, MATERIAL, blade_motion, draw_plan
-    from plop.physics.shapes import Shape, halved_body
-    from plop.physics.solver import simulate
+    from plop.physics.engine.config import EngineConfig
+    from plop.physics.engine.solver import simulate
+    from plop.physics.scenes.demo import BLOCK_M, MATERIAL, blade_motion, draw_plan
+    from plop.physics.scenes.shapes import Shape, halved_body
 
     shape = Shape("block", (float(BLOCK_M[0]), float(BLOCK_M[1]), float(BLOCK_M[2])))
     config = EngineConfig(dx_m=2 * SPACING_M, dt_s=dt_s)

@@ -19,15 +19,15 @@ import numpy as np
 from plop.geometry.rigid import transform_points
 from plop.metrics.chamfer import cd_mm, nearest_distances
 from plop.metrics.emd import emd_mm
-from plop.physics.calibrate import Calibration, calibrate
-from plop.physics.case import Case, case_from_sequence, sides_of_parts
-from plop.physics.config import EngineConfig
-from plop.physics.fill import surface_parts
-from plop.physics.material import Material
-from plop.physics.tool_motion import ToolKind, ToolShape
+from plop.physics.calibration.gauss_newton import Calibration, calibrate
+from plop.physics.calibration.recorded_motion import Case, case_from_sequence, sides_of_parts
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.fill import surface_parts
+from plop.physics.engine.material import Material
+from plop.physics.engine.tool_motion import ToolKind, ToolShape
 from plop.pipeline.execute import versions
-from plop.recordings.disect import read_disect
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.disect.episode import read_disect
+from plop.recordings.readers.mesh.sequence import MeshSequence
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "engine_disect.json"
 NAMES = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s"]

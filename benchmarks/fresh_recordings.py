@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.workspace import Typed
 from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers
-from plop.physics.sealed import open_answer
+from plop.physics.scenes.sealed import open_answer
 from plop.pipeline.execute import versions
 
 _DOCS = Path(__file__).resolve().parent.parent / "docs"

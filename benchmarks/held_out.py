@@ -22,9 +22,9 @@ from joblib import Parallel, delayed
 
 from benchmarks.__main__ import machine
 from plop.metrics.table import replace_between_markers
-from plop.recordings.disect import read_disect
+from plop.recordings.readers.disect.episode import read_disect
+from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
-from plop.recordings.resample import resampled
 from plop.render.recorder import record
 from plop.render.settings import CameraSettings
 from stages.fit_init.episode import fit_episode

@@ -23,18 +23,18 @@ from benchmarks.measure import plain_json
 from plop.diagnosis.candidates import Candidate, candidates_of
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.evidence import compared_frames
-from plop.diagnosis.identify import identify, outliers, spacing_for
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured, Table
-from plop.physics.base_io import base_from_dict, base_to_dict
+from plop.identification.identify import identify, outliers, spacing_for
+from plop.physics.adapters.base_io import base_from_dict, base_to_dict
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library
-from plop.physics.filled import EngineBase
-from plop.physics.material import Material
+from plop.physics.engine.material import Material
 from plop.pipeline.execute import versions
-from plop.recordings.disect import list_disect, read_disect
+from plop.recordings.readers.disect.episode import list_disect, read_disect
+from plop.tracking.episode import Episode, episode_from_sequence
 from stages.diagnose.stage import STAGE
 
 NOISE_M = 3e-4

@@ -18,8 +18,8 @@ from typing import Any
 from benchmarks.physics_tables import percent
 from benchmarks.workspace import Typed
 from plop.artifacts.store import Store
-from plop.law_values import parameter_text
 from plop.metrics.table import replace_between_markers
+from plop.parameters import parameter_text
 from plop.pipeline.chain import read_profile
 from plop.pipeline.execute import versions
 

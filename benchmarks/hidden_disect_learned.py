@@ -19,15 +19,15 @@ from scipy.spatial import cKDTree
 
 from benchmarks.hidden_disect import SETS, answers_of, episodes_of, reference_of, run_set, run_sets
 from benchmarks.physics_learned import predicted, rms_m, track_of, train_once
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
 from plop.dynamics.model import PlopModel
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.physics.filled import EngineBase
-from plop.physics.tool_motion import ToolMotion
+from plop.physics.adapters.filled import EngineBase
+from plop.physics.engine.tool_motion import ToolMotion
 from plop.pipeline.execute import versions
+from plop.tracking.episode import Episode
 from stages.train.settings import TrainConfig
 
 MADE_UP, SEED = 24, 7

@@ -22,14 +22,14 @@ from joblib import Parallel, delayed
 
 from benchmarks.discretisations import RESPONSE_EPISODES, RESPONSE_SEED, exact_episode
 from benchmarks.physics_points import SCENE
-from plop.diagnosis.engine_run import predict_points, start_particles
-from plop.diagnosis.episode import Episode
+from plop.comparison.engine_run import predict_points, start_particles
 from plop.metrics.table import replace_between_markers
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
-from plop.physics.filled import EngineBase
-from plop.physics.material import ElasticLaw
+from plop.physics.engine.material import ElasticLaw
 from plop.pipeline.execute import versions
+from plop.tracking.episode import Episode
 
 SPACING_M = 0.00545
 """Of the engine's particles: about 1,300, as many as `identify` takes."""

@@ -30,7 +30,7 @@ from plop.artifacts.lock import locked
 from plop.errors import PlopError
 from plop.metrics.table import replace_between_markers
 from plop.physics.effects.library import library
-from plop.physics.sealed import open_answer
+from plop.physics.scenes.sealed import open_answer
 from plop.pipeline.execute import versions
 from plop_cli.demo_physics import PROFILE
 from stages.diagnose.stage import STAGE

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from plop.law_values import short_number
+from plop.parameters import short_number
 
 
 def judged_again(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> str:

@@ -23,7 +23,6 @@ from benchmarks.newest import newest_rows
 from benchmarks.physics_plan import PLAN
 from benchmarks.physics_points import SCENE, Setting, fitted_engine, reference, run_missing, simulated
 from benchmarks.physics_tables import summary
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.table import Measured
 from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import at_rest
@@ -36,6 +35,7 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.tool import ToolGeometry
 from plop.pipeline.execute import versions
 from plop.pipeline.stage import Output
+from plop.tracking.episode import Episode
 from stages.train.settings import TrainConfig
 from stages.train.stage import train_on
 from stages.train.tracks import Track

@@ -32,24 +32,24 @@ from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import RESULT, write_results
 from plop.artifacts.lock import locked
+from plop.comparison.discretisations import discretised
 from plop.diagnosis.amplitudes import SLOWER
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.discretisations import discretised
-from plop.diagnosis.episode import Episode, episode_from_sequence
-from plop.diagnosis.identify import NAMES, identify, spacing_for
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
 from plop.errors import PlopError
-from plop.physics.base_io import base_from_dict, base_to_dict
-from plop.physics.config import EngineConfig
+from plop.identification.identify import NAMES, identify, spacing_for
+from plop.physics.adapters.base_io import base_from_dict, base_to_dict
+from plop.physics.adapters.filled import EngineBase
+from plop.physics.adapters.response import slowdown
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
-from plop.physics.filled import EngineBase
-from plop.physics.material import ElasticLaw
-from plop.physics.response import slowdown
-from plop.physics.scene import Scene, simulate_episode
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import ElasticLaw
 from plop.physics.scenes import find_scene
+from plop.physics.scenes.scene import Scene, simulate_episode
+from plop.tracking.episode import Episode, episode_from_sequence
 from stages.diagnose.stage import STAGE
 
 NOISE_M = 2e-4

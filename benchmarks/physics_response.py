@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
-from plop.physics.filled import EngineBase
+from plop.tracking.episode import Episode
 
 
 def response_error(

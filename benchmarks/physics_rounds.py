@@ -7,16 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 from joblib import Parallel, delayed
 
+from plop.comparison.discretisations import predicted_by_each
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.discretisations import predicted_by_each
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
-from plop.physics.filled import EngineBase
+from plop.tracking.episode import Episode
 
 _ADDED = {"EFFECT": None, "PARTLY": 1, "CONFOUNDED": 1, "BASE PARAMETER": 1}
 """Verdict -> how many of the named are added (None: all; the others name alternatives, the likeliest first)."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.diagnosis.episode import Episode
+from plop.tracking.episode import Episode
 
 MODELS, INCLUDED = 40, 0.6
 """Models of the ensemble, and the share of them in which a term must appear to be named."""

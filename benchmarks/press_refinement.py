@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.physics.filled import EngineBase, filled_particles
-from plop.physics.motions import tool_motion
-from plop.physics.scene import Scene
+from plop.physics.adapters.filled import EngineBase, filled_particles
+from plop.physics.engine.solver import simulate
 from plop.physics.scenes import find_scene
-from plop.physics.shapes import whole_body
-from plop.physics.solver import simulate
+from plop.physics.scenes.motions import tool_motion
+from plop.physics.scenes.scene import Scene
+from plop.physics.scenes.shapes import whole_body
 
 SPACINGS_M = 0.00736, 0.006, 0.004, 0.00267, 0.002
 SEED, EPISODE, FRAME = 181, 1, 8

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
+from plop.recordings.readers.mesh.sequence import MeshSequence, write_mesh_sequence
 
 FRAMES, CAMERAS = 10, 6
 

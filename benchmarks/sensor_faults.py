@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.physics.demo import demo_episode, draw_plan
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.physics.scenes.demo import demo_episode, draw_plan
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.render.recorder import Disturbances, record
 from plop.render.settings import CameraSettings
 from plop.sensors.clock_offset import ClockOffset

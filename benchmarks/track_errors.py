@@ -16,10 +16,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.artifacts.store import Artifact, Store
-from plop.diagnosis.episode import Episode
-from plop.diagnosis.phases import motion_kind
-from plop.diagnosis.tracks import episode_from_track
 from plop.recordings.truth import Truth
+from plop.tracking.episode import Episode
+from plop.tracking.phases import motion_kind
+from plop.tracking.tracks import episode_from_track
 
 _AROUND = 6
 """Vertices of the true surface whose motion, by inverse square distance, is a followed point's."""

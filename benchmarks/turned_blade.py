@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.hidden_disect import episodes_of
-from plop.diagnosis.episode import Episode
+from plop.tracking.episode import Episode
 
 SHAPES, MATERIALS = ("cylinder", "prism", "sphere"), ("foam", "jelly", "polymer")
 

@@ -3,7 +3,7 @@
 model.json says the kind:
     plop        {"config"}; weights beside it (plop.dynamics.model_io); folds/<k>/ may hold models of the same kind that
                 learned without some of the episodes, {"training": {"left_out": [names]}}
-    engine      {"engine": settings}; see plop.physics.base_io
+    engine      {"engine": settings}; see plop.physics.adapters.base_io
     augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
                 the base's own files are in base/, a user's effect files in effects/
 """
@@ -21,13 +21,13 @@ from plop.dynamics.interface import DynamicsModel
 from plop.dynamics.model_io import load_model as load_learned
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
-from plop.physics.augmented import AugmentedModel
-from plop.physics.base_io import base_from_dict
+from plop.physics.adapters.augmented import AugmentedModel
+from plop.physics.adapters.base_io import base_from_dict
+from plop.physics.adapters.filled import EngineBase
+from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import trusted_copies
-from plop.physics.filled import EngineBase
-from plop.physics.filled_model import FilledEngineModel
 
 KINDS = ("plop", "engine", "augmented")
 FOLDS = "folds"

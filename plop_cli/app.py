@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from plop.compute.freed_memory import keep_freed_memory
+from plop.compute.malloc import keep_freed_memory
 from plop.errors import PlopError
 from plop.pipeline.registry import StageRef, pipeline
 from plop_cli.commands import add_commands
@@ -87,7 +87,7 @@ def _ingest(context: typer.Context) -> None:
     if context.args and _names_a_path(context.args[0]):
         from pathlib import Path
 
-        from plop.recordings.raw_folder import ask_format
+        from plop.recordings.readers.raw_folder import ask_format
 
         raise ask_format(Path(context.args[0]), context.args[1:])
     code = ingest(list(context.args), prog_name="plop ingest", standalone_mode=False)

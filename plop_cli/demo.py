@@ -40,7 +40,7 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
 
 def _simulate(workspace: Path, console: Console, seed: int) -> Path:
     """Write the raw recordings once; a folder under the final name is whole."""
-    from plop.physics.demo import make_demo_recordings
+    from plop.physics.scenes.demo import make_demo_recordings
 
     folder = workspace / f"raw-{seed}" / "demo"
     if folder.is_dir():

@@ -11,7 +11,7 @@ from typing import Any
 
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop.physics.sealed import open_answer
+from plop.physics.scenes.sealed import open_answer
 from plop_cli.console import Console, format_seconds
 from plop_cli.pictures import input_of, say_videos, shown, worst_picture
 

@@ -132,8 +132,8 @@ def _picture(environment: str, folder: Path) -> dict[str, Path]:
 
 
 def _choose(data: Path, wanted: list[str]) -> list[str]:
-    from plop.recordings.disect import list_disect
-    from plop.recordings.side_file import known_environments
+    from plop.recordings.readers.disect.episode import list_disect
+    from plop.recordings.readers.side_file import known_environments
 
     if not data.is_dir():
         raise PlopError("There is no such folder.", where=data, fix="Give the folder of DiSECt recordings.")

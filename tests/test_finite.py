@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from plop.finite import json_ready, readable
-from plop.law_values import parameter_text, short_number
+from plop.parameters import parameter_text, short_number
 from plop.pipeline.stage import Summary
 from plop_cli.console import format_figure
 

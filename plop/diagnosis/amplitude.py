@@ -16,9 +16,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from plop.clusters import Clusters
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.profile import Profile
+from plop.statistics.cluster_robust import Clusters
 
 RESPONSE_ERROR = 0.25
 """Standard deviation of how much too strongly or too weakly the engine responds to a law [-], and of how much too

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from plop.clusters import Clusters, clusters, loudness, root, steadied, together, whitened
 from plop.diagnosis.regression import Grams, fit, solve
 from plop.diagnosis.strata import strata_of, told_apart
+from plop.statistics.cluster_robust import Clusters, clusters, loudness, root, steadied, together, whitened
 
 P_LARGEST = 0.02
 """Family-wise chance of a false alarm up to which an effect is named."""

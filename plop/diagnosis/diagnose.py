@@ -17,8 +17,8 @@ from plop.diagnosis.state import State
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.diagnosis.verdict import Verdict, among
 from plop.errors import PlopError
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
-from plop.physics.filled import EngineBase
 
 LEAST_EPISODES = 4
 UNSETTLED = ("NONE OF THESE", "PARTLY")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plop.diagnosis.episode import Episode
+from plop.tracking.episode import Episode
 
 FRAMES = 12
 """Frames of an episode that are compared, evenly spaced to its end."""

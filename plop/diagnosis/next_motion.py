@@ -14,7 +14,7 @@ import numpy as np
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.screen import Score
-from plop.law_values import short_number, with_unit
+from plop.parameters import short_number, with_unit
 
 
 def next_motion(found: Diagnosis) -> dict[str, Any] | None:

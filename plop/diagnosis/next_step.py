@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.next_motion import next_motion, settling_motion
-from plop.law_values import short_number, with_unit
+from plop.parameters import short_number, with_unit
 
 _EASIEST = 3
 """Effects whose limits are told where nothing was found."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.clusters import Clusters, clusters
 from plop.diagnosis.evidence import Whitened
+from plop.statistics.cluster_robust import Clusters, clusters
 
 _RIDGE = 1e-9
 KNOWN_LEAST = 0.03

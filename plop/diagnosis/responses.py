@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.comparison.engine_run import predict_points, start_particles
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.engine_run import predict_points, start_particles
-from plop.diagnosis.episode import Episode
 from plop.errors import PlopError, UserCodeError
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
-from plop.physics.filled import EngineBase
+from plop.tracking.episode import Episode
 
 Settings = tuple[tuple[Column, float], ...]
 """Columns and their amplitudes."""

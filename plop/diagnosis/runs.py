@@ -24,8 +24,8 @@ from plop.physics.effects.library import library
 KEPT_BYTES = 2_000_000_000
 """Answers that are kept for later diagnoses; the least recently used ones go first."""
 _PACKAGE = Path(__file__).parent.parent
-_CODE = ("physics", "physics/effects", "geometry")
-_CODE_FILES = ("diagnosis/engine_run.py", "diagnosis/responses.py")
+_CODE = ("physics/engine", "physics/effects", "physics/adapters", "geometry")
+_CODE_FILES = ("comparison/engine_run.py", "diagnosis/responses.py")
 
 
 @dataclass

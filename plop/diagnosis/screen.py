@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plop.clusters import Clusters
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate
 from plop.diagnosis.evidence import Whitened
 from plop.diagnosis.regression import Grams, energy_left, fit, gain, held_out_energy, held_out_values, solve
+from plop.statistics.cluster_robust import Clusters
 
 CONFOUNDED_COSINE = 0.95
 """Signatures closer than this, after the base's parameters are taken out, cannot be told apart here."""

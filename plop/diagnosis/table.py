@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from plop.comparison.discretisations import discretised
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.discretisations import discretised
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.evidence import Evidence, evidence_of
-from plop.diagnosis.phases import motion_kind
 from plop.diagnosis.responses import Answer, Job, Settings
 from plop.errors import PlopError
-from plop.physics.filled import EngineBase
+from plop.physics.adapters.filled import EngineBase
+from plop.tracking.episode import Episode
+from plop.tracking.phases import motion_kind
 
 RunJobs = Callable[[Sequence[Job]], list[Answer]]
 """Runs jobs in any order, in parallel, and gives their answers in the order of the jobs."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from plop.determined import CHANGED_LOGARITHM
 from plop.diagnosis.error_size import EXCESS_LEAST, EXCESS_P, EXCESS_RATIO, ErrorSize
 from plop.diagnosis.finding import Finding
-from plop.law_values import parameter_text, short_number
+from plop.parameters import parameter_text, short_number
+from plop.statistics.determined import CHANGED_LOGARITHM
 
 NEARLY_P = 0.05
 """Chance up to which an error that does not stand out is told with what is asked for."""

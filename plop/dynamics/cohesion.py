@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.compute.compiled import array_of, kernel, run_parallel
+from plop.compute.cpu_kernels import array_of, kernel, run_parallel
 from plop.dynamics.interface import ParticleState
 from plop.dynamics.rest import RestPlaces
 

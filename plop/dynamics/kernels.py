@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.compute.compiled import array_of, run_parallel
-from plop.compute.compiled import kernel as compiled
+from plop.compute.cpu_kernels import array_of, run_parallel
+from plop.compute.cpu_kernels import kernel as compiled
 
 Kernel = Literal["paper", "quadratic", "cubic"]
 NODES_PER_AXIS: dict[str, int] = {"paper": 2, "quadratic": 3, "cubic": 4}

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.compute.compiled import array_of, kernel
+from plop.compute.cpu_kernels import array_of, kernel
 
 TINY = 1e-20
 """Keeps roots differentiable at 0."""

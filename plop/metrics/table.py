@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from plop.errors import PlopError
-from plop.metrics.bootstrap import bootstrap_interval
 from plop.metrics.frame import HIGHER_IS_BETTER, mean_defined
+from plop.statistics.bootstrap import bootstrap_interval
 
 COLUMNS = {
     "cd_mm": ("CD [mm]", 2),

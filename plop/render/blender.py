@@ -19,7 +19,7 @@ from PIL import Image
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.render.mesh_raycast import Look, MeshView
 
 _SCRIPT = Path(__file__).with_name("blender_scene.py")

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from plop.geometry.cameras import Camera
 from plop.geometry.rigid import transform_points
 from plop.lazy_open3d import o3d
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.recordings.recording import MaskLabel
 from plop.render.rays import pixel_rays, window
 from plop.render.texture import SolidTexture

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from plop.compute.compiled import run_parallel
+from plop.compute.cpu_kernels import run_parallel
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plop.compute.compiled import kernel
+from plop.compute.cpu_kernels import kernel
 
 TILE_WIDTH = 8
 """One row of a tile is one vector register of eight float32 [px]."""

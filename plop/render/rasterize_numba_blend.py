@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plop.compute.compiled import kernel
+from plop.compute.cpu_kernels import kernel
 from plop.render.projection import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from plop.render.rasterize_numba_bins import TILE_HEIGHT, TILE_WIDTH
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from plop.compute.compiled import kernel
+from plop.compute.cpu_kernels import kernel
 from plop.render.sh import C0, C1, C2, C3
 
 _C0, _C1 = np.float32(C0), np.float32(C1)

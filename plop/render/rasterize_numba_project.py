@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from plop.compute.compiled import kernel
+from plop.compute.cpu_kernels import kernel
 from plop.render.projection import ALPHA_MIN, LOW_PASS_PX2
 
 SPLAT = 10

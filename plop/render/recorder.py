@@ -11,8 +11,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
-from plop.recordings.mesh_sequence import MeshSequence
-from plop.recordings.resample import resampled
+from plop.recordings.readers.mesh.resample import resampled
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.render.arm import hide_behind_arm
 from plop.render.blender import BlenderRenderer
 from plop.render.mesh_raycast import Light, Look, MeshRenderer, MeshView

@@ -10,7 +10,7 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.writer import RecordingWriter
 from plop.render.mesh_raycast import MeshView

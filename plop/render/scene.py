@@ -6,11 +6,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera
 from plop.recordings.recording import MaskLabel, View
 from plop.render.rasterize import Backend, render, render_many
+from plop.render.rigid_motion import moved_rigidly
 from plop.render.sh import C0
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from plop.determined import NOT_DETERMINED
 from plop.diagnosis.finding import GAIN_LEAST, NO_HELP, explained_text
-from plop.law_values import with_unit
+from plop.parameters import with_unit
 from plop.reporting.compared import ReportFacts
 from plop.reporting.html import interval, number, short, table, text
 from plop.reporting.parameters_section import parameters_text
+from plop.statistics.determined import NOT_DETERMINED
 
 
 def diagnosis_sections(facts: ReportFacts) -> str:

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from plop.artifacts.atomic_file import whole
-from plop.diagnosis.carrier import Carrier
-from plop.diagnosis.error_fields import rms_seen
-from plop.diagnosis.field_file import StoredField
-from plop.diagnosis.phases import PHASES, spans
+from plop.comparison.error_fields import rms_seen
+from plop.comparison.field_file import StoredField
 from plop.reporting.colours import ERROR_MAP, FLOOR, PERSISTENCE, PHASE_COLOURS, PREDICTION, RIGID
 from plop.reporting.errors_over import beside
+from plop.tracking.carrier import Carrier
+from plop.tracking.phases import PHASES, spans
 
 _VIEWS = ((25, -60), (25, 120), (89.9, -90))
 """Elevation and azimuth of the three views of the object [deg]."""

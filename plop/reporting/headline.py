@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from math import exp, sqrt
 from typing import Any
 
-from plop.determined import CHANGED_LOGARITHM
 from plop.diagnosis.error_size import EXCESS_RATIO
 from plop.diagnosis.verdict_text import NEARLY_P
-from plop.law_values import short_number, with_unit
+from plop.parameters import short_number, with_unit
 from plop.sensors.faults import FAULTS
+from plop.statistics.determined import CHANGED_LOGARITHM
 
 Facts = dict[str, Any]
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.carrier import Carrier
-from plop.diagnosis.error_fields import rms_seen
-from plop.diagnosis.field_file import StoredField
-from plop.diagnosis.phases import PHASES, spans
+from plop.comparison.error_fields import rms_seen
+from plop.comparison.field_file import StoredField
+from plop.tracking.carrier import Carrier
+from plop.tracking.phases import PHASES, spans
 
 STEP_MM = 0.02
 """Unit of packed places [mm]; 16 bits reach 65 cm to each side."""

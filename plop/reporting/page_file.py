@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from plop.diagnosis.phases import PHASES
 from plop.reporting.baselines import BASELINES
 from plop.reporting.colours import PHASE_COLOURS, colour_map
 from plop.reporting.compared import ReportFacts
@@ -19,6 +18,7 @@ from plop.reporting.parameters_section import parameters_section
 from plop.reporting.provenance_section import provenance_section
 from plop.reporting.report_images import difference_palette
 from plop.reporting.verdict_section import verdict_section
+from plop.tracking.phases import PHASES
 
 _PARTS = Path(__file__).parent / "page"
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"

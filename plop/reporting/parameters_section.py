@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from plop.determined import NOT_DETERMINED, Allowed, determined
-from plop.law_values import also_text, with_unit
-from plop.physics.calibrate import PARAMETERS
+from plop.parameters import also_text, with_unit
+from plop.physics.calibration.gauss_newton import PARAMETERS
 from plop.physics.effects.library import library
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.html import short, table, text
+from plop.statistics.determined import NOT_DETERMINED, Allowed, determined
 
 ENGINE = "engine"
 """What a parameter belongs to that is none of an effect."""

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from PIL import Image
 
-from plop.diagnosis.camera_errors import CarriedScene
+from plop.comparison.camera_errors import CarriedScene
 from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plop.physics.effects.effect import Parameter
+from plop.parameters import Parameter
 from plop.sensors.fault import Fault
 
 

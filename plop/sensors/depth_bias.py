@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plop.physics.effects.effect import Parameter
+from plop.parameters import Parameter
 from plop.sensors.fault import Fault
 
 

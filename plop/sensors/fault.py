@@ -11,8 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from plop.law_values import checked_values
-from plop.physics.effects.effect import Parameter
+from plop.parameters import Parameter, checked_values
 
 
 class Fault:

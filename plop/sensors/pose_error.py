@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from plop.physics.effects.effect import Parameter
+from plop.parameters import Parameter
 from plop.sensors.fault import Fault
 
 POSE_PARAMETERS = (

@@ -19,10 +19,10 @@ from plop.geometry.cameras import Camera
 from plop.geometry.rigid import invert_rigid, transform_points
 from plop.lazy_open3d import o3d
 from plop.recordings.recording import MaskLabel
-from plop.render.silhouette import coverage
 from plop.sensors.parameters import ABSENT, COUNT, SLICES
 from plop.sensors.pose_error import moved_pose
 from plop.sensors.scene import CameraScene, Sighting, ToolTrack
+from plop.sensors.silhouette import coverage
 
 MOST_PIXELS = 250
 """Pixels of one kind used in one frame; of more, some are drawn."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
-from plop.diagnosis.error_fields import rms_seen
-from plop.diagnosis.field_file import read_field
+from plop.comparison.error_fields import rms_seen
+from plop.comparison.field_file import read_field
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians

@@ -15,7 +15,7 @@ from plop.artifacts.manifest import MANIFEST_NAME
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
-from plop.physics.base_io import base_to_dict
+from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import remember

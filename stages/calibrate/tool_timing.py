@@ -11,7 +11,7 @@ from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import transform_points
 from plop.geometry.time_offset import offset_by_search
 from plop.recordings.recording import MaskLabel, Mesh, Recording
-from plop.render.silhouette import outline
+from plop.sensors.silhouette import outline
 
 MAX_FRAMES = 10
 """Frames looked at, those between which the tool moves fastest."""

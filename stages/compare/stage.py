@@ -14,18 +14,18 @@ from joblib import Parallel, delayed
 
 from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.diagnosis.bases import predict_episode
-from plop.diagnosis.camera_errors import camera_rows, camera_table
-from plop.diagnosis.episode import Episode
-from plop.diagnosis.error_fields import ErrorField, error_field, tables
-from plop.diagnosis.field_file import stored_field, write_field
-from plop.diagnosis.phases import PHASES
-from plop.diagnosis.same_object import check_same_object, size_m
-from plop.diagnosis.sets import tracked_episodes
+from plop.comparison.bases import predict_episode
+from plop.comparison.camera_errors import camera_rows, camera_table
+from plop.comparison.error_fields import ErrorField, error_field, tables
+from plop.comparison.field_file import stored_field, write_field
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
+from plop.tracking.episode import Episode
+from plop.tracking.phases import PHASES
+from plop.tracking.same_object import check_same_object, size_m
+from plop.tracking.sets import tracked_episodes
 from stages.compare.checks import CONVENTIONS, check_conventions
 
 COMPARE_SCHEMA = 1

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from plop.determined import NOT_DETERMINED, Allowed, determined
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.finding import Finding, explained_text
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.finite import json_ready
-from plop.law_values import short_number, with_unit
+from plop.parameters import short_number, with_unit
 from plop.physics.effects.library import EffectType
+from plop.statistics.determined import NOT_DETERMINED, Allowed, determined
 
 SCHEMA = 1
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
-from plop.law_values import parameter_text
+from plop.parameters import parameter_text
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from plop.sensors.estimate import estimate_sensors, pool

@@ -13,22 +13,22 @@ import numpy as np
 
 from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs
-from plop.diagnosis.bases import predictions_of
+from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.runs import Runs
-from plop.diagnosis.same_object import check_same_object
-from plop.diagnosis.sets import tracked_episodes
 from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import effect_type, library
-from plop.physics.filled import EngineBase
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
+from plop.tracking.episode import Episode
+from plop.tracking.same_object import check_same_object
+from plop.tracking.sets import tracked_episodes
 from stages.diagnose.outcome import facts_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 

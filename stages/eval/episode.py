@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plop.errors import PlopError
-from plop.gaussians.rigid_motion import moved_rigidly
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
@@ -26,6 +25,7 @@ from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
 from plop.render.comparison import Comparison
 from plop.render.panels import sheet, write_png
+from plop.render.rigid_motion import moved_rigidly
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile
 from stages.eval.baselines import RigidFit

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plop.artifacts.atomic_file import whole
-from plop.metrics.bootstrap import bootstrap_interval
 from plop.metrics.frame import CONVENTIONS, HIGHER_IS_BETTER, mean_defined
+from plop.statistics.bootstrap import bootstrap_interval
 
 if TYPE_CHECKING:
     from stages.eval.stage import EvalConfig

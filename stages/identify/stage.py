@@ -11,20 +11,20 @@ import numpy as np
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import recordings_content
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.determined import NOT_DETERMINED
-from plop.diagnosis.identify import NAMES, identify, outliers, spacing_for, starts_settled
-from plop.diagnosis.same_object import size_m
-from plop.diagnosis.sets import tracked_episodes
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
-from plop.law_values import short_number
-from plop.physics.base_io import base_to_dict
-from plop.physics.calibrate import PARAMETERS, Calibration, Estimate, is_determined
-from plop.physics.filled import EngineBase
-from plop.physics.material import ElasticLaw, Material
-from plop.physics.names import one_of
+from plop.identification.identify import NAMES, identify, outliers, spacing_for, starts_settled
+from plop.parameters import short_number
+from plop.physics.adapters.base_io import base_to_dict
+from plop.physics.adapters.filled import EngineBase
+from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration, Estimate, is_determined
+from plop.physics.engine.material import ElasticLaw, Material
+from plop.physics.scenes.names import one_of
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
+from plop.statistics.determined import NOT_DETERMINED
+from plop.tracking.same_object import size_m
+from plop.tracking.sets import tracked_episodes
 
 STARTS = ("auto", "settled", "unloaded")
 CONES = ("round", "pyramid")

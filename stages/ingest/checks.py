@@ -10,7 +10,7 @@ from plop.errors import PlopError
 from plop.geometry.rigid import invert_rigid, transform_points
 from plop.geometry.tool_reach import check_tool_reach
 from plop.lazy_open3d import o3d
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from stages.ingest.resting import check_table
 from stages.ingest.sequence_times import check_clock
 from stages.ingest.settings import SimulatedConfig

@@ -18,12 +18,12 @@ from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
-from plop.recordings.droid_camera import DroidCameraSettings, DroidOptions
-from plop.recordings.droid_episode import RowChoice, open_episode
-from plop.recordings.droid_intrinsics import load_side_file
-from plop.recordings.droid_layout import DroidFolder, find_episodes
-from plop.recordings.droid_notes import WORKSPACE_M
-from plop.recordings.raw_folder import check_raw_folder
+from plop.recordings.readers.droid.camera import DroidCameraSettings, DroidOptions
+from plop.recordings.readers.droid.episode import RowChoice, open_episode
+from plop.recordings.readers.droid.intrinsics import load_side_file
+from plop.recordings.readers.droid.layout import DroidFolder, find_episodes
+from plop.recordings.readers.droid.notes import WORKSPACE_M
+from plop.recordings.readers.raw_folder import check_raw_folder
 from plop.recordings.set import RecordingSet, check_patterns
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
@@ -310,7 +310,7 @@ def _test_names(usable: list[str], config: DroidConfig) -> list[str]:
 
 def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
     """List the raw files that are read; SVO files count only where the ZED SDK can read them."""
-    from plop.recordings.droid_depth import zed_sdk_present
+    from plop.recordings.readers.droid.depth import zed_sdk_present
 
     ignored = {"trajectory_im128.h5"}
     suffixes = () if zed_sdk_present() else (".svo", ".svo2")

@@ -12,9 +12,9 @@ import trimesh
 from plop.causes import Cause
 from plop.errors import PlopError, remembering
 from plop.geometry.cameras import Camera
-from plop.recordings.droid_camera import DroidCamera
-from plop.recordings.droid_depth import ExportedDepth
-from plop.recordings.droid_episode import DroidEpisode
+from plop.recordings.readers.droid.camera import DroidCamera
+from plop.recordings.readers.droid.depth import ExportedDepth
+from plop.recordings.readers.droid.episode import DroidEpisode
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.writer import RecordingWriter
 from stages.ingest.camera_conventions import check_conventions

@@ -8,8 +8,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.rigid import transform_points
-from plop.recordings.declared_units import WORLD_FROM_UP
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.declared_units import WORLD_FROM_UP
+from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _CONTACT_M, _CONTACT_SHARE = 0.003, 0.05
 """An object on its table may be this deep in it or this high above: 3 mm and 5 % of its height. Soft bodies press 1 to

@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from plop.errors import PlopError
-from plop.recordings.side_file import RawEpisode, known_environments
+from plop.recordings.readers.side_file import RawEpisode, known_environments
 
 
 def select(entries: Sequence[RawEpisode], *, environment: str, episodes: str, where: Path) -> list[RawEpisode]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.rigid import transform_points
-from plop.recordings.declared_units import SECONDS
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.declared_units import SECONDS
+from plop.recordings.readers.mesh.sequence import MeshSequence
 
 LONGEST_STEP_S = 2.0
 """Median step beyond which frames no longer show a motion [s]."""

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
-from plop.recordings.disect import list_disect, read_disect
-from plop.recordings.mesh_sequence import MeshSequence, begun_at_rest, list_mesh_sequences, read_mesh_sequence
 from plop.recordings.overview import overview
-from plop.recordings.raw_folder import check_raw_folder
+from plop.recordings.readers.disect.episode import list_disect, read_disect
+from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest, list_mesh_sequences, read_mesh_sequence
+from plop.recordings.readers.raw_folder import check_raw_folder
+from plop.recordings.readers.side_file import RawEpisode
 from plop.recordings.set import RecordingSet, check_patterns, split_names
-from plop.recordings.side_file import RawEpisode
 from plop.render.recorder import record
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from plop.errors import PlopError
 from plop.geometry.surface import Topology, is_collapsed, volumes, welded
 from plop.geometry.tool_damage import check_tool_mesh
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _LEAPS, _ONTO, _BENT = 0.5, 0.2, 0.3
 """A vertex changes its number where it leaps by half an edge or more against its neighbours, lands five times nearer to

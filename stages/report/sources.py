@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.lineage import made_from
-from plop.diagnosis.field_file import StoredField, read_field
+from plop.comparison.field_file import StoredField, read_field
 from plop.errors import PlopError
 from plop.models import trained_on
 from plop.pipeline.stage import Input, Inputs

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
-from plop.recordings.droid_writer import STEP_MS, RawCamera, write_droid_episode
-from plop.recordings.mesh_sequence import MeshSequence
-from plop.recordings.resample import resampled
+from plop.recordings.readers.droid.writer import STEP_MS, RawCamera, write_droid_episode
+from plop.recordings.readers.mesh.resample import resampled
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.render.recorder import Disturbances, cameras_of, disturbed_render
 from plop.render.settings import CameraSettings
 

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from plop.physics.adapters.response import Response
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
-from plop.physics.response import Response
-from plop.physics.scene import Scene
-from plop.physics.sealed import open_answer, seal_answer
+from plop.physics.scenes.scene import Scene
+from plop.physics.scenes.sealed import open_answer, seal_answer
 from plop.pipeline.stage import Output
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 
 
 class Pieces:

@@ -27,9 +27,9 @@ from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.geometry.tool import ToolGeometry
 from plop.models import load_model
-from plop.physics.filled_model import FilledEngineModel
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.varied_motion import VariationRanges, another_motion
+from plop.physics.adapters.filled_model import FilledEngineModel
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.varied_motion import VariationRanges, another_motion
 from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet

@@ -24,17 +24,17 @@ from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device
-from plop.diagnosis.same_object import check_same_object
 from plop.dynamics.filtering import UpdateConfig
 from plop.dynamics.model import PlopConfig
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
 from plop.models import FOLDS, seen_by
-from plop.physics.varied_motion import VariationRanges
+from plop.physics.scenes.varied_motion import VariationRanges
 from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
+from plop.tracking.same_object import check_same_object
 from stages.train.form import loss_weights, model_config, render_weights
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up

@@ -13,11 +13,11 @@ from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.model_io import save_model
 from plop.errors import PlopError
 from plop.models import effects_of, load_model
-from plop.physics.augmented import AugmentedModel
-from plop.physics.filled_model import FilledEngineModel
+from plop.physics.adapters.augmented import AugmentedModel
+from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.pipeline.stage import Input, Output
 from stages.augment.stage import STAGE, AugmentConfig, run
-from tests.tracked_set import write_engine
+from tests.support.tracked_set import write_engine
 
 
 @pytest.fixture

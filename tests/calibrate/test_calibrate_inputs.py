@@ -17,7 +17,7 @@ from plop.pipeline.stage import Input, Output
 from plop.recordings.recording import MaskLabel, Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
-from plop.render.silhouette import outline
+from plop.sensors.silhouette import outline
 from stages.calibrate import tool_timing
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import STAGE, CalibrateConfig

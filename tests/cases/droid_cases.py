@@ -17,9 +17,9 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.droid_writer import STEP_MS, write_video
+from plop.recordings.readers.droid.writer import STEP_MS, write_video
 from tests.cases.case import Case, Done
-from tests.droid_scene import BLOCK, EXT1, EXT2, Scene, exterior_poses, make_episode, pose6, right_eye
+from tests.support.droid_scene import BLOCK, EXT1, EXT2, Scene, exterior_poses, make_episode, pose6, right_eye
 
 ROWS = 10
 NAME = "SIM_2023-08-06-22h-13m-04s"

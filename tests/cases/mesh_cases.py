@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.recordings.recording import Recording
 from plop.recordings.truth import Truth
 from tests.cases.case import Case, Done

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from plop.geometry.rigid import pose_from_euler_xyz
 from tests.cases.case import Case, Done
-from tests.droid_scene import EXT1, EXT2, make_episode
+from tests.support.droid_scene import EXT1, EXT2, make_episode
 
 
 def lerobot(folder: Path) -> None:

@@ -11,7 +11,7 @@ import trimesh
 
 from plop.recordings.recording import Mesh
 from tests.cases.case import Case, Done
-from tests.droid_scene import EXT1, EXT2, Scene, knife, make_episode
+from tests.support.droid_scene import EXT1, EXT2, Scene, knife, make_episode
 
 ROWS = 6
 

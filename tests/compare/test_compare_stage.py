@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from plop.artifacts.manifest import Manifest
-from plop.diagnosis.field_file import read_field
+from plop.comparison.field_file import read_field
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
 from stages.compare import stage
 from stages.compare.stage import CompareConfig, run
-from tests.compare_scene import make_inputs
+from tests.support.compare_scene import make_inputs
 
 ERROR_M = 0.003
 

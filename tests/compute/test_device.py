@@ -21,7 +21,7 @@ from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.models import device_of
-from plop.physics.augmented import AugmentedModel
+from plop.physics.adapters.augmented import AugmentedModel
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from stages.fit_init.optimise import fit
@@ -29,7 +29,7 @@ from stages.fit_init.stage import FitInitConfig
 from stages.train.objective import LossWeights, TrainingStep
 from stages.train.tracks import load_track, track_episode
 from stages.train.windows import Window
-from tests.small_episode import write_set
+from tests.support.small_episode import write_set
 
 
 @pytest.fixture(scope="module")

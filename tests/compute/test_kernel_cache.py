@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from plop.compute.kernel_cache import sources_digest
-from plop.physics import grid, tool_contact, toughness, transfer
 from plop.physics.effects import adhesion
+from plop.physics.engine import grid, tool_contact, toughness, transfer
 from plop.render import rasterize_numba_blend, rasterize_numba_project
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +27,9 @@ def stamp(dispatcher) -> tuple:
 
 
 def test_every_kernel_is_stamped_with_the_sources_it_may_use():
-    engine, effects, render = (sources_digest(ROOT / "plop" / f) for f in ("physics", "physics/effects", "render"))
+    engine, effects, render = (
+        sources_digest(ROOT / "plop" / f) for f in ("physics/engine", "physics/effects", "render")
+    )
     for kernel in (
         transfer.stress_p2g,
         transfer.add_chunks,
@@ -59,7 +61,7 @@ def test_a_changed_constant_of_another_file_is_not_missed(tmp_path: Path):
         )
         return [float(word) for word in done.stdout.split()]
 
-    for origin, decorator in (("plop.compute.compiled", "@kernel"), ("plop.physics.jit", "@kernel()")):
+    for origin, decorator in (("plop.compute.cpu_kernels", "@kernel"), ("plop.physics.engine.jit", "@kernel()")):
         assert run(origin, decorator, 3.0) == [6.0, 0]
         assert run(origin, decorator, 3.0) == [6.0, 1]
         assert run(origin, decorator, 5.0) == [10.0, 0]

@@ -12,21 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plop.diagnosis.bases import predictions_of
+from plop.comparison.bases import predictions_of
+from plop.comparison.discretisations import discretised
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.discretisations import discretised
-from plop.diagnosis.sets import check_touch, tracked_episodes
 from plop.errors import PlopError
 from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Input, Inputs, Output
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import write_without_truth
+from plop.tracking.sets import check_touch, tracked_episodes
 from stages.augment.stage import AugmentConfig
 from stages.augment.stage import run as augment
 from stages.diagnose import stage
 from stages.diagnose.stage import DiagnoseConfig, run
-from tests.coarse_episodes import BASE, coarse_episode
-from tests.tracked_set import write_engine, write_recordings
+from tests.support.coarse_episodes import BASE, coarse_episode
+from tests.support.tracked_set import write_engine, write_recordings
 
 CONFIG = DiagnoseConfig(effects=("tilt", "adhesion"), shams=49, sensors=False, jobs=1)
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -238,7 +238,8 @@ from stages.diagnose.stage import DiagnoseConfig, run
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])
 inputs = {{name: Input(folder / name) for name in ("recordings", "init", "tracks", "model")}}
 run(inputs, {CONFIG!r}, Output(out))
-print(json.dumps([opened, sorted(m for m in sys.modules if m in ("plop.physics.sealed", "plop.recordings.truth"))]))
+truth = ("plop.physics.scenes.sealed", "plop.recordings.truth")
+print(json.dumps([opened, sorted(m for m in sys.modules if m in truth)]))
 """
 
 

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 
-from plop.determined import NOT_DETERMINED
 from plop.diagnosis.finding import Finding
 from plop.physics.effects.library import library
+from plop.statistics.determined import NOT_DETERMINED
 from stages.diagnose.outcome import _row, rows_of
 
 

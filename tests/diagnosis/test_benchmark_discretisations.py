@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.discretisations import predictions
 from benchmarks.physics_response import response_error
-from plop.diagnosis.discretisations import discretised
+from plop.comparison.discretisations import discretised
 from plop.diagnosis.responses import Answer, Job
 from plop.physics.effects.library import effect_type
-from tests.coarse_episodes import BASE, coarse_episode
+from tests.support.coarse_episodes import BASE, coarse_episode
 
 MEMBERS = discretised(BASE)
 

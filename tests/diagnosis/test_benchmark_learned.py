@@ -12,7 +12,7 @@ from plop.dynamics.model import PlopConfig, PlopModel
 from plop.pipeline.stage import Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import train_on
-from tests.coarse_episodes import coarse_episode, wrapped
+from tests.support.coarse_episodes import coarse_episode, wrapped
 
 
 def test_an_episode_becomes_a_track():

@@ -9,10 +9,10 @@ import pytest
 
 from benchmarks.verdict_chances import HELD, KINDS, SCATTERS, contrast_chances, drawn_grams
 from plop.diagnosis.contrast import P_LARGEST, contrast_of
-from plop.diagnosis.episode import episode_from_sequence
-from plop.diagnosis.phases import motion_kind
-from plop.physics.scene import simulate_episode
-from tests.coarse_episodes import SCENE
+from plop.physics.scenes.scene import simulate_episode
+from plop.tracking.episode import episode_from_sequence
+from plop.tracking.phases import motion_kind
+from tests.support.coarse_episodes import SCENE
 
 TOLD, ALL_ONE, ALL_LONE = KINDS["four kinds"], (["a"] * 6, ["a"] * 5), (list("abcdefgh"), list("abcdefghijkl"))
 MILD = HELD["0.3 to 3 times"]

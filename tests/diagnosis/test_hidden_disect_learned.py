@@ -10,7 +10,7 @@ import pytest
 from benchmarks.hidden_disect import _error
 from benchmarks.hidden_disect_learned import PUSH_M, PUSH_M_S, TURN_RAD, another_motion, calmed
 from plop.diagnosis.responses import Answer
-from tests.coarse_episodes import coarse_episode, wrapped
+from tests.support.coarse_episodes import coarse_episode, wrapped
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from plop.diagnosis.responses import Answer, Job, run_job
 from plop.diagnosis.runs import Runs, code_digest, digest
 from plop.errors import PlopError
 from plop.physics.effects.library import library
-from tests.coarse_episodes import BASE, coarse_episode
+from tests.support.coarse_episodes import BASE, coarse_episode
 
 TYPES = library()
 COLUMNS = {c.effect: c.columns[0] for c in candidates_of(TYPES)}

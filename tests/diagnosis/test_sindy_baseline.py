@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.physics_plan import BASE, DECOYS, SINGLE
 from benchmarks.physics_sindy import STANDS_FOR, sindy_ranking
-from plop.diagnosis.episode import Episode
 from plop.physics.effects.library import library
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.tools import blade_mesh
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.tools import blade_mesh
+from plop.tracking.episode import Episode
 
 DRAG_PER_S = 4.0
 TIMES = np.arange(60) * 0.02

@@ -13,7 +13,7 @@ from plop.diagnosis.responses import Answer, Job, run_job
 from plop.diagnosis.verdict import Verdict, among
 from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.library import library
-from tests.coarse_episodes import BASE, coarse_episode
+from tests.support.coarse_episodes import BASE, coarse_episode
 from tests.diagnosis.world import World
 
 

@@ -14,7 +14,7 @@ from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.variants import as_good, others_of
-from plop.law_values import short_number
+from plop.parameters import short_number
 from plop.physics.effects.library import EffectType, library
 from tests.diagnosis.world import World
 

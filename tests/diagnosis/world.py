@@ -10,11 +10,11 @@ import numpy as np
 
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.episode import Episode
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.table import Measured
 from plop.physics.effects.library import EffectType, library
-from tests.coarse_episodes import BASE, coarse_episode
+from plop.tracking.episode import Episode
+from tests.support.coarse_episodes import BASE, coarse_episode
 
 NOISE_M = 1e-4
 

@@ -19,7 +19,7 @@ from plop.geometry.tool import ToolGeometry
 from plop.render.losses import Target
 from plop.render.rasterize import render
 from tests.dynamics.conftest import blade, pose
-from tests.small_episode import SIZE, coloured_block
+from tests.support.small_episode import SIZE, coloured_block
 
 TOP_M, PRESSED_M = 0.03, 0.004
 

@@ -11,7 +11,7 @@ from plop.dynamics.filtering import UpdateConfig, run_filter
 from plop.dynamics.trivial import ConstantVelocity, Persistence
 from plop.gaussians.covariance import scales_quats_from_covariance
 from plop.recordings.recording import Recording
-from tests.small_episode import PUSH_M, write_episode
+from tests.support.small_episode import PUSH_M, write_episode
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.recordings.recording import Recording
-from tests.coarse_episodes import gaussians
-from tests.tracked_set import write_recordings
+from tests.support.coarse_episodes import gaussians
+from tests.support.tracked_set import write_recordings
 
 SIZE_M = [0.06, 0.05, 0.04]
 

@@ -7,7 +7,7 @@ import torch
 
 from plop.dynamics.followed import followed
 from plop.gaussians.carried import carried
-from tests.coarse_episodes import gaussians
+from tests.support.coarse_episodes import gaussians
 
 PLACES = np.random.default_rng(0).uniform(-0.03, 0.03, (60, 3))
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from plop.diagnosis.episode import Episode
 from plop.dynamics.initial_scene import InitialScene
 from plop.dynamics.interface import DynamicsModel, ParticleState
 from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.rollout import rollout
 from plop.dynamics.trivial import ConstantVelocity, Persistence
 from plop.models import augment
+from plop.physics.adapters.filled_model import EngineState, FilledEngineModel
 from plop.physics.effects.library import effect_type
-from plop.physics.filled_model import EngineState, FilledEngineModel
-from tests.coarse_episodes import BASE, actions, coarse_episode, gaussians
+from plop.tracking.episode import Episode
+from tests.support.coarse_episodes import BASE, actions, coarse_episode, gaussians
 
 FRAMES = 5
 TILT, STIFFER = effect_type("tilt")(gx_m_s2=3.0), effect_type("stiffness")(d_ln_e=0.5)

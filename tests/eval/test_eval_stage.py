@@ -12,7 +12,7 @@ from plop.dynamics.trivial import Persistence
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
 from stages.eval.stage import STAGE, EvalConfig
-from tests.block_scene import STEP_M, Parting, make_inputs
+from tests.support.block_scene import STEP_M, Parting, make_inputs
 
 
 def roll(inputs, model, folder) -> Input:

@@ -11,7 +11,7 @@ from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
 from plop.pipeline.stage import Input, Output
 from stages.filter.stage import FilterConfig, run
-from tests.small_episode import FRAMES, write_set
+from tests.support.small_episode import FRAMES, write_set
 
 
 @pytest.fixture(scope="module")

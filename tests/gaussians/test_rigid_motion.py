@@ -5,11 +5,11 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from plop.gaussians.rigid_motion import moved_rigidly, rotated_sh
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import invert_rigid
 from plop.render.rasterize import render
+from plop.render.rigid_motion import moved_rigidly, rotated_sh
 from plop.render.sh import sh_to_rgb
 
 POSE = np.eye(4)

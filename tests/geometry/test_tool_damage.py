@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay
 from plop.errors import PlopError
 from plop.geometry.surface import Topology, volumes, welded
 from plop.geometry.tool_damage import check_tool_mesh
-from plop.recordings.droid_tool import tool_mesh
+from plop.recordings.readers.droid.tool import tool_mesh
 
 
 def _tools() -> dict[str, trimesh.Trimesh]:

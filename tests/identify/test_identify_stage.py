@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.determined import NOT_DETERMINED
-from plop.diagnosis.identify import TrackedCase, identify, spacing_for, starts_settled
 from plop.errors import PlopError
+from plop.identification.identify import TrackedCase, identify, spacing_for, starts_settled
 from plop.models import load_model
-from plop.physics.calibrate import Calibration, Estimate, is_determined
-from plop.physics.fill import fill_surface
-from plop.physics.filled import EngineBase
-from plop.physics.filled_model import FilledEngineModel
+from plop.physics.adapters.filled import EngineBase
+from plop.physics.adapters.filled_model import FilledEngineModel
+from plop.physics.calibration.gauss_newton import Calibration, Estimate, is_determined
+from plop.physics.engine.fill import fill_surface
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
+from plop.statistics.determined import NOT_DETERMINED
 from stages.identify.stage import STAGE, IdentifyConfig, _summary, run
-from tests.coarse_episodes import BASE, MATERIAL, coarse_episode
-from tests.tracked_set import write_recordings
+from tests.support.coarse_episodes import BASE, MATERIAL, coarse_episode
+from tests.support.tracked_set import write_recordings
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_the_fit_is_no_worse_and_the_model_can_be_loaded(inputs, tmp_path):
 
 
 def test_stiffness_is_recovered_from_the_engines_own_motion():
-    from plop.diagnosis.engine_run import predict_points, start_particles
+    from plop.comparison.engine_run import predict_points, start_particles
 
     episode = coarse_episode(0)
     own = replace(episode, points=predict_points(BASE, episode, start_particles(BASE, episode)))
@@ -108,7 +108,7 @@ def test_particles_fill_the_object_in_about_the_number_asked_for():
 
 @pytest.mark.parametrize("settled", [True, False])
 def test_the_state_at_the_start_is_seen_in_the_motion(settled):
-    from plop.diagnosis.engine_run import predict_points, start_particles
+    from plop.comparison.engine_run import predict_points, start_particles
 
     soft = EngineBase(replace(MATERIAL, youngs_modulus_pa=8e3), spacing_m=0.010, settled=settled)
     episode = coarse_episode(0)

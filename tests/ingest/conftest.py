@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.droid_scene import make_episode
+from tests.support.droid_scene import make_episode
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from plop.geometry.pose_conventions import readings_of
 from plop.geometry.rigid import pose_from_euler_xyz
 from stages.ingest.camera_conventions import check_conventions
 from stages.ingest.masks import Picture
-from tests.droid_scene import TABLE_Z, WORKSPACE, Scene, pose6
+from tests.support.droid_scene import TABLE_Z, WORKSPACE, Scene, pose6
 
 BOX = np.array([WORKSPACE["min"], WORKSPACE["max"]])
 GUESSED_BOX = np.array([[0.2, -0.45, -0.1], [0.85, 0.45, 0.5]])

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.droid_writer import write_video
+from plop.recordings.readers.droid.writer import write_video
 from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import MaskRules
-from tests.droid_scene import EXT1, EXT2, Scene, exterior_poses, flange_path, make_episode, world_from_tool
+from tests.support.droid_scene import EXT1, EXT2, Scene, exterior_poses, flange_path, make_episode, world_from_tool
 from tests.ingest.droid_runs import edit, episode_of, ingest, said
 
 

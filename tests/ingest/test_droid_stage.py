@@ -13,10 +13,10 @@ import pytest
 
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.droid_writer import write_video
+from plop.recordings.readers.droid.writer import write_video
 from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import GeometricMasker, MaskRules, Picture
-from tests.droid_scene import (
+from tests.support.droid_scene import (
     EXT1,
     EXT2,
     TABLE_Z,

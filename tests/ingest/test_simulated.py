@@ -18,8 +18,8 @@ import trimesh
 
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output, Summary
-from plop.recordings.declared_units import WORLD_FROM_UP
-from plop.recordings.mesh_sequence import MeshSequence, write_mesh_sequence
+from plop.recordings.readers.declared_units import WORLD_FROM_UP
+from plop.recordings.readers.mesh.sequence import MeshSequence, write_mesh_sequence
 from plop.recordings.recording import MaskLabel, Recording
 from plop.recordings.set import RecordingSet, split_names
 from plop.recordings.truth import Truth, write_without_truth

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import bootstrap
 
-from plop.metrics.bootstrap import Interval, bootstrap_interval
 from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
+from plop.statistics.bootstrap import Interval, bootstrap_interval
 
 
 def test_interval_against_scipy():

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from plop.physics.particles import Particles
+from plop.physics.engine.particles import Particles
 
 
 def _block(size_m, spacing_m, *, bottom_m=0.0, **state) -> Particles:

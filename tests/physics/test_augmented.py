@@ -16,11 +16,11 @@ from plop.dynamics.model_io import save_model
 from plop.dynamics.trivial import Persistence
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, load_model
-from plop.physics.augmented import AugmentedModel, _interpolated
-from plop.physics.base_io import base_to_dict
+from plop.physics.adapters.augmented import AugmentedModel, _interpolated
+from plop.physics.adapters.base_io import base_to_dict
+from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.effects.library import effect_type
-from plop.physics.filled_model import FilledEngineModel
-from tests.coarse_episodes import BASE, actions, coarse_episode, gaussians, paths, rollout
+from tests.support.coarse_episodes import BASE, actions, coarse_episode, gaussians, paths, rollout
 
 FRAMES = 4
 TILT, STIFFER = effect_type("tilt")(gx_m_s2=3.0), effect_type("stiffness")(d_ln_e=0.5)

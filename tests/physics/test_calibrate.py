@@ -11,16 +11,16 @@ from scipy.spatial import cKDTree
 
 from benchmarks.engine_on_disect import thin_out
 from plop.errors import PlopError
-from plop.physics.calibrate import calibrate
-from plop.physics.case import Case, case_from_sequence
-from plop.physics.config import EngineConfig
-from plop.physics.demo import CutPlan, demo_episode
-from plop.physics.fill import fill_surface
-from plop.physics.lattice import lattice
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.tools import blade_mesh
+from plop.physics.calibration.gauss_newton import calibrate
+from plop.physics.calibration.recorded_motion import Case, case_from_sequence
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.fill import fill_surface
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.demo import CutPlan, demo_episode
+from plop.physics.scenes.lattice import lattice
+from plop.physics.scenes.tools import blade_mesh
 
 CONFIG = EngineConfig(dx_m=0.012)
 

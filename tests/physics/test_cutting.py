@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.physics.config import EngineConfig
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.tools import blade_mesh
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.tools import blade_mesh
 
 SIZE = (0.06, 0.03, 0.03)
 SOFT = Material(youngs_modulus_pa=1.5e4, poisson=0.4, damping_per_s=5, tool_friction=0, table_friction=0.3)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from plop.physics import demo
-from plop.recordings.mesh_sequence import MeshSequence, read_mesh_sequence, write_mesh_sequence
+from plop.physics.scenes import demo
+from plop.recordings.readers.mesh.sequence import MeshSequence, read_mesh_sequence, write_mesh_sequence
 
 
 @pytest.fixture(scope="module")

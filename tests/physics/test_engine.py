@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.physics.config import EngineConfig
-from plop.physics.engine import Engine, UnstableStepError
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
-from plop.physics.time_step import LEAST_STEP_S
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.engine import Engine, UnstableStepError
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
+from plop.physics.engine.time_step import LEAST_STEP_S
 
 TIMES = np.array([0, 0.02, 0.04])
 

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 import torch
 
-from plop.diagnosis.engine_run import predict_points, start_particles
-from plop.diagnosis.episode import episode_from_sequence
+from plop.comparison.engine_run import predict_points, start_particles
 from plop.dynamics.interface import ToolStep, at_rest
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
-from plop.physics.base_io import base_from_dict, base_to_dict
+from plop.physics.adapters.base_io import base_from_dict, base_to_dict
+from plop.physics.adapters.filled import EngineBase, filled_particles
+from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.effects.library import effect_type
-from plop.physics.fill import fill_surface
-from plop.physics.filled import EngineBase, filled_particles
-from plop.physics.filled_model import FilledEngineModel
-from plop.physics.material import ElasticLaw, Material
-from plop.physics.scene import simulate_episode
-from plop.physics.solver import simulate
-from tests.coarse_episodes import BASE, MATERIAL, SCENE, actions, coarse_episode, gaussians, paths, rollout, wrapped
+from plop.physics.engine.fill import fill_surface
+from plop.physics.engine.material import ElasticLaw, Material
+from plop.physics.engine.solver import simulate
+from plop.physics.scenes.scene import simulate_episode
+from plop.tracking.episode import episode_from_sequence
+from tests.support.coarse_episodes import BASE, MATERIAL, SCENE, actions, coarse_episode, gaussians, paths, rollout, wrapped
 
 SOFT = EngineBase(replace(MATERIAL, youngs_modulus_pa=8e3), spacing_m=0.009)
 

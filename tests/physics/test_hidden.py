@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.physics import hidden
+from plop.physics.adapters.response import scaled_to
 from plop.physics.effects.library import library
-from plop.physics.response import scaled_to
-from plop.physics.scene import Scene
-from plop.physics.sealed import open_answer, seal_answer
-from plop.physics.wish import parse_hidden
+from plop.physics.scenes import hidden
+from plop.physics.scenes.scene import Scene
+from plop.physics.scenes.sealed import open_answer, seal_answer
+from plop.physics.scenes.wish import parse_hidden
 
 
 def test_hidden_effects_are_read_as_typed():
@@ -71,10 +71,10 @@ def test_the_amplitude_gives_the_wanted_signal(curve):
 
 BOTH_WAYS = """
 from dataclasses import replace
-from plop.physics.response import Response
-from plop.physics.scene import Scene
+from plop.physics.adapters.response import Response
+from plop.physics.scenes.scene import Scene
 from plop.physics.scenes import find_scene
-from plop.physics.wish import parse_hidden
+from plop.physics.scenes.wish import parse_hidden
 from pathlib import Path
 
 scene = replace(Scene.read(find_scene(Path("block.toml"))), spacing_m=0.009, dx_m=0.018, episodes=2)

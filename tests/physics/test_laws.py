@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.config import EngineConfig
-from plop.physics.material import ElasticLaw, Material
-from plop.physics.solver import simulate
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import ElasticLaw, Material
+from plop.physics.engine.solver import simulate
 
 G = 9.81
 

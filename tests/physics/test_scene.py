@@ -10,16 +10,16 @@ import pytest
 import trimesh
 
 from plop.errors import PlopError
-from plop.physics import scene as scene_module
-from plop.physics.config import EngineConfig
 from plop.physics.effects.library import effect_type
-from plop.physics.material import ElasticLaw
-from plop.physics.motions import CUTS, MOTIONS, PRESSES, MotionRanges, tool_motion
-from plop.physics.scene import Scene, settled, simulate_episode
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import ElasticLaw
+from plop.physics.engine.solver import simulate
 from plop.physics.scenes import find_scene, shipped_scenes
-from plop.physics.shapes import Shape, halved_body, whole_body
-from plop.physics.solver import simulate
-from plop.recordings.mesh_sequence import check_mesh_sequence
+from plop.physics.scenes import scene as scene_module
+from plop.physics.scenes.motions import CUTS, MOTIONS, PRESSES, MotionRanges, tool_motion
+from plop.physics.scenes.scene import Scene, settled, simulate_episode
+from plop.physics.scenes.shapes import Shape, halved_body, whole_body
+from plop.recordings.readers.mesh.sequence import check_mesh_sequence
 
 SHAPES = {"block": Shape(), "sphere": Shape("sphere", (0.06,) * 3), "cylinder": Shape("cylinder", (0.06, 0.06, 0.04))}
 VOLUMES_M3 = {"block": 0.08 * 0.05 * 0.04, "sphere": 4 / 3 * np.pi * 0.03**3, "cylinder": np.pi * 0.03**2 * 0.04}

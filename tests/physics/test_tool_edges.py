@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.tool_contact import tool_gap
-from plop.physics.tool_motion import ToolKind, ToolShape
-from plop.physics.tools import blade_mesh, box_mesh, cylinder_mesh
+from plop.physics.engine.tool_contact import tool_gap
+from plop.physics.engine.tool_motion import ToolKind, ToolShape
+from plop.physics.scenes.tools import blade_mesh, box_mesh, cylinder_mesh
 
 NONE = np.zeros(4, np.float32)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.tools import box_mesh
-from plop.physics.varied_motion import Variation, VariationRanges, another_motion, varied
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.tools import box_mesh
+from plop.physics.scenes.varied_motion import Variation, VariationRanges, another_motion, varied
 
 STEP_S = 0.04
 OBJECT = np.stack(np.meshgrid(*[np.linspace(0.0, e, 5) for e in (0.06, 0.04, 0.03)]), -1).reshape(-1, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from plop.recordings.mesh_sequence import write_mesh_sequence
+from plop.recordings.readers.mesh.sequence import write_mesh_sequence
 from tests.render.box_sequence import box_sequence
 
 SMALL = [

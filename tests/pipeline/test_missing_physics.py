@@ -12,18 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plop.comparison.engine_run import predict_points, start_particles
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.engine_run import predict_points, start_particles
-from plop.diagnosis.episode import Episode, episode_from_sequence
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
+from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
-from plop.physics.filled import EngineBase
-from plop.physics.material import ElasticLaw
-from plop.physics.scene import simulate_episode
-from tests.coarse_episodes import MATERIAL, SCENE
+from plop.physics.engine.material import ElasticLaw
+from plop.physics.scenes.scene import simulate_episode
+from plop.tracking.episode import Episode, episode_from_sequence
+from tests.support.coarse_episodes import MATERIAL, SCENE
 
 EPISODES = 5
 EFFECTS = ("swelling", "tilt", "table_friction", "drag")

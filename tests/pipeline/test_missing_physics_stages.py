@@ -15,9 +15,9 @@ from plop.physics.effects.library import effect_type
 from plop.pipeline.execute import execute
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop_cli.app import main
-from tests.coarse_episodes import SCENE
+from tests.support.coarse_episodes import SCENE
 from tests.pipeline.fake_stages import PiecesConfig
-from tests.tracked_set import write_recordings, write_tool_splats
+from tests.support.tracked_set import write_recordings, write_tool_splats
 
 EPISODES = 4
 HIDDEN = effect_type("swelling")(rate_per_s=-0.6)

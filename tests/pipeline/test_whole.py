@@ -13,7 +13,7 @@ from plop.artifacts.store import Store
 from plop.pipeline.chain import read_profile
 from plop.pipeline.registry import stage_ref
 from plop.pipeline.settings import resolve
-from plop.recordings.mesh_sequence import write_mesh_sequence
+from plop.recordings.readers.mesh.sequence import write_mesh_sequence
 from plop_cli.app import main
 from tests.pipeline.small_set import SMALL
 from tests.render.box_sequence import box_sequence
@@ -33,7 +33,7 @@ def small_recordings(folder: Path, *, seed: int, progress: Any) -> None:
 def test_demo_ends_with_scores_a_video_and_times(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("plop.physics.demo.make_demo_recordings", small_recordings)
+    monkeypatch.setattr("plop.physics.scenes.demo.make_demo_recordings", small_recordings)
     command = ["demo", "-w", str(tmp_path), *options([*SMALL, "ingest.mesh.size=40", "ingest.mesh.cameras=4"])]
     assert main(command) == 0
     shown = capsys.readouterr().out

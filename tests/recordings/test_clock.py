@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.clock import UNKNOWN, Clock, TimeUnit, check_together, read_clock
-from plop.recordings.droid_align import check_overlap, check_speed, frames_of_rows
+from plop.recordings.readers.clock import UNKNOWN, Clock, TimeUnit, check_together, read_clock
+from plop.recordings.readers.droid.align import check_overlap, check_speed, frames_of_rows
 
 TODAY_NS = 1_691_359_984_123_456_789
 UNITS = list(TimeUnit)
@@ -145,7 +145,7 @@ def test_pictures_of_another_hour_and_an_impossible_speed_are_refused():
 
 
 def test_a_missing_filter_of_hdf5_is_named(tmp_path):
-    from plop.recordings.droid_h5 import node_of
+    from plop.recordings.readers.droid.h5 import node_of
 
     path = tmp_path / "trajectory.h5"
     for code, name in ((32015, "Zstandard"), (32001, "Blosc"), (40000, "an unknown filter")):

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.declared_units import WORLD_FROM_UP
-from plop.recordings.disect import list_disect, read_disect
+from plop.recordings.readers.declared_units import WORLD_FROM_UP
+from plop.recordings.readers.disect.episode import list_disect, read_disect
 from tests.recordings import disect_sample as sample
 
 Z_UP_FROM_Y_UP = WORLD_FROM_UP["y"]

@@ -13,18 +13,18 @@ import pytest
 from plop.causes import Cause
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.droid_align import active_rows, frames_of_rows, poses_at
-from plop.recordings.droid_camera import _baseline
-from plop.recordings.droid_depth import ExportedDepth, StereoDepth
-from plop.recordings.droid_intrinsics import find_intrinsics, matrix_from_side
-from plop.recordings.droid_layout import find_episodes, inside, stamp_of
-from plop.recordings.droid_notes import read_notes
-from plop.recordings.droid_pose import check_pose
-from plop.recordings.droid_tool import tool_mesh
-from plop.recordings.droid_video import find_video, open_video
-from plop.recordings.droid_writer import write_video
-from plop.recordings.side_pictures import find_side_pictures
-from tests.droid_scene import EXT1, Scene, exterior_poses, make_episode, right_eye
+from plop.recordings.readers.droid.align import active_rows, frames_of_rows, poses_at
+from plop.recordings.readers.droid.camera import _baseline
+from plop.recordings.readers.droid.depth import ExportedDepth, StereoDepth
+from plop.recordings.readers.droid.intrinsics import find_intrinsics, matrix_from_side
+from plop.recordings.readers.droid.layout import find_episodes, inside, stamp_of
+from plop.recordings.readers.droid.notes import read_notes
+from plop.recordings.readers.droid.pose import check_pose
+from plop.recordings.readers.droid.tool import tool_mesh
+from plop.recordings.readers.droid.video import find_video, open_video
+from plop.recordings.readers.droid.writer import write_video
+from plop.recordings.readers.side_pictures import find_side_pictures
+from tests.support.droid_scene import EXT1, Scene, exterior_poses, make_episode, right_eye
 
 
 @pytest.mark.parametrize("name", ["Sun_Aug__6_22:13:04_2023", "Sun_Aug__6_22_13_04_2023"])

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.formats import FORMATS, READ, recognise
-from plop.recordings.raw_folder import ask_format, check_raw_folder
+from plop.recordings.readers.formats import FORMATS, READ, recognise
+from plop.recordings.readers.raw_folder import ask_format, check_raw_folder
 from plop_cli.app import main
 from stages import PIPELINE
 

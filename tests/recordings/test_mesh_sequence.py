@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.mesh_sequence import begun_at_rest, list_mesh_sequences, read_mesh_sequence, write_mesh_sequence
+from plop.recordings.readers.mesh.sequence import (
+    begun_at_rest,
+    list_mesh_sequences,
+    read_mesh_sequence,
+    write_mesh_sequence,
+)
 from tests.render.box_sequence import box_sequence
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from plop.causes import Cause
 from plop.errors import PlopError
-from plop.recordings.side_pictures import find_side_pictures
+from plop.recordings.readers.side_pictures import find_side_pictures
 
 
 def found(folder, numbers, frames, form="{:06d}.png"):

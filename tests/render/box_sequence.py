@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plop.recordings.mesh_sequence import MeshSequence
+from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 _FACES = np.array(

@@ -14,7 +14,7 @@ from plop.artifacts.manifest import Manifest
 from plop.pipeline.stage import Input, Output
 from stages.compare import stage as compare_stage
 from stages.compare.stage import CompareConfig
-from tests.compare_scene import make_inputs
+from tests.support.compare_scene import make_inputs
 
 NASTY = "<script>alert(1)</script>"
 

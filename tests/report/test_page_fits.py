@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from plop.determined import NOT_DETERMINED
 from plop.pipeline.stage import Input, Output
+from plop.statistics.determined import NOT_DETERMINED
 from stages.report.stage import ReportConfig, run
 from tests.report.report_inputs import DIAGNOSIS, parameter, ranked, visible, with_manifest
 

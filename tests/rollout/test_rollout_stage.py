@@ -16,7 +16,7 @@ from plop.gaussians.trajectory import Trajectory
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from plop.render.view_file import ViewFile
-from tests.block_scene import STEP_M, Parting, make_inputs, parted
+from tests.support.block_scene import STEP_M, Parting, make_inputs, parted
 
 
 @pytest.fixture(scope="module")

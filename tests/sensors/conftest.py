@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from plop.physics.demo import CutPlan, demo_episode
-from plop.recordings.resample import resampled
+from plop.physics.scenes.demo import CutPlan, demo_episode
+from plop.recordings.readers.mesh.resample import resampled
 from plop.render.recorder import Disturbances, record
 from plop.render.settings import CameraSettings
 from plop.sensors.faults import parse_faults

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
+from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
-from plop.recordings.resample import resampled
 from plop.sensors.correct import correct_view, found_faults
 from plop.sensors.estimate import estimate_sensors, pool
 from plop.sensors.faults import FAULTS

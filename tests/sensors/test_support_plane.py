@@ -9,7 +9,7 @@ import pytest
 
 from plop.recordings.recording import View
 from plop.sensors.support_plane import find_support, turned
-from tests.droid_scene import EXT1, TABLE_Z, Scene, exterior_poses
+from tests.support.droid_scene import EXT1, TABLE_Z, Scene, exterior_poses
 
 
 def shot(focal: float = 60.0, noise_m: float = 0.0) -> View:

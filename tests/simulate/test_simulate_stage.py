@@ -11,7 +11,7 @@ import pytest
 
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop.physics.sealed import ANSWER, open_answer
+from plop.physics.scenes.sealed import ANSWER, open_answer
 from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet

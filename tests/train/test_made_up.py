@@ -15,7 +15,7 @@ from plop.dynamics.model_io import save_model
 from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
 from plop.models import trained_on
-from plop.physics.filled_model import FilledEngineModel
+from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.train import made_up, stage
@@ -23,8 +23,8 @@ from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp
 from stages.train.settings import TrainConfig
 from stages.train.stage import run, train_on
-from tests.small_episode import PUSH_M, write_set
-from tests.tracked_set import write_engine
+from tests.support.small_episode import PUSH_M, write_set
+from tests.support.tracked_set import write_engine
 
 QUICK = TrainConfig(
     track_steps=3,

@@ -12,7 +12,7 @@ from plop.recordings.set import RecordingSet
 from stages.train.objective import SMOOTH_M, _Rollout, _track_error
 from stages.train.tracks import Track, load_track, track_episode
 from stages.train.windows import Window
-from tests.small_episode import write_set
+from tests.support.small_episode import write_set
 
 FRAME = 3
 

@@ -26,7 +26,7 @@ from stages.train.settings import TrainConfig
 from stages.train.stage import run, train_on
 from stages.train.tracks import Track
 from stages.train.windows import draw_windows
-from tests.small_episode import PUSH_M, write_set
+from tests.support.small_episode import PUSH_M, write_set
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SMALL = TrainConfig(

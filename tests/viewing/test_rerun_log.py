@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plop.diagnosis.error_fields import error_field
-from plop.diagnosis.field_file import stored_field, write_field
+from plop.comparison.error_fields import error_field
+from plop.comparison.field_file import stored_field, write_field
 from plop.viewing.rerun_log import log_field
-from tests.compare_scene import FRAMES
+from tests.support.compare_scene import FRAMES
 from tests.diagnosis.test_error_fields import episode  # noqa: F401
 
 

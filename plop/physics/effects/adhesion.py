@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from plop.physics.config import EngineConfig
-from plop.physics.effects.effect import Effect, Parameter
-from plop.physics.jit import kernel
-from plop.physics.material import Material
-from plop.physics.tool_contact import tool_gap
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.jit import kernel
+from plop.physics.engine.material import Material
+from plop.physics.engine.tool_contact import tool_gap
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from plop.physics.effects.effect import Effect, Parameter
-from plop.physics.material import Material
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.material import Material
 
 
 class BladeFriction(Effect):

@@ -13,7 +13,8 @@ from typing import Any, get_args
 import numpy as np
 
 from plop.errors import PlopError
-from plop.physics.effects.effect import Effect, Kind, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect, Kind
 
 HOOKS = ("material", "config", "before", "stress", "after", "slowest_step_s", "at_rest")
 TEXTS = ("name", "help", "law", "source")

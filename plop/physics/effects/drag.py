@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 
 class Drag(Effect):

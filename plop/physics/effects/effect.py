@@ -1,7 +1,7 @@
 """What an effect is: one law with parameters that have units, a range, and a value that means 'absent'.
 
 A law acts through the hooks below; each does nothing unless an effect overrides it. The engine calls them
-in every time step with itself as `body`, whose arrays are those of the module `plop.physics.engine`:
+in every time step with itself as `body`, whose arrays are those of the module `plop.physics.engine.engine`:
 `x`, `v`, `c`, `f`, `mass`, `volume`, `side`, `cut`, `number`, the effect's own arrays in `memory`, the
 tool's `pose` (see `kernel_poses`), and `extra`, the Kirchhoff stress that effects add. `body.material` and
 `body.elastic` are the base's parameters, `body.tool_now` is the tool as the kernels take it, and forces from
@@ -10,47 +10,18 @@ table and tool that an effect adds should be counted in `body.impulse` [2, 3] [N
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from plop.law_values import checked_values
+from plop.parameters import Parameter, checked_values
 
 if TYPE_CHECKING:
-    from plop.physics.config import EngineConfig
-    from plop.physics.engine import Engine
-    from plop.physics.material import Material
+    from plop.physics.engine.config import EngineConfig
+    from plop.physics.engine.engine import Engine
+    from plop.physics.engine.material import Material
 
 Kind = Literal["physics", "decoy", "base"]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect's law."""
-
-    name: str
-    unit: str
-    low: float
-    """Least value that makes sense."""
-    high: float
-    """Largest value that makes sense."""
-    step: float
-    """Small amplitude at which the response is still linear, for sensitivities; 0 for a shape parameter."""
-    default: float = 0.0
-    """Value when nothing is given; 0 means 'absent' for an amplitude."""
-    typical: float = 0.0
-    """An amplitude at which the effect is plainly there; where to start when a signal of given size is wanted."""
-    help: str = ""
-    tried: tuple[float, ...] = ()
-    """Further amplitudes, of either sign, at which a diagnosis tries it: for a law with a threshold (what sticks,
-    yields or tears), whose response at one amplitude tells little of another's."""
-
-    def __post_init__(self) -> None:
-        given = (self.typical, *self.tried) if self.typical else self.tried
-        outside = [value for value in given if not self.low <= value <= self.high]
-        if outside:
-            raise ValueError(f"{self.name}: {outside[0]:g} is not in its range, {self.low:g} to {self.high:g}")
 
 
 class Effect:

@@ -15,7 +15,7 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import user_error
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 _CHANGES: dict[str, dict[str, tuple[int, ...]]] = {
     "before": {"v": (3,)},

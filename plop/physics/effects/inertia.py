@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from plop.physics.config import EngineConfig
-from plop.physics.effects.effect import Effect, Parameter
-from plop.physics.material import Material
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
 
 
 class Inertia(Effect):

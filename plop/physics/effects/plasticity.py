@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import eigen_symmetric, left_cauchy_green
-from plop.physics.elastic import kirchhoff_stress
-from plop.physics.jit import kernel
-from plop.physics.transfer import row_major
+from plop.physics.engine.elastic import kirchhoff_stress
+from plop.physics.engine.jit import kernel
+from plop.physics.engine.transfer import row_major
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
@@ -60,7 +61,7 @@ def yield_flow(f, flow, law, mu, lam, yield_pa, hardening_pa):
     Takes:
         f: Elastic deformation gradient, updated, [N, 3, 3]; its volume and its rotation are kept.
         flow: Updated: equivalent plastic strain so far [N].
-        law, mu, lam: The base's law, see `plop.physics.elastic`.
+        law, mu, lam: The base's law, see `plop.physics.engine.elastic`.
         yield_pa, hardening_pa: First yield stress; its growth with the plastic strain [Pa].
     """
     a, v, g = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)

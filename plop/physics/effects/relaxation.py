@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import add_deviator, left_cauchy_green
-from plop.physics.jit import kernel
+from plop.physics.engine.jit import kernel
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 _ONE = np.float32(1)
 

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import add_deviator, isochoric_strain
-from plop.physics.elastic import kirchhoff_stress
-from plop.physics.jit import kernel
-from plop.physics.transfer import row_major
+from plop.physics.engine.elastic import kirchhoff_stress
+from plop.physics.engine.jit import kernel
+from plop.physics.engine.transfer import row_major
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 _ONE = np.float32(1)
 
@@ -26,7 +27,7 @@ def softened_stress(f, peak, law, mu, lam, loss, scale, extra):
     """Take away the share that is lost below the largest strain so far.
 
     Takes:
-        f, law, mu, lam: Deformation gradient [N, 3, 3] and the base's law, see `plop.physics.elastic`.
+        f, law, mu, lam: Deformation gradient [N, 3, 3] and the base's law, see `plop.physics.engine.elastic`.
         peak: Updated: largest I1bar - 3 so far [N].
         loss, scale: Largest share lost [-]; distance below the peak, in I1bar - 3, over which it is lost.
         extra: Added to, [N, 6] [Pa].

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.physics.config import EngineConfig
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import add_deviator, isochoric_strain, left_cauchy_green
-from plop.physics.jit import kernel
-from plop.physics.material import Material
-from plop.physics.time_step import wave_step_s
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.jit import kernel
+from plop.physics.engine.material import Material
+from plop.physics.engine.time_step import wave_step_s
 
 if TYPE_CHECKING:
-    from plop.physics.engine import Engine
+    from plop.physics.engine.engine import Engine
 
 
 @kernel()

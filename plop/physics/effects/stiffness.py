@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.physics.effects.effect import Effect, Parameter
-from plop.physics.material import Material
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.material import Material
 
 
 class Stiffness(Effect):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from plop.physics.config import EngineConfig
-from plop.physics.effects.effect import Effect, Parameter
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.config import EngineConfig
 
 
 class Tilt(Effect):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from plop.physics.effects.effect import Effect, Parameter
-from plop.physics.material import Material
+from plop.parameters import Parameter
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.material import Material
 
 
 class Toughness(Effect):
-    """Fracture energy beyond the base's; the engine's own term (`plop.physics.toughness`); the sum is not below 0."""
+    """Fracture energy beyond the base's, in `plop.physics.engine.toughness`; the sum is not below 0."""
 
     name = "toughness"
     help = "cutting costs energy: the edge drags the material along"

@@ -6,7 +6,7 @@ import importlib.resources
 from pathlib import Path
 
 from plop.errors import PlopError
-from plop.physics.names import one_of
+from plop.physics.scenes.names import one_of
 
 
 def shipped_scenes() -> list[str]:

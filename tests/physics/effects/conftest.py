@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from plop.physics.config import EngineConfig
-from plop.physics.engine import Engine
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
-from plop.physics.tool_motion import ToolMotion
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.engine import Engine
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
+from plop.physics.engine.tool_motion import ToolMotion
 
 
 @pytest.fixture(scope="session")

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.config import EngineConfig
 from plop.physics.effects.damping import Damping
 from plop.physics.effects.density import Density
 from plop.physics.effects.drag import Drag
 from plop.physics.effects.inertia import Inertia
 from plop.physics.effects.stiffness import Stiffness
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
 
 
 @pytest.fixture(scope="module")

@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.candidates import candidates_of
-from plop.physics.config import EngineConfig
+from plop.parameters import Parameter
 from plop.physics.effects.cohesion import Cohesion
-from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
-from plop.physics.fill import fill_surface
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.shapes import Shape, halved_body, whole_body
-from plop.physics.solver import EngineTrajectory, simulate
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.tools import blade_mesh
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.fill import fill_surface
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import EngineTrajectory, simulate
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.shapes import Shape, halved_body, whole_body
+from plop.physics.scenes.tools import blade_mesh
 
 SIDE_M, TRACTION_PA, OPENING_M = 0.03, 150.0, 0.004
 SPIN_PER_S = (0, 0, 4.0)

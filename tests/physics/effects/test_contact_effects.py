@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.config import EngineConfig
-from plop.physics.demo import blade_mesh
 from plop.physics.effects.adhesion import Adhesion
 from plop.physics.effects.blade_friction import BladeFriction
 from plop.physics.effects.table_friction import TableFriction
 from plop.physics.effects.tilt import Tilt
 from plop.physics.effects.toughness import Toughness
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
-from plop.physics.tool_motion import ToolMotion
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.demo import blade_mesh
 
 G = 9.81
 CONFIG = EngineConfig(dx_m=0.01)

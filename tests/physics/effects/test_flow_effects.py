@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import polar
 
-from plop.physics.config import EngineConfig
 from plop.physics.effects.plasticity import Plasticity
 from plop.physics.effects.swelling import Swelling
-from plop.physics.material import ElasticLaw, Material
-from plop.physics.solver import simulate
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import ElasticLaw, Material
+from plop.physics.engine.solver import simulate
 
 
 def random_f(count: int = 40) -> np.ndarray:

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.physics.config import EngineConfig
 from plop.physics.effects import hooks
 from plop.physics.effects.library import effect_type, library
-from plop.physics.engine import Engine
-from plop.physics.material import Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
-from plop.physics.tool_motion import ToolMotion
-from plop.physics.tools import blade_mesh
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.engine import Engine
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.tools import blade_mesh
 
 EFFECTS = library()
 MATERIAL = Material(youngs_modulus_pa=6e3, tool_friction=0.2, table_friction=0.3, damping_per_s=5)

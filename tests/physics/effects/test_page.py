@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks import cohesive_motions
 from benchmarks.effects_table import PAGE, RESULT, filled, keys, laws
-from plop.physics.config import EngineConfig
 from plop.physics.effects.library import library
-from plop.physics.material import Material
-from plop.physics.solver import simulate
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.physics.engine.solver import simulate
 
 
 def test_the_tables_are_those_of_the_library():

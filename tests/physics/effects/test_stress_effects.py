@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.config import EngineConfig
 from plop.physics.effects.fibres import Fibres
 from plop.physics.effects.relaxation import Relaxation
 from plop.physics.effects.softening import Softening
 from plop.physics.effects.stiffening import Stiffening
 from plop.physics.effects.viscosity import Viscosity
-from plop.physics.material import ElasticLaw, Material
-from plop.physics.particles import Particles
-from plop.physics.solver import simulate
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import ElasticLaw, Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
 
 MATERIAL = Material(youngs_modulus_pa=3e4, poisson=0.4)
 MU = MATERIAL.shear_pa

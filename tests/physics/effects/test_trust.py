@@ -11,16 +11,17 @@ import pytest
 
 from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.models import effects_of, load_model
-from plop.physics.base_io import base_to_dict
+from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.effects import trust
 from plop.physics.effects.trust import UntrustedEffectError, remember, trusting
 from plop_cli.app import main
-from tests.coarse_episodes import BASE
+from tests.support.coarse_episodes import BASE
 
 LAW = """
 from pathlib import Path
 
-from plop.physics.effects.effect import Effect, Parameter
+from plop.physics.effects.effect import Effect
+from plop.parameters import Parameter
 
 Path({marker!r}).touch()
 

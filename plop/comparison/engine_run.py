@@ -1,0 +1,39 @@
+"""The engine in an episode: run it from the first frame and read the followed points off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from plop.physics.adapters.filled import EngineBase, filled_particles
+from plop.physics.effects.effect import Effect
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.solver import simulate
+from plop.tracking.episode import Episode
+
+
+def start_particles(base: EngineBase, episode: Episode, effects: Sequence[Effect] = ()) -> Particles:
+    """Fill the object at an episode's first frame; one tracer for each measured point comes last."""
+    return filled_particles(base, (episode.vertices, episode.faces), episode.points[0], episode.table_z_m, effects)
+
+
+def predict_points(base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = ()) -> np.ndarray:
+    """Run the engine through an episode.
+
+    Args:
+        base: The engine's settings.
+        episode: The episode.
+        start: See `start_particles`.
+        effects: Laws that act besides the material's own.
+
+    Returns:
+        The followed points, [T, M, 3] [m].
+
+    Raises:
+        PlopError: The run is unstable.
+    """
+    config = replace(base.config, table_z_m=episode.table_z_m)
+    run = simulate(start, base.material, episode.tool, episode.times, config, effects=effects)
+    return run.positions[:, -len(episode.patch) :].astype(np.float64)

@@ -1,0 +1,257 @@
+"""Fit material parameters to recorded motions: Gauss-Newton over whole rollouts, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.stats import t as student
+
+from plop.errors import PlopError
+from plop.physics.calibration.recorded_motion import Case
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.statistics.cluster_robust import clusters
+from plop.statistics.determined import Allowed, determined
+
+_LEVELS = 6
+"""How often a step may be shortened before the fit counts as converged."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """How one number of a `Material` is varied."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    step: float
+    """Finite difference, in the parameter's own scale."""
+    logarithmic: bool = False
+    """Vary the logarithm."""
+
+    def encode(self, value: float) -> float:
+        """Value -> coordinate of the fit."""
+        return float(np.log(np.clip(value, self.low, self.high))) if self.logarithmic else value
+
+    def decode(self, coordinate: float) -> float:
+        """Coordinate of the fit -> value, kept inside the bounds."""
+        value = float(np.exp(coordinate)) if self.logarithmic else coordinate
+        return float(np.clip(value, self.low, self.high))
+
+
+PARAMETERS = {
+    p.name: p
+    for p in (
+        Parameter("youngs_modulus_pa", "Pa", 1e2, 1e8, 0.05, logarithmic=True),
+        Parameter("poisson", "-", 0.0, 0.49, -0.01),
+        Parameter("density_kg_m3", "kg/m^3", 20.0, 2e4, 0.05, logarithmic=True),
+        Parameter("damping_per_s", "1/s", 0.0, 200.0, 1.0),
+        Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, 2.0),
+        Parameter("table_friction", "-", 0.0, 2.0, 0.03),
+        Parameter("tool_friction", "-", 0.0, 2.0, 0.03),
+        Parameter("toughness_j_m2", "J/m^2", 0.0, 1e3, 2.0),
+        Parameter("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, logarithmic=True),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter."""
+
+    value: float
+    low: float
+    """Lower end of the 95 % interval; -inf when the data do not say."""
+    high: float
+    """Upper end of the 95 % interval; inf when the data do not say."""
+    unit: str
+    at_bound: bool
+    """The fit ran into the allowed range: the number is a limit, not a measurement."""
+
+
+def is_determined(name: str, estimate: Estimate) -> bool:
+    """Tell whether the data determine a parameter, see `plop.statistics.determined`."""
+    p = PARAMETERS[name]
+    return determined(name, asdict(estimate), Allowed(p.low, p.high, p.step, p.logarithmic))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a fit gives."""
+
+    material: Material
+    estimates: dict[str, Estimate]
+    rms_before_m: float
+    """RMS distance of all compared points at all frames, starting parameters [m]."""
+    rms_after_m: float
+    """The same with the fitted parameters [m]."""
+    iterations: int
+    rollouts: int
+    """Episodes simulated."""
+
+
+def calibrate(
+    cases: Sequence[Case],
+    start: Material,
+    names: Sequence[str],
+    config: EngineConfig,
+    *,
+    iterations: int = 6,
+    jobs: int = 1,
+    progress: Callable[[int, int, float], None] | None = None,
+) -> Calibration:
+    """Minimise the squared distance between engine and measured points.
+
+    Intervals come from the scatter between independent blocks (episodes; with fewer than four, fifths of an episode),
+    because neighbouring points and frames err together; blocks count by what they hold of a parameter (`clusters`).
+
+    Args:
+        cases: Episodes.
+        start: First guess; parameters that are not named stay as they are.
+        names: Parameters to fit, keys of PARAMETERS.
+        config: Grid and table; `table_z_m` is taken from each case.
+        iterations: Most Gauss-Newton steps.
+        jobs: Processes that share the rollouts.
+        progress: Called after each step with (step, iterations, RMS in metres).
+
+    Raises:
+        PlopError: An unknown parameter, no episode, or the engine is unstable at the start.
+    """
+    unknown = [name for name in names if name not in PARAMETERS]
+    if unknown or not names or not cases:
+        raise PlopError(
+            "Nothing to calibrate.",
+            where=", ".join(unknown) or "cases and names",
+            expected=f"episodes, and some of {', '.join(PARAMETERS)}",
+            found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
+            fix="Give one episode and one of these parameters at least.",
+        )
+    return _Fit(cases, start, [PARAMETERS[name] for name in names], config, jobs).run(iterations, progress)
+
+
+class _Fit:
+    """The running fit; coordinates are `Parameter.encode` of the values."""
+
+    def __init__(
+        self, cases: Sequence[Case], start: Material, parameters: list[Parameter], config: EngineConfig, jobs: int
+    ) -> None:
+        self.cases, self.start, self.parameters, self.config, self.jobs = cases, start, parameters, config, jobs
+        self.rollouts = 0
+
+    def material(self, coordinates: np.ndarray) -> Material:
+        values: dict[str, Any] = {p.name: p.decode(c) for p, c in zip(self.parameters, coordinates, strict=True)}
+        return replace(self.start, **values)
+
+    def residuals(self, points: list[np.ndarray]) -> list[list[np.ndarray]]:
+        """Simulate all episodes at all points; residuals [T, M, 3] in metres, unmeasured points 0."""
+        tasks = [(case, self.material(point)) for point in points for case in self.cases]
+        self.rollouts += len(tasks)
+        flat = Parallel(n_jobs=self.jobs)(delayed(_residual)(case, material, self.config) for case, material in tasks)
+        count = len(self.cases)
+        return [flat[k * count : (k + 1) * count] for k in range(len(points))]
+
+    def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Calibration:
+        here = np.array([p.encode(max(getattr(self.start, p.name), p.low)) for p in self.parameters])
+        residual = self.residuals([here])[0]
+        before = _rms(residual)
+        damping, done = 1e-3, 0
+        for done in range(1, iterations + 1):
+            jacobian = self.jacobian(here, residual)
+            better = self.step(here, residual, jacobian, damping)
+            if better is None:
+                break
+            gain = _cost(residual) - _cost(better[1])
+            here, residual, damping = better
+            if progress is not None:
+                progress(done, iterations, _rms(residual))
+            if gain < 1e-3 * _cost(residual):
+                break
+        estimates = self.intervals(here, residual, self.jacobian(here, residual))
+        return Calibration(self.material(here), estimates, before, _rms(residual), done, self.rollouts)
+
+    def jacobian(self, here: np.ndarray, residual: list[np.ndarray]) -> list[list[np.ndarray]]:
+        """Derivatives by forward differences (backward at an upper bound), [parameter][episode]."""
+        points, steps = [], []
+        for k, parameter in enumerate(self.parameters):
+            point = here.copy()
+            point[k] += parameter.step
+            if parameter.decode(point[k]) in (parameter.low, parameter.high):
+                point[k] = here[k] - parameter.step
+            points.append(point)
+            steps.append(point[k] - here[k])
+        moved = self.residuals(points)
+        return [[(m - r) / s for m, r in zip(row, residual, strict=True)] for row, s in zip(moved, steps, strict=True)]
+
+    def step(
+        self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]], damping: float
+    ) -> tuple[np.ndarray, list[np.ndarray], float] | None:
+        """Take one damped step that lowers the cost; None when there is none."""
+        hessian, gradient = _normal_equations(jacobian, residual)
+        low = np.array([p.encode(p.low) if p.low > 0 or not p.logarithmic else -np.inf for p in self.parameters])
+        high = np.array([p.encode(p.high) for p in self.parameters])
+        free = ~((here <= low) & (gradient > 0)) & ~((here >= high) & (gradient < 0))
+        for _ in range(_LEVELS):
+            scaled = hessian + np.diag(damping * np.diag(hessian) + 1e-30)
+            move = np.zeros(len(here))
+            move[free] = -np.linalg.solve(scaled[np.ix_(free, free)], gradient[free])
+            there = np.clip(here + move, low, high)
+            trial = self.residuals([there])[0]
+            if _cost(trial) < _cost(residual):
+                return there, trial, damping / 10
+            damping = max(10 * damping, 0.1)
+        return None
+
+    def intervals(
+        self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]]
+    ) -> dict[str, Estimate]:
+        """Give 95 % intervals; a parameter at its bound, or one the data do not feel, gets an infinite one."""
+        values = [p.decode(c) for p, c in zip(self.parameters, here, strict=True)]
+        bound = np.array([v <= p.low or v >= p.high for v, p in zip(values, self.parameters, strict=True)])
+        width = np.full(len(here), np.inf)
+        hessian, _ = _normal_equations(jacobian, residual)
+        free = np.nonzero(~bound)[0]
+        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+        normal = hessian / np.outer(scale, scale)
+        if len(free) and np.linalg.eigvalsh(normal[np.ix_(free, free)])[0] > 1e-6:
+            told = clusters(*_blocks([jacobian[k] for k in free], residual))
+            width[free] = student.ppf(0.975, told.freedom) * np.sqrt(np.diag(told.spread))
+        ends = [
+            (-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
+            for p, c, w in zip(self.parameters, here, width, strict=True)
+        ]
+        return {
+            p.name: Estimate(v, low, high, p.unit, bool(b))
+            for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)
+        }
+
+
+def _residual(case: Case, material: Material, config: EngineConfig) -> np.ndarray:
+    difference = case.predict(material, replace(config, table_z_m=case.table_z_m)) - case.observed
+    return np.nan_to_num(difference, nan=0.0)
+
+
+def _cost(residual: list[np.ndarray]) -> float:
+    return float(sum(np.sum(r * r) for r in residual))
+
+
+def _rms(residual: list[np.ndarray]) -> float:
+    return float(np.sqrt(_cost(residual) / sum(r.size // 3 for r in residual)))
+
+
+def _normal_equations(jacobian: list[list[np.ndarray]], residual: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    flat = np.stack([np.concatenate([j.ravel() for j in row]) for row in jacobian])
+    return flat @ flat.T, flat @ np.concatenate([r.ravel() for r in residual])
+
+
+def _blocks(jacobian: list[list[np.ndarray]], residual: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Hessian [blocks, P, P] and negative gradient [blocks, P] of half the cost in each independent block."""
+    found = []
+    for episode, r in enumerate(residual):
+        pieces = np.array_split(np.arange(len(r)), 1 if len(residual) >= 4 else min(5, len(r)))
+        found += [_normal_equations([[row[episode][piece]] for row in jacobian], [r[piece]]) for piece in pieces]
+    return np.stack([hessian for hessian, _ in found]), -np.stack([gradient for _, gradient in found])

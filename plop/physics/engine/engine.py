@@ -1,0 +1,371 @@
+"""The engine's running state: particles sorted along x, the grid around them, one time step after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from plop.physics.effects import hooks
+from plop.physics.effects.effect import Effect, overrides
+from plop.physics.engine import grid, tool_contact, toughness, transfer
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.physics.engine.particles import Particles
+from plop.physics.engine.time_step import highest_speed_m_s, run_step_s
+from plop.physics.engine.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
+from plop.physics.engine.tracers import Tracers
+
+_MARGIN = 3
+"""Free cells between the particles and the end of the grid."""
+_MAX_NODES = 30_000_000
+_PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius")
+
+
+class UnstableStepError(Exception):
+    """A step in which a particle ran away; carries the reason and, where one is to blame, the effect's name."""
+
+    def __init__(self, reason: str, effect: str | None = None) -> None:
+        super().__init__(reason)
+        self.effect = effect
+
+
+class Engine:
+    """Particles and grid of one run; `plop.physics.engine.solver.simulate` is the way in."""
+
+    def __init__(
+        self,
+        particles: Particles,
+        material: Material,
+        tool: ToolMotion | None,
+        config: EngineConfig,
+        effects: Sequence[Effect] = (),
+    ) -> None:
+        self.effects = [effect for effect in effects if not effect.absent]
+        for effect in self.effects:
+            material, config = hooks.changed(effect, "material", material), hooks.changed(effect, "config", config)
+        self.material, self.tool, self.config = material, tool, config
+        self._take(particles)
+        self.mass = (self.volume * material.density_kg_m3).astype(np.float32)
+        self.memory = self._memories(particles)
+        self.pose, self.impulse = np.zeros((6, 3), np.float32), np.zeros((2, 3))
+        self._hooks = {
+            hook: [effect for effect in self.effects if overrides(effect, hook)]
+            for hook in ("before", "stress", "after")
+        }
+        self.extra = np.zeros((len(self.x) if self._hooks["stress"] else 0, 6), np.float32)
+        self.steps, self.halvings = 0, 0
+        self._travelled, self._room = np.inf, 0
+        self._constants()
+        limits = {repr(effect): hooks.slowest_step_s(effect, material, config) for effect in self.effects}
+        speed = highest_speed_m_s(self.v, self.tool)
+        self._base_step_s = run_step_s(material, config, speed, limits, len(self.x))
+
+    def _take(self, particles: Particles) -> None:
+        """Copy a state: particles with volume into the engine's own arrays, those without as tracers."""
+        count, volume = len(particles), np.asarray(particles.volumes, np.float32)
+        sides = np.zeros(count) if particles.sides is None else np.asarray(particles.sides)
+        passed = np.zeros(count, bool) if particles.passed is None else np.asarray(particles.passed, bool)
+        state = (
+            np.asarray(particles.positions, np.float32),
+            _given(particles.velocities, np.zeros((count, 3))),
+            _given(particles.affine, np.zeros((count, 3, 3))),
+            _given(particles.F, np.tile(np.eye(3), (count, 1, 1))),
+            (sides < 0).astype(np.int64),
+            sides != 0,
+            passed,
+            np.arange(count),
+        )
+        own = volume > 0
+        self.x, self.v, self.c, self.f, self.side, self.fixed, self.cut, self.number = (part[own] for part in state)
+        self.tracers = Tracers(*(part[~own] for part in state))
+        self.volume = volume[own]
+        self.radius = _given(particles.radii, 0.5 * np.cbrt(volume))[own]
+
+    def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
+        """What effects remember of each particle: as given, else their first values."""
+        given, found = particles.memory or {}, {}
+        for effect in self.effects:
+            for name, (shape, first) in effect.remembers.items():
+                key = f"{effect.name}.{name}"
+                found[key] = _given(given.get(key), np.full((len(particles), *shape), first))[self.number]
+        return found
+
+    def _constants(self) -> None:
+        """Hold what the kernels need in their own number type."""
+        material, config, tool = self.material, self.config, self.tool
+        self._shape = None if tool is None else ToolShape.from_mesh(tool.vertices, tool.faces)
+        self._kind = int(ToolKind.NONE if self._shape is None else self._shape.kind)
+        self._faces = np.zeros((1, 4), np.float32) if self._shape is None else self._shape.faces
+        self._thickness = np.zeros(4, np.float32) if self._shape is None else self._shape.thickness
+        self._elastic = (
+            int(material.law),
+            np.float32(material.shear_pa),
+            np.float32(material.lame_pa),
+            np.float32(material.viscosity_pa_s),
+        )
+        self._friction = np.array(
+            [material.table_friction, material.tool_friction, material.cut_friction, material.table_slip_m_s],
+            np.float32,
+        )
+        self._gravity = np.array(config.gravity_m_s2, np.float32)
+        table = -np.inf if config.table_z_m is None else config.table_z_m + 1e-6
+        self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)
+        self._density = np.float32(material.density_kg_m3)
+        self._modulus = np.float32(material.lame_pa + 2 * material.shear_pa)
+
+    @property
+    def elastic(self) -> tuple[int, np.float32, np.float32]:
+        """Number of the elastic law and Lame's mu and lambda [Pa], as the kernels take them."""
+        return self._elastic[:3]
+
+    @property
+    def tool_now(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """Kind, pose, faces and thickness of the tool in this time step, as the kernels take them."""
+        return self._kind, self.pose, self._faces, self._thickness
+
+    @property
+    def longest_step_s(self) -> float:
+        """Longest time step taken [s]."""
+        return self._base_step_s / 2**self.halvings
+
+    def save(self) -> dict[str, Any]:
+        """Copy what `advance` changes."""
+        memory = {key: value.copy() for key, value in self.memory.items()}
+        return {name: getattr(self, name).copy() for name in _PER_PARTICLE} | {
+            "memory": memory,
+            "tracers": self.tracers.save(),
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back to a saved state."""
+        for name in _PER_PARTICLE:
+            setattr(self, name, saved[name].copy())
+        self.memory = {key: value.copy() for key, value in saved["memory"].items()}
+        self.tracers.restore(saved["tracers"])
+        self._travelled = np.inf
+
+    def advance(self, start_s: float, end_s: float) -> np.ndarray:
+        """Advance from one time to the next in equal steps.
+
+        Returns:
+            Mean force on the object from table and tool, shape [2, 3] [N].
+
+        Raises:
+            UnstableStepError: A particle moved too far, lost its volume or is no number any more.
+        """
+        count = max(1, int(np.ceil((end_s - start_s) / self.longest_step_s - 1e-6)))
+        dt = (end_s - start_s) / count
+        poses = np.zeros((count, 6, 3), np.float32)
+        if self.tool is not None and self._shape is not None:
+            poses = kernel_poses(self._shape, self.tool, start_s + dt * (np.arange(count) + 0.5))
+        impulse = np.zeros((2, 3))
+        for pose in poses:
+            impulse += self._step(pose, dt)
+        return impulse / (end_s - start_s)
+
+    def _step(self, pose: np.ndarray, dt: float) -> np.ndarray:
+        if self._travelled > 0.9 * self.config.dx_m:
+            self._place_grid()
+        self.pose, self.impulse = pose, np.zeros((2, 3))
+        step = np.float32(dt)
+        decay = np.float32(np.exp(-self.material.damping_per_s * dt))
+        if self._kind == ToolKind.BLADE:
+            band = np.float32(self.config.band_cells * self._dx)
+            tool_contact.mark_sides(
+                self.x,
+                self.side,
+                self.cut,
+                self.fixed,
+                self.radius,
+                pose,
+                self._faces,
+                self._thickness,
+                band,
+                self._bounds,
+            )
+            self.tracers.mark_sides(pose, self._faces, self._thickness, band)
+        if self._kind != ToolKind.NONE:
+            tool_contact.push_tool(
+                self.x,
+                self.v,
+                self.mass,
+                self.radius,
+                self.side,
+                self.cut,
+                self._bounds,
+                *self.tool_now,
+                self._friction[1],
+                self._modulus,
+                self._density,
+                self._dx,
+                step,
+                self._pushes,
+            )
+            self.impulse[1] += self._pushes.sum(0, dtype=np.float64)
+        self._act("before", dt)
+        if self._hooks["stress"]:
+            self.extra[:] = 0
+            self._act("stress", dt)
+        transfer.stress_p2g(
+            self.x,
+            self.v,
+            self.c,
+            self.f,
+            self.mass,
+            self.volume,
+            self.side,
+            self.cut,
+            self._bounds,
+            self._planes,
+            self._origin,
+            self._dims,
+            self._inv_dx,
+            step,
+            decay,
+            *self._elastic,
+            self.extra,
+            self._chunk_grid,
+            self._chunk_uncut,
+        )
+        transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
+        if self._shape is not None and self._kind == ToolKind.BLADE and self.material.toughness_j_m2 > 0:
+            self.impulse[1] += toughness.resist_cut(
+                self._grid,
+                self._uncut,
+                self._origin,
+                self._dims,
+                self._inv_dx,
+                step,
+                pose,
+                self._shape.edges,
+                np.float32(self.material.toughness_j_m2),
+                self._density,
+            )
+        tool_contact.table_gaps(self.x, self.radius, self._origin, self._dims, self._inv_dx, self._table, self._gaps)
+        grid.grid_velocities(
+            self._grid,
+            self._uncut,
+            self._origin,
+            self._dims,
+            self._dx,
+            step,
+            self._gravity,
+            self._table,
+            self.config.table_cone == "pyramid",
+            self._friction,
+            self._density,
+            self._gaps,
+            self._velocity,
+            self._impulses,
+        )
+        transfer.g2p(
+            self.x,
+            self.v,
+            self.c,
+            self.f,
+            self.side,
+            self._bounds,
+            self._origin,
+            self._dims,
+            self._inv_dx,
+            step,
+            self._velocity,
+            self._report,
+        )
+        self.tracers.carry(self._origin, self._dims, self._inv_dx, step, self._velocity)
+        self._act("after", dt)
+        self.steps += 1
+        self._check(dt)
+        self.impulse[0] += self._impulses.sum(0, dtype=np.float64)
+        return self.impulse
+
+    def _act(self, hook: str, dt: float) -> None:
+        for effect in self._hooks[hook]:
+            trouble = hooks.act(effect, hook, self, dt)
+            if trouble is not None:
+                raise UnstableStepError(trouble, effect.name)
+
+    def _check(self, dt: float) -> None:
+        fastest = float(np.maximum(self._report[:, 0].max(), self.tracers.speed_squared))  # NaN if either is
+        smallest = float(self._report[:, 1].min())
+        if not (np.isfinite(fastest) and np.isfinite(smallest)):
+            raise UnstableStepError("a speed that is not a number")
+        moved = float(np.sqrt(fastest)) * dt
+        if moved > 0.5 * self.config.dx_m:
+            raise UnstableStepError(f"{np.sqrt(fastest):.3g} m/s, {moved / self.config.dx_m:.2g} cells in one step")
+        if smallest <= 0:
+            raise UnstableStepError("a particle that turned inside out")
+        self._travelled += moved
+
+    def _place_grid(self) -> None:
+        """Sort the particles along x and lay the grid around them, its nodes at multiples of dx above the table."""
+        dx, chunks = self.config.dx_m, self.config.chunks
+        base = np.array([0.0, 0.0, self.config.table_z_m or 0.0])
+        ends = np.concatenate([[self.x.min(0), self.x.max(0)], self.tracers.x])
+        low = np.floor((ends.min(0) - base) / dx).astype(np.int64) - _MARGIN
+        high = np.ceil((ends.max(0) - base) / dx).astype(np.int64) + _MARGIN
+        self._origin, self._dims = (base + low * dx).astype(np.float32), high - low + 1
+        nodes = int(np.prod(self._dims))
+        if nodes > _MAX_NODES:
+            raise UnstableStepError(f"particles spread over {nodes / 1e6:.0f} million cells")
+        order, column = self._cell_order(self.x)
+        self.tracers.sort(self._cell_order(self.tracers.x)[0], chunks)
+        for name in _PER_PARTICLE:
+            setattr(self, name, np.ascontiguousarray(getattr(self, name)[order]))
+        self.memory = {key: np.ascontiguousarray(value[order]) for key, value in self.memory.items()}
+        self._bounds = np.linspace(0, len(self.x), chunks + 1).astype(np.int64)
+        parts = [column[a:b] for a, b in zip(self._bounds[:-1], self._bounds[1:], strict=True)]
+        self._planes = np.array(
+            [[max(part[0] - 2, 0), min(part[-1] + 4, self._dims[0])] if len(part) else [0, 0] for part in parts]
+        )
+        self._travelled = 0.0
+        if nodes > self._room:
+            self._allocate(nodes * 5 // 4)
+        self._impulses = np.zeros((int(self._dims[0]), 3), np.float32)
+
+    def _cell_order(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Order of places [N, 3] [m] by cell, and each cell's column along x in that order."""
+        cell = ((x - self._origin) * self._inv_dx).astype(np.int64)
+        order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
+        return order, cell[order, 0]
+
+    def _allocate(self, room: int) -> None:
+        chunks, self._room = self.config.chunks, room
+        self._chunk_grid = np.zeros((chunks, room, 8), np.float32)
+        self._chunk_uncut = np.zeros((chunks, room), np.float32)
+        self._grid, self._uncut = np.zeros((room, 8), np.float32), np.zeros(room, np.float32)
+        self._gaps, self._velocity = np.zeros(room, np.float32), np.zeros((room, 2, 4), np.float32)
+        self._report, self._pushes = np.zeros((chunks, 2), np.float32), np.zeros((chunks, 3), np.float32)
+
+    def snapshot(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Copy positions, deformation gradients and signed sides in the caller's order."""
+        side, cut = self._whole("side"), self._whole("cut")
+        return self._whole("x"), self._whole("f"), np.where(cut, 1 - 2 * side, 0).astype(np.int8)
+
+    def state(self) -> Particles:
+        """Copy the whole state in the caller's order; a run can go on from it."""
+        cut = self._whole("cut")
+        sides = np.where(cut | self._whole("fixed"), 1 - 2 * self._whole("side"), 0)
+        volume, radius = self._scattered(self.volume), self._scattered(self.radius)
+        memory = {key: self._scattered(value) for key, value in self.memory.items()}
+        return Particles(
+            self._whole("x"), volume, self._whole("v"), self._whole("f"), sides, radius, self._whole("c"), cut, memory
+        )
+
+    def _whole(self, name: str) -> np.ndarray:
+        """One array of particles and tracers, in the caller's order."""
+        whole = self._scattered(getattr(self, name))
+        whole[self.tracers.number] = getattr(self.tracers, name)
+        return whole
+
+    def _scattered(self, values: np.ndarray) -> np.ndarray:
+        """An array of the particles in the caller's order; 0 for tracers."""
+        whole = np.zeros((len(self.number) + len(self.tracers), *values.shape[1:]), values.dtype)
+        whole[self.number] = values
+        return whole
+
+
+def _given(values: np.ndarray | None, otherwise: np.ndarray) -> np.ndarray:
+    return np.array(otherwise if values is None else values, np.float32)
