@@ -16,8 +16,8 @@ from plop.errors import PlopError
 from plop.recordings.readers.droid.writer import write_video
 from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import MaskRules
-from tests.support.droid_scene import EXT1, EXT2, Scene, exterior_poses, flange_path, make_episode, world_from_tool
 from tests.ingest.droid_runs import edit, episode_of, ingest, said
+from tests.support.droid_scene import EXT1, EXT2, Scene, exterior_poses, flange_path, make_episode, world_from_tool
 
 
 def test_case_01_no_recordings_is_skipped_and_the_rest_goes_on(raw, tmp_path):

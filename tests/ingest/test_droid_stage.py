@@ -16,6 +16,7 @@ from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.readers.droid.writer import write_video
 from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import GeometricMasker, MaskRules, Picture
+from tests.ingest.droid_runs import edit, episode_of, ingest, said
 from tests.support.droid_scene import (
     EXT1,
     EXT2,
@@ -30,7 +31,6 @@ from tests.support.droid_scene import (
     world_from_tool,
     wrist_offset,
 )
-from tests.ingest.droid_runs import edit, episode_of, ingest, said
 
 
 def test_a_good_episode_becomes_a_recording(raw, tmp_path):

@@ -16,8 +16,17 @@ from plop.recordings.set import RecordingSet
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 from stages.ingest.droid_checks import check_views
 from stages.ingest.masks import Picture
-from tests.support.droid_scene import EXT1, EXT2, FLANGE_FROM_TOOL, TABLE_Z, WORKSPACE, Scene, exterior_poses, make_episode
 from tests.ingest.droid_runs import edit
+from tests.support.droid_scene import (
+    EXT1,
+    EXT2,
+    FLANGE_FROM_TOOL,
+    TABLE_Z,
+    WORKSPACE,
+    Scene,
+    exterior_poses,
+    make_episode,
+)
 
 
 def refused(raw, out) -> tuple[PlopError, dict]:

@@ -21,7 +21,17 @@ from plop.physics.engine.material import ElasticLaw, Material
 from plop.physics.engine.solver import simulate
 from plop.physics.scenes.scene import simulate_episode
 from plop.tracking.episode import episode_from_sequence
-from tests.support.coarse_episodes import BASE, MATERIAL, SCENE, actions, coarse_episode, gaussians, paths, rollout, wrapped
+from tests.support.coarse_episodes import (
+    BASE,
+    MATERIAL,
+    SCENE,
+    actions,
+    coarse_episode,
+    gaussians,
+    paths,
+    rollout,
+    wrapped,
+)
 
 SOFT = EngineBase(replace(MATERIAL, youngs_modulus_pa=8e3), spacing_m=0.009)
 

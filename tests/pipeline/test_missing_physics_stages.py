@@ -15,8 +15,8 @@ from plop.physics.effects.library import effect_type
 from plop.pipeline.execute import execute
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop_cli.app import main
-from tests.support.coarse_episodes import SCENE
 from tests.pipeline.fake_stages import PiecesConfig
+from tests.support.coarse_episodes import SCENE
 from tests.support.tracked_set import write_recordings, write_tool_splats
 
 EPISODES = 4

@@ -10,8 +10,8 @@ import pytest
 from plop.comparison.error_fields import error_field
 from plop.comparison.field_file import stored_field, write_field
 from plop.viewing.rerun_log import log_field
+from tests.comparison.test_error_fields import episode  # noqa: F401
 from tests.support.compare_scene import FRAMES
-from tests.diagnosis.test_error_fields import episode  # noqa: F401
 
 
 @pytest.fixture
