@@ -42,11 +42,11 @@ from plop.errors import PlopError
 from plop.identification.identify import NAMES, identify, spacing_for
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict
 from plop.physics.adapters.filled import EngineBase
-from plop.physics.adapters.response import slowdown
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import ElasticLaw
+from plop.physics.hidden.response import slowdown
 from plop.physics.scenes import find_scene
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.tracking.episode import Episode, episode_from_sequence

@@ -9,11 +9,11 @@ from pathlib import Path
 from plop.checked_settings import check_jobs, check_ranges
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
+from plop.physics.hidden.choose import choose
+from plop.physics.hidden.wish import Wish, parse_hidden
 from plop.physics.scenes import find_scene
-from plop.physics.scenes.hidden import choose
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.physics.scenes.sealed import seal_answer
-from plop.physics.scenes.wish import Wish, parse_hidden
 from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.overview import overview

@@ -13,8 +13,8 @@ from benchmarks.physics_cameras import Loop, Run, planned, write
 from benchmarks.physics_rough import RECORDED, rough_runs
 from plop.errors import PlopError
 from plop.physics.effects.library import library
+from plop.physics.hidden.wish import parse_hidden
 from plop.physics.scenes.sealed import seal_answer
-from plop.physics.scenes.wish import parse_hidden
 from stages.diagnose.stage import STAGE
 
 LAW = {

@@ -9,9 +9,9 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 
 from plop.errors import PlopError
-from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.engine import Engine, UnstableStepError
+from plop.physics.engine.law import Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.tool_motion import ToolMotion
@@ -50,7 +50,7 @@ def simulate(
     times: np.ndarray,
     config: EngineConfig | None = None,
     *,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[Law] = (),
     on_frame: Callable[[Engine, int], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EngineTrajectory:

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from plop.errors import PlopError
-from plop.physics.adapters.response import Response, scaled_to, stable_rms
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
+from plop.physics.hidden.response import Response, scaled_to, stable_rms
+from plop.physics.hidden.wish import Wish, typical
 from plop.physics.scenes.scene import Scene
-from plop.physics.scenes.wish import Wish, typical
 
 _COARSER = 1.5
 """Amplitudes are sought at this many times the scene's spacing."""

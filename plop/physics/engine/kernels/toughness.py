@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from plop.physics.engine.jit import kernel
-from plop.physics.engine.transfer import spline
+from plop.physics.engine.kernels.transfer import spline
 
 _ZERO = np.float32(0)
 _HALF = np.float32(0.5)

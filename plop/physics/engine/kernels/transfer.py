@@ -21,8 +21,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from plop.physics.engine.elastic import determinant, kirchhoff_stress
 from plop.physics.engine.jit import kernel
+from plop.physics.engine.kernels.elastic import determinant, kirchhoff_stress
 
 _HALF = np.float32(0.5)
 _ONE = np.float32(1)

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit, prange
 
 from plop.physics.engine.jit import kernel
-from plop.physics.engine.tool_contact import coulomb
+from plop.physics.engine.kernels.tool_contact import coulomb
 
 _ZERO = np.float32(0)
 _HALF = np.float32(0.5)

@@ -12,8 +12,8 @@ from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
 from plop.physics.engine.time_step import stable_step_s
+from plop.physics.hidden.wish import Wish
 from plop.physics.scenes.scene import Scene, simulate_episode
-from plop.physics.scenes.wish import Wish
 
 _TOLERANCE = 0.05
 _ROUNDS = 7
