@@ -23,9 +23,9 @@ import torch
 from benchmarks.workspace import latest
 from plop.artifacts.store import Artifact, Store
 from plop.dynamics.episodes import Actions
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.model_io import load_model
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopModel
-from plop.dynamics.model_io import load_model
 from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians

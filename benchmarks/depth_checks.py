@@ -23,7 +23,7 @@ import trimesh
 from plop.geometry.cameras import Camera, look_at
 from plop.recordings.recording import Mesh, Recording, View
 from plop.recordings.writer import RecordingWriter
-from plop.sensors.depth_edges import edge_alignment, tolerance_px
+from plop.sensors.checks.depth_edges import edge_alignment, tolerance_px
 from stages.calibrate.episode import calibrate_episode
 from stages.calibrate.stage import CalibrateConfig
 

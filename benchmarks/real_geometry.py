@@ -21,12 +21,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.geometry.cameras import Camera
-from plop.geometry.cloud_ply import read_cloud
-from plop.geometry.plane import find_plane
-from plop.geometry.pointcloud import cloud_from_depth, largest_clusters, surface_distance_m, voxel_average
-from plop.geometry.registration import register
+from plop.geometry.clouds.cloud_ply import read_cloud
+from plop.geometry.clouds.plane import find_plane
+from plop.geometry.clouds.pointcloud import cloud_from_depth, largest_clusters, surface_distance_m, voxel_average
+from plop.geometry.clouds.registration import register
+from plop.geometry.clouds.tsdf import DepthFrame, fuse_tsdf
 from plop.geometry.rigid import pose_from_quat_wxyz
-from plop.geometry.tsdf import DepthFrame, fuse_tsdf
 
 LINK_FROM_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 

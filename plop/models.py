@@ -1,7 +1,7 @@
 """Any model from its folder: learned, engine, or either with effects added.
 
 model.json says the kind:
-    plop        {"config"}; weights beside it (plop.dynamics.model_io); folds/<k>/ may hold models of the same kind that
+    plop        {"config"}; weights beside it (plop.dynamics.i2n.model_io); folds/<k>/ may hold models of that kind that
                 learned without some of the episodes, {"training": {"left_out": [names]}}
     engine      {"engine": settings}; see plop.physics.adapters.base_io
     augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
@@ -17,9 +17,9 @@ from typing import Any
 
 import torch
 
+from plop.dynamics.i2n.model_io import load_model as load_learned
+from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import DynamicsModel
-from plop.dynamics.model_io import load_model as load_learned
-from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.physics.adapters.augmented import AugmentedModel
 from plop.physics.adapters.base_io import base_from_dict

@@ -8,10 +8,10 @@ import numpy as np
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
+from plop.comparison.gaussian_lineage import followed
 from plop.dynamics.episodes import Actions
-from plop.dynamics.followed import followed
+from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model_io import read_facts
 from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.models import effects_of, engine_of, innermost, load_model

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from plop.dynamics.interface import ToolStep
 from plop.geometry.cameras import Camera
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.recordings.recording import Recording
 from plop.render.losses import Target, target_from_view
 

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.dynamics.first_surface import first_surface
+from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import ToolStep
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.recordings.recording import Recording
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from plop.gaussians.state import Gaussians
 from plop.recordings.recording import MaskLabel, View
-from plop.render.interface import Rendering
+from plop.render.rasterizer.interface import Rendering
 
 SSIM_WINDOW = 11
 """Edge of the Gaussian window [px]."""

@@ -14,7 +14,7 @@ from typing import Any
 from plop.diagnosis.error_size import EXCESS_RATIO
 from plop.diagnosis.verdict_text import NEARLY_P
 from plop.parameters import short_number, with_unit
-from plop.sensors.faults import FAULTS
+from plop.sensors.faults.library import FAULTS
 from plop.statistics.determined import CHANGED_LOGARITHM
 
 Facts = dict[str, Any]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plop.recordings.recording import Recording, View
-from plop.sensors.fault import Fault
-from plop.sensors.faults import FAULTS, Faults, frame_share
-from plop.sensors.finding import FaultEstimate, SensorFinding
+from plop.sensors.estimation.finding import FaultEstimate, SensorFinding
+from plop.sensors.faults.fault import Fault
+from plop.sensors.faults.library import FAULTS, Faults, frame_share
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.dynamics.first_surface import LEAST_POINTS, ON_SURFACE_M, FirstFrame
+from plop.dynamics.initial_surface import LEAST_POINTS, ON_SURFACE_M, FirstFrame
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians

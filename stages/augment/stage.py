@@ -12,7 +12,7 @@ from typing import Any
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import made_from
 from plop.artifacts.manifest import MANIFEST_NAME
-from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
 from plop.physics.adapters.base_io import base_to_dict

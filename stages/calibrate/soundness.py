@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.tool_reach import check_tool_reach
+from plop.geometry.meshes.tool_checks import check_tool_reach
 from plop.recordings.recording import Recording, View
 from stages.calibrate.verify import read_views
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from plop.artifacts.atomic_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
-from plop.geometry.handeye import HAND_EYE_METHODS
+from plop.geometry.handeye.solve import HAND_EYE_METHODS
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet

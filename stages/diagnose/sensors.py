@@ -9,9 +9,9 @@ from joblib import Parallel, delayed
 from plop.parameters import parameter_text
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
-from plop.sensors.estimate import estimate_sensors, pool
-from plop.sensors.faults import FAULTS
-from plop.sensors.finding import FaultEstimate, SensorFinding
+from plop.sensors.estimation.estimate import estimate_sensors, pool
+from plop.sensors.estimation.finding import FaultEstimate, SensorFinding
+from plop.sensors.faults.library import FAULTS
 
 
 def sensor_findings(

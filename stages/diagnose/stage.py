@@ -18,7 +18,7 @@ from plop.diagnosis.diagnose import check_enough, diagnose
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
-from plop.dynamics.model_io import read_facts
+from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
 from plop.physics.adapters.filled import EngineBase

@@ -23,8 +23,8 @@ from plop.pipeline.stage import Progress
 from plop.recordings.busiest_camera import busiest_camera, check_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
-from plop.render.comparison import Comparison
-from plop.render.panels import sheet, write_png
+from plop.render.pictures.comparison import Comparison
+from plop.render.pictures.panels import sheet, write_png
 from plop.render.rigid_motion import moved_rigidly
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile

@@ -15,7 +15,7 @@ from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
-from plop.render.rasterize import BACKENDS
+from plop.render.rasterizer.rasterize import BACKENDS
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import environment_report, summary_table, write_csv

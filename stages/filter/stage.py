@@ -19,10 +19,10 @@ from plop.artifacts.atomic_file import write_text
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.episodes import measured_views
-from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter, settled
+from plop.dynamics.filter.particle_filter import FilterStep, UpdateConfig, run_filter, settled
 from plop.dynamics.interface import DynamicsModel, at_rest
-from plop.dynamics.trivial import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter

@@ -12,7 +12,7 @@ from plop.gaussians.split import split_at
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera
 from plop.render.losses import RenderWeights, Target, anisotropy_hinge, render_loss
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from stages.fit_init.parameters import Parameters
 
 if TYPE_CHECKING:

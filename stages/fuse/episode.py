@@ -10,9 +10,9 @@ import numpy as np
 
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError, remembering
-from plop.geometry.agreement import DepthView, disagreement
-from plop.geometry.plane import find_plane
-from plop.geometry.pointcloud import (
+from plop.geometry.calibration.depth_agreement import DepthView, disagreement
+from plop.geometry.clouds.plane import find_plane
+from plop.geometry.clouds.pointcloud import (
     PointCloud,
     check_metres,
     cloud_from_depth,
@@ -21,8 +21,8 @@ from plop.geometry.pointcloud import (
     outlier_free,
     voxel_average,
 )
-from plop.geometry.registration import Registration, register
-from plop.geometry.tsdf import DepthFrame, fuse_tsdf
+from plop.geometry.clouds.registration import Registration, register
+from plop.geometry.clouds.tsdf import DepthFrame, fuse_tsdf
 from plop.recordings.recording import MaskLabel, Recording, View
 from stages.fuse.usable_views import check_table
 

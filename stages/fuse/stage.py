@@ -12,7 +12,7 @@ import numpy as np
 from plop.artifacts.atomic_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
-from plop.geometry.cloud_ply import write_cloud
+from plop.geometry.clouds.cloud_ply import write_cloud
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.camera_verdicts import bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from plop.errors import PlopError
 from plop.recordings.recording import Recording, View
-from plop.sensors.support_plane import find_support
+from plop.sensors.checks.support_plane import find_support
 
 
 def check_table(recording: Recording, views: list[View]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import recordings_content
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.identification.identify import NAMES, identify, outliers, spacing_for, starts_settled
 from plop.parameters import short_number

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from plop.checked_settings import check_ranges
-from plop.render.settings import CameraSettings, check_cameras
+from plop.render.virtual_cameras.settings import CameraSettings, check_cameras
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest, l
 from plop.recordings.readers.raw_folder import check_raw_folder
 from plop.recordings.readers.side_file import RawEpisode
 from plop.recordings.set import RecordingSet, check_patterns, split_names
-from plop.render.recorder import record
+from plop.render.virtual_cameras.recorder import record
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config

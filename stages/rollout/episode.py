@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plop.dynamics.episodes import Actions
-from plop.dynamics.first_surface import first_surface
+from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
@@ -24,10 +24,10 @@ from plop.pipeline.stage import Output
 from plop.recordings.busiest_camera import busiest_camera
 from plop.recordings.recording import Recording, View
 from plop.recordings.set import RecordingSet
-from plop.render.comparison import Comparison
-from plop.render.panels import write_png
+from plop.render.pictures.comparison import Comparison
+from plop.render.pictures.panels import write_png
+from plop.render.pictures.video import VideoWriter
 from plop.render.scene import render_scene, tool_above_table
-from plop.render.video import VideoWriter
 from plop.render.view_file import ViewFile, ViewWriter
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ import numpy as np
 
 from plop.checked_settings import check_choices, check_ranges
 from plop.compute.device import chosen_device
-from plop.dynamics.model_io import read_facts
+from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
-from plop.render.rasterize import BACKENDS
+from plop.render.rasterizer.rasterize import BACKENDS
 from stages.rollout.episode import roll_out
 
 SPLITS = ("test", "train", "all")

@@ -18,10 +18,10 @@ from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, check_patterns, split_names
-from plop.render.recorder import Disturbances, record
-from plop.render.rig import camera_names
-from plop.render.settings import CameraSettings, check_cameras
-from plop.sensors.faults import Faults, parse_faults
+from plop.render.virtual_cameras.recorder import Disturbances, record
+from plop.render.virtual_cameras.rig import camera_names
+from plop.render.virtual_cameras.settings import CameraSettings, check_cameras
+from plop.sensors.faults.library import Faults, parse_faults
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 

@@ -19,13 +19,13 @@ import torch
 
 from plop.artifacts.atomic_file import write_json
 from plop.dynamics.episodes import Actions
-from plop.dynamics.first_surface import first_surface
+from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.models import load_model
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.engine.tool_motion import ToolMotion

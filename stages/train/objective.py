@@ -12,14 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from plop.dynamics.episodes import measured_views
+from plop.dynamics.i2n.model import PlopModel
 from plop.dynamics.interface import ParticleState
-from plop.dynamics.model import PlopModel
-from plop.dynamics.physical_losses import Neighbourhood, isometry, rigidity, rotation_similarity
+from plop.dynamics.losses.physical import Neighbourhood, isometry, rigidity, rotation_similarity
 from plop.dynamics.resampling import effective_sample_size, resample
 from plop.gaussians.state import Gaussians
 from plop.recordings.recording import Recording
 from plop.render.losses import RenderWeights, render_loss
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from stages.train.tracks import Track
 from stages.train.windows import Window, disturbed_start
 

@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model_io import save_model
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.model_io import save_model
 from plop.pipeline.stage import Output
 from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
 from stages.train.journal import Journal

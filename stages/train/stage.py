@@ -24,11 +24,11 @@ from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device
-from plop.dynamics.filtering import UpdateConfig
-from plop.dynamics.model import PlopConfig
+from plop.dynamics.filter.particle_filter import UpdateConfig
+from plop.dynamics.i2n.model import PlopConfig
 from plop.errors import PlopError
-from plop.geometry.convex import convex_surface
-from plop.geometry.extent import box_edges_m
+from plop.geometry.meshes.convex import convex_surface
+from plop.geometry.meshes.extent import box_edges_m
 from plop.models import FOLDS, seen_by
 from plop.physics.scenes.varied_motion import VariationRanges
 from plop.pipeline.parallel import every_piece

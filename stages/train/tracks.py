@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.episodes import Actions
-from plop.dynamics.filtering import UpdateConfig, run_filter
+from plop.dynamics.filter.particle_filter import UpdateConfig, run_filter
 from plop.dynamics.interface import ParticleState, at_rest
-from plop.dynamics.physical_losses import Neighbourhood
-from plop.dynamics.trivial import ConstantVelocity
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory, TrajectoryWriter

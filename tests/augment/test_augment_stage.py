@@ -9,8 +9,8 @@ import pytest
 
 from plop.artifacts.digest import content_digest
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.model_io import save_model
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model_io import save_model
 from plop.errors import PlopError
 from plop.models import effects_of, load_model
 from plop.physics.adapters.augmented import AugmentedModel

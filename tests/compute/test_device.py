@@ -13,10 +13,10 @@ import torch
 
 from plop.compute.device import chosen_device
 from plop.dynamics.episodes import measured_views
-from plop.dynamics.filtering import UpdateConfig, settled
+from plop.dynamics.filter.particle_filter import UpdateConfig, settled
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat

@@ -9,15 +9,15 @@ import pytest
 import torch
 from scipy.spatial import ConvexHull
 
-from plop.dynamics.contact import SolidTool
 from plop.dynamics.episodes import MeasuredView
-from plop.dynamics.filtering import UpdateConfig, update
+from plop.dynamics.filter.particle_filter import UpdateConfig, update
+from plop.dynamics.filter.tool_contact import SolidTool
 from plop.dynamics.interface import at_rest
-from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.geometry.cameras import Camera, look_at
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.render.losses import Target
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from tests.dynamics.conftest import blade, pose
 from tests.support.small_episode import SIZE, coloured_block
 

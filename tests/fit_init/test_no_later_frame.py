@@ -14,7 +14,7 @@ from plop.geometry.rigid import transform_points
 from plop.pipeline.stage import Input, Output
 from plop.recordings.recording import MaskLabel, Mesh, Recording
 from plop.recordings.set import RecordingSet
-from plop.render.sh import C0
+from plop.render.rasterizer.sh import C0
 from plop.sensors.silhouette import outline
 from stages.fit_init.stage import STAGE, FitInitConfig
 from stages.fit_init.tool_splats import sample_mesh

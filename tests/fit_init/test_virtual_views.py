@@ -6,8 +6,8 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from plop.geometry.cameras import Camera
 from plop.recordings.recording import MaskLabel, View
-from plop.render.mesh_raycast import Look, MeshRenderer
-from plop.render.texture import SolidTexture
+from plop.render.virtual_cameras.mesh_raycast import Look, MeshRenderer
+from plop.render.virtual_cameras.texture import SolidTexture
 from stages.fit_init.episode import fit_object
 from stages.fit_init.held_out import score_view
 from stages.fit_init.shell import surface_from_views

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.cloud_ply import read_cloud
+from plop.geometry.clouds.cloud_ply import read_cloud
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.pipeline.stage import Input, Output
 from stages.fuse.stage import STAGE, FuseConfig
@@ -82,7 +82,7 @@ def test_a_registration_without_a_finite_answer_is_not_kept(tmp_path, monkeypatc
         for i, c in enumerate(cameras)
     ]
     write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
-    monkeypatch.setattr("plop.geometry.registration._NORMALS_AGREE", 2.0)
+    monkeypatch.setattr("plop.geometry.clouds.registration._NORMALS_AGREE", 2.0)
     summary = fuse(tmp_path / "set", tmp_path / "out")
     facts = json.loads((tmp_path / "out" / "fuse.json").read_text())["episodes"]["a"]
     assert not facts["registered"]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.agreement import DepthView, disagreement, interpolate_depth
-from plop.geometry.cloud_ply import read_cloud, write_cloud
-from plop.geometry.plane import find_plane
-from plop.geometry.pointcloud import (
+from plop.geometry.calibration.depth_agreement import DepthView, disagreement, interpolate_depth
+from plop.geometry.clouds.cloud_ply import read_cloud, write_cloud
+from plop.geometry.clouds.plane import find_plane
+from plop.geometry.clouds.pointcloud import (
     PointCloud,
     check_metres,
     cloud_from_depth,
@@ -21,9 +21,9 @@ from plop.geometry.pointcloud import (
     surface_distance_m,
     voxel_average,
 )
-from plop.geometry.registration import register
+from plop.geometry.clouds.registration import register
+from plop.geometry.clouds.tsdf import DepthFrame, fuse_tsdf
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.geometry.tsdf import DepthFrame, fuse_tsdf
 from tests.geometry.scene import ellipsoid_distance, render, ring
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.render.blender import BlenderRenderer, blender_command, subdivided
-from plop.render.mesh_raycast import Look, MeshRenderer
-from plop.render.texture import SolidTexture
+from plop.render.virtual_cameras.blender import BlenderRenderer, blender_command, subdivided
+from plop.render.virtual_cameras.mesh_raycast import Look, MeshRenderer
+from plop.render.virtual_cameras.texture import SolidTexture
 from tests.render.box_sequence import box_sequence
 from tests.render.test_mesh_raycast import camera_aslant
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
 from stages.report.stage import ReportConfig, check_inputs, run

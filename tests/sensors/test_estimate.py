@@ -11,12 +11,12 @@ import pytest
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
 from plop.sensors.correct import correct_view, found_faults
-from plop.sensors.estimate import estimate_sensors, pool
-from plop.sensors.faults import FAULTS
-from plop.sensors.fit import LEAST_SIGMA, fit_camera
-from plop.sensors.parameters import COUNT
-from plop.sensors.residuals import SYSTEMATIC_M, residuals
-from plop.sensors.scene import camera_scene, tool_track
+from plop.sensors.estimation.camera_frames import camera_scene, tool_track
+from plop.sensors.estimation.estimate import estimate_sensors, pool
+from plop.sensors.estimation.fit import LEAST_SIGMA, fit_camera
+from plop.sensors.estimation.parameters import COUNT
+from plop.sensors.estimation.residuals import SYSTEMATIC_M, residuals
+from plop.sensors.faults.library import FAULTS
 from tests.sensors.conftest import CAMERAS, film
 
 TRUE = {
