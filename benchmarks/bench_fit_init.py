@@ -51,6 +51,7 @@ def loss_ms() -> float:
     import torch
 
     from benchmarks.measure import median_ms
+    from plop.geometry.cameras import Camera
     from plop.render.losses import Target, render_loss
     from plop.render.rasterizer.interface import Rendering
 
@@ -58,7 +59,8 @@ def loss_ms() -> float:
     mask = torch.zeros(128, 128, dtype=torch.bool)
     mask[24:104, 24:104] = True
     rgb = torch.rand(128, 128, 3, generator=generator) * mask[..., None]
-    target = Target(rgb, 0.3 * mask, mask, torch.ones_like(mask))
+    camera = Camera("cam", 128, 128, np.eye(3), np.eye(4))
+    target = Target(camera, rgb, 0.3 * mask, mask, torch.ones_like(mask))
     image = (0.9 * rgb).requires_grad_()
     alpha = (0.98 * mask).requires_grad_()
 

@@ -16,7 +16,8 @@ import numpy as np
 from plop.comparison.error_fields import ErrorField
 from plop.gaussians.splat_ply import read_splat
 from plop.geometry.rigid import kabsch, transform_points
-from plop.recordings.recording import MaskLabel, Recording, View
+from plop.geometry.view import MaskLabel, View
+from plop.recordings.recording import Recording
 from plop.render.scene import render_scene, tool_above_table
 from plop.tracking.carrier import Carrier
 

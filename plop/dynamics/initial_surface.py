@@ -11,8 +11,9 @@ from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.geometry.clouds.unseen_footprint import hidden_below
 from plop.geometry.meshes.convex import convex_surface
+from plop.geometry.view import View
 from plop.metrics.clouds import back_project_all
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 
 ON_SURFACE_M = 0.0015
 """Largest distance from a Gaussian on the surface to the measured points [m]."""
@@ -42,7 +43,7 @@ class FirstFrame:
             PlopError: Too few pixels show the object.
         """
         views = [recording.view(name, 0) for name in recording.camera_names]
-        cloud = back_project_all([v.camera for v in views], [v.depth_m for v in views], [v.object_mask for v in views])
+        cloud = back_project_all(views)
         if len(cloud) < LEAST_POINTS:
             raise PlopError(
                 "The first frame shows no object.",
@@ -76,8 +77,7 @@ class FirstFrame:
         """
         rim = None
         if self.table_z_m is not None:
-            depths = [(view.camera, view.depth_without_tool_m) for view in self.views]
-            rim = hidden_below(places, depths, self.table_z_m)
+            rim = hidden_below(places, self.views, self.table_z_m)
         return convex_surface(places, self.table_z_m, self.points[:: -(-len(self.points) // _ENOUGH)], rim)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from plop.recordings.recording import MaskLabel, Recording
+from plop.geometry.view import MaskLabel
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
 from plop.render.rasterizer.rasterize import Backend, render, render_many
 from plop.render.rasterizer.sh import C0
 from plop.render.rigid_motion import moved_rigidly

@@ -14,8 +14,9 @@ from matplotlib import colormaps
 from PIL import Image
 
 from plop.comparison.camera_errors import CarriedScene
+from plop.geometry.view import View
 from plop.recordings.busiest_camera import busiest_camera
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 
 DIFFERENCE_MAP = "PuOr"
 """Diverging colours that all colour vision tells apart."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.calibration.depth_agreement import disagreement
-from plop.recordings.recording import Recording, View
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 from stages.calibrate.verify import MIN_COMPARED, depth_views
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.meshes.tool_checks import check_tool_reach
-from plop.recordings.recording import Recording, View
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 from stages.calibrate.verify import read_views
 
 

@@ -10,7 +10,8 @@ from plop.geometry.calibration.time_offset import offset_by_search
 from plop.geometry.cameras import Camera
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import transform_points
-from plop.recordings.recording import MaskLabel, Mesh, Recording
+from plop.geometry.view import MaskLabel
+from plop.recordings.recording import Mesh, Recording
 from plop.sensors.silhouette import outline
 
 MAX_FRAMES = 10

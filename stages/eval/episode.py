@@ -16,12 +16,13 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
+from plop.geometry.view import View
 from plop.metrics.clouds import back_project_all
 from plop.metrics.frame import FrameOptions, Scores, score_frame
 from plop.metrics.lpips import Lpips, Unavailable
 from plop.pipeline.stage import Progress
 from plop.recordings.busiest_camera import busiest_camera, check_camera
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.pictures.comparison import Comparison
 from plop.render.pictures.panels import sheet, write_png
@@ -121,9 +122,7 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
     for index in range(len(recording)):
         measured = [recording.view(name, index) for name in names]
         cameras = [view.camera for view in measured]
-        cloud = back_project_all(
-            cameras, [view.depth_m for view in measured], [view.object_mask for view in measured], seed=config.seed
-        )
+        cloud = back_project_all(measured, seed=config.seed)
         if fit is None and len(cloud):
             fit = RigidFit(cloud.points, config.seed)
         elif fit is not None and len(cloud):

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.psnr import psnr_db
-from plop.recordings.recording import MaskLabel, View
 from plop.render.losses import Target, lay_over, target_from_view, target_over_measured
 from plop.render.pictures.comparison import compared_views
 from plop.render.rasterizer.interface import Rendering

@@ -14,7 +14,7 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.clouds.depth_planes import pixel_planes
 from plop.geometry.clouds.neighbours import nearest_distance
 from plop.geometry.rigid import matrix_to_quat
-from plop.recordings.recording import View
+from plop.geometry.view import View
 from plop.render.rasterizer.sh import C0
 
 MAX_POINTS = 40_000

@@ -22,8 +22,9 @@ from plop.geometry.clouds.pointcloud import (
     voxel_average,
 )
 from plop.geometry.clouds.registration import Registration, register
-from plop.geometry.clouds.tsdf import DepthFrame, fuse_tsdf
-from plop.recordings.recording import MaskLabel, Recording, View
+from plop.geometry.clouds.tsdf import fuse_tsdf
+from plop.geometry.view import MaskLabel, View
+from plop.recordings.recording import Recording
 from stages.fuse.usable_views import check_table
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def _fused(
     views, clouds, registered = _registered(views, masks, clouds, before, config, warnings)
     method = config.method if config.method != "auto" else ("tsdf" if scan else "points")
     if method == "tsdf":
-        frames = [DepthFrame(v.camera, np.where(m, v.depth_m, 0), v.rgb) for v, m in zip(views, masks, strict=True)]
+        frames = [replace(v, depth_m=np.where(m, v.depth_m, 0)) for v, m in zip(views, masks, strict=True)]
         cloud = fuse_tsdf(frames, config.voxel_m)
     else:
         cloud = voxel_average(join(clouds), config.voxel_m)

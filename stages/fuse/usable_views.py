@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from plop.errors import PlopError
-from plop.recordings.recording import Recording, View
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 from plop.sensors.checks.support_plane import find_support
 
 

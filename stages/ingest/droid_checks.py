@@ -15,7 +15,7 @@ from plop.causes import Cause, Noticed
 from plop.errors import PlopError
 from plop.geometry.clouds.plane import Plane, find_plane
 from plop.geometry.rigid import transform_points
-from plop.recordings.recording import MaskLabel
+from plop.geometry.view import MaskLabel
 from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.masks import Picture
 

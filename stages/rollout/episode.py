@@ -19,10 +19,11 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
+from plop.geometry.view import View
 from plop.models import device_of
 from plop.pipeline.stage import Output
 from plop.recordings.busiest_camera import busiest_camera
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.render.pictures.comparison import Comparison
 from plop.render.pictures.panels import write_png

@@ -181,4 +181,4 @@ def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, wei
         )
     if not views:
         return gaussians.means.new_zeros(())
-    return render_loss(render(gaussians, views[0].camera), views[0].target, weights)[0]
+    return render_loss(render(gaussians, views[0].camera), views[0], weights)[0]

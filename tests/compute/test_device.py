@@ -70,12 +70,11 @@ def test_the_filter_makes_nothing_elsewhere(episode):
 
 def test_fitting_makes_nothing_elsewhere(episode):
     _, views, initial = episode
-    targets = [(view.camera, view.target) for view in views]
     config = FitInitConfig(steps=6, densifications=1, fill_at=0.5)
     with torch.device("meta"):
         shell, inner = fit(
             initial,
-            targets,
+            views,
             config,
             spacing_m=0.005,
             max_count=len(initial) + 20,

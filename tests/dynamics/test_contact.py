@@ -9,7 +9,6 @@ import pytest
 import torch
 from scipy.spatial import ConvexHull
 
-from plop.dynamics.episodes import MeasuredView
 from plop.dynamics.filter.particle_filter import UpdateConfig, update
 from plop.dynamics.filter.tool_contact import SolidTool
 from plop.dynamics.interface import at_rest
@@ -71,13 +70,13 @@ def updated(contact: float) -> tuple[torch.Tensor, torch.Tensor]:
     )
     seen = render(block, camera)
     everywhere = torch.ones(SIZE, SIZE, dtype=torch.bool)
-    target = Target(seen.rgb.detach(), seen.depth_m.detach(), seen.alpha.detach() > 0.5, everywhere)
+    target = Target(camera, seen.rgb.detach(), seen.depth_m.detach(), seen.alpha.detach() > 0.5, everywhere)
     state = replace(at_rest(block), has_history=True)
     tool = SolidTool.of(plate(), pose(0.03, 0.02, TOP_M - PRESSED_M))
     found = update(
         state,
         block,
-        [MeasuredView(camera, target)],
+        [target],
         Neighbourhood.of(block.means),
         0.06,
         UpdateConfig(iterations=30, views=1, contact=contact),

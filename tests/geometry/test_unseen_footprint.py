@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import open3d as o3d
@@ -12,6 +13,7 @@ import trimesh
 from plop.geometry.cameras import Camera
 from plop.geometry.clouds.unseen_footprint import hidden_below
 from plop.geometry.meshes.convex import convex_surface
+from plop.geometry.view import MaskLabel, View
 from tests.geometry.scene import ring
 
 SIZE_M = np.array([0.08, 0.05, 0.04])
@@ -32,17 +34,18 @@ def depth_image(camera: Camera, meshes: Sequence[trimesh.Trimesh]) -> tuple[np.n
     return np.minimum(depth, table), np.where(depth < table, hit["geometry_ids"].numpy().astype(np.int64), -1)
 
 
-def seen(meshes: Sequence[trimesh.Trimesh]) -> tuple[np.ndarray, list[tuple[Camera, np.ndarray]]]:
+def seen(meshes: Sequence[trimesh.Trimesh]) -> tuple[np.ndarray, list[View]]:
     """Give what a ring of cameras sees of the first mesh, and their depth, 0 where the others (tools) are."""
     points, views = [], []
     for camera in ring(6, size=128):
         depth, label = depth_image(camera, meshes)
         points.append(camera.back_project(np.where(label == 0, depth, 0)))
-        views.append((camera, np.where(label > 0, 0, depth)))
+        mask = np.select([label == 0, label > 0], [MaskLabel.OBJECT, MaskLabel.TOOL], MaskLabel.BACKGROUND)
+        views.append(View(camera, np.zeros((*depth.shape, 3), np.uint8), depth, mask))
     return np.concatenate(points), views
 
 
-def box_with_pusher() -> tuple[np.ndarray, list[tuple[Camera, np.ndarray]]]:
+def box_with_pusher() -> tuple[np.ndarray, list[View]]:
     """See a box on a table; a tool around one end of it hides the lower edge there."""
     box = trimesh.creation.box(SIZE_M, trimesh.transformations.translation_matrix([0, 0, 0.02]))
     parts = (
@@ -87,6 +90,6 @@ def test_without_cameras_nothing_is_known_to_end():
 
 def test_a_place_outside_an_image_or_without_depth_may_be_hidden():
     points, views = box_with_pusher()
-    camera, depth = views[0]
-    assert len(hidden_below(points, [(camera, np.zeros_like(depth))], 0.0)) == len(hidden_below(points, [], 0.0))
-    assert len(hidden_below(points, [(camera, np.full_like(depth, np.nan))], 0.0)) == len(hidden_below(points, [], 0.0))
+    for depth_m in (0.0, np.nan):
+        blind = replace(views[0], depth_m=np.full_like(views[0].depth_m, depth_m))
+        assert len(hidden_below(points, [blind], 0.0)) == len(hidden_below(points, [], 0.0))

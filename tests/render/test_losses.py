@@ -6,7 +6,7 @@ from torch.testing import assert_close
 
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
 from plop.render.losses import (
     RenderWeights,
     anisotropy_hinge,

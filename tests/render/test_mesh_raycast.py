@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plop.geometry.cameras import Camera, look_at
-from plop.recordings.recording import MaskLabel
+from plop.geometry.view import MaskLabel
 from plop.render.virtual_cameras.mesh_raycast import Light, Look, MeshRenderer
 from plop.render.virtual_cameras.texture import SolidTexture, seed_from
 from tests.render.box_sequence import box_sequence

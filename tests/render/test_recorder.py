@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.recording import MaskLabel
+from plop.geometry.view import MaskLabel
 from plop.render.virtual_cameras.recorder import Disturbances, cameras_of, disturbed_render
 from plop.render.virtual_cameras.settings import CameraSettings
 from plop.sensors.faults.library import parse_faults

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from plop.recordings.recording import View
+from plop.geometry.view import View
 from plop.sensors.checks.depth_edges import depth_steps, edge_alignment, tolerance_px
 from tests.support.droid_scene import EXT1, Scene, exterior_poses, flange_path, world_from_tool
 

@@ -117,7 +117,7 @@ def test_a_correction_undoes_the_faults(faulty, found):
             before, after = (_table_rms(view) for view in (raw, fixed.view))
             assert after < 0.00125 and (camera == "cam_03" or before > 2 * after)
         late = correct_view(recording, "cam_00", last, faults)
-        assert late.scene_time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
+        assert late.time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
         untouched = correct_view(recording, "cam_00", 0, found_faults([]))
         np.testing.assert_array_equal(untouched.view.depth_m, recording.view("cam_00", 0).depth_m)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from plop.dynamics.episodes import Actions, MeasuredView, measured_views
+from plop.dynamics.episodes import Actions, measured_views
 from plop.dynamics.filter.tool_contact import SolidTool
 from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import DynamicsModel, ParticleState, at_rest
@@ -31,7 +31,7 @@ from plop.geometry.rigid import (
     rotation_vector_from_quat,
 )
 from plop.recordings.recording import Recording
-from plop.render.losses import RenderWeights, render_loss
+from plop.render.losses import RenderWeights, Target, render_loss
 from plop.render.rasterizer.rasterize import render
 
 
@@ -131,7 +131,7 @@ def _first_ancestors(before: Gaussians, after: Gaussians) -> Tensor | None:
     return best
 
 
-def settled(initial: Gaussians, views: list[MeasuredView], config: UpdateConfig, rounds: int) -> Gaussians:
+def settled(initial: Gaussians, views: list[Target], config: UpdateConfig, rounds: int) -> Gaussians:
     """Update the first frame on its own views, so that it lies where later updates would put it.
 
     A fit weighs colour, depth and shape otherwise than the update does: without this the first step moves the
@@ -181,7 +181,7 @@ class _Displacement:
 def update(
     predicted: ParticleState,
     before: Gaussians,
-    views: list[MeasuredView],
+    views: list[Target],
     pairs: Neighbourhood,
     length_m: float,
     config: UpdateConfig,
@@ -218,7 +218,7 @@ def update(
             loss = loss + config.contact * tool.overlap_m(moved.means) / unit
         chosen = [views[(iteration * config.views + k) % len(views)] for k in range(min(config.views, len(views)))]
         for view in chosen:
-            loss = loss + render_loss(render(moved, view.camera), view.target, config.weights)[0] / len(chosen)
+            loss = loss + render_loss(render(moved, view.camera), view, config.weights)[0] / len(chosen)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -241,15 +241,13 @@ def _with_motion(predicted: ParticleState, before: Gaussians, moved: Gaussians, 
     )
 
 
-def _innovation(
-    predicted: ParticleState, updated: ParticleState, views: list[MeasuredView]
-) -> dict[str, dict[str, float]]:
+def _innovation(predicted: ParticleState, updated: ParticleState, views: list[Target]) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     with torch.no_grad():
         for view in views:
             row = {}
             for prefix, state in (("", predicted), ("updated_", updated)):
-                _, terms = render_loss(render(state.gaussians, view.camera), view.target)
+                _, terms = render_loss(render(state.gaussians, view.camera), view)
                 row[f"{prefix}l1"] = float(terms["l1"])
                 row[f"{prefix}depth_mm"] = float(terms["depth_m"]) * 1e3
             found[view.camera.name] = row

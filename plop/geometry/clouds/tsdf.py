@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.cameras import Camera
 from plop.geometry.clouds.pointcloud import PointCloud
+from plop.geometry.view import View
 from plop.lazy_open3d import o3d
 
 
-@dataclass(frozen=True)
-class DepthFrame:
-    """One posed RGB-D image."""
-
-    camera: Camera
-    depth_m: np.ndarray
-    """[H, W] metres, 0 = not measured"""
-    rgb: np.ndarray
-    """[H, W, 3] uint8"""
-
-
 def build_volume(
-    frames: Sequence[DepthFrame], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0, blocks: int = 4000
+    frames: Sequence[View], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0, blocks: int = 4000
 ) -> Any:
     """Integrate frames into a voxel block grid (Curless and Levoy 1996; blocks hashed as by Niessner et al. 2013).
 
     Args:
-        frames: Posed RGB-D images.
+        frames: Views; their labels are not looked at.
         voxel_m: Edge of a voxel [m].
         max_depth_m: Depth beyond this is ignored [m].
         band: Half width of the truncated band in voxels.
@@ -69,17 +57,12 @@ def build_volume(
 
 
 def fuse_tsdf(
-    frames: Sequence[DepthFrame],
-    voxel_m: float,
-    *,
-    max_depth_m: float = 10.0,
-    band: float = 4.0,
-    min_weight: float = 1.0,
+    frames: Sequence[View], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0, min_weight: float = 1.0
 ) -> PointCloud:
     """Fuse posed RGB-D images and take the zero crossings as an oriented cloud.
 
     Args:
-        frames: Posed RGB-D images.
+        frames: Views; their labels are not looked at.
         voxel_m: Edge of a voxel [m].
         max_depth_m: Depth beyond this is ignored [m].
         band: Half width of the truncated band in voxels.

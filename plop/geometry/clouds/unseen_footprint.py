@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from plop.geometry.cameras import Camera
+from plop.geometry.view import View
 
 _ABOVE_M = 0.003
 """How far above the table it is looked whether something could be [m]."""
@@ -18,7 +18,7 @@ _LOWER_PART = 0.5
 """Share of the height in which points may stand above something hidden."""
 
 
-def hidden_below(points: np.ndarray, views: Iterable[tuple[Camera, np.ndarray]], table_z_m: float) -> np.ndarray:
+def hidden_below(points: np.ndarray, views: Iterable[View], table_z_m: float) -> np.ndarray:
     """Continue an object's sides straight down to the table where no camera sees that nothing is there.
 
     What stands in front of an object (a tool, a hand) hides its lower edge; without this, what is wrapped around
@@ -26,8 +26,7 @@ def hidden_below(points: np.ndarray, views: Iterable[tuple[Camera, np.ndarray]],
 
     Args:
         points: Places on the object's surface, [M, 3] [m].
-        views: Cameras and the depth they measured, [H, W] [m]; 0 where nothing was, or something else than the
-            object and what is behind it.
+        views: What the cameras measured; a tool, or what is undecided, may hide the object.
         table_z_m: Height of the table [m].
 
     Returns:
@@ -39,13 +38,13 @@ def hidden_below(points: np.ndarray, views: Iterable[tuple[Camera, np.ndarray]],
     outwards /= np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
     places = np.column_stack([low[:, :2] - _INWARDS_M * outwards, np.full(len(low), table_z_m + _ABOVE_M)])
     hidden = np.ones(len(low), bool)
-    for camera, depth_m in views:
-        hidden &= ~_seen_through(places, camera, depth_m)
+    for view in views:
+        hidden &= ~_seen_through(places, view)
     return np.column_stack([low[hidden, :2], np.full(int(hidden.sum()), table_z_m)])
 
 
-def _seen_through(places: np.ndarray, camera: Camera, depth_m: np.ndarray) -> np.ndarray:
+def _seen_through(places: np.ndarray, view: View) -> np.ndarray:
     """Tell which places a camera sees something behind of, [M] bool."""
-    inside, row, column, depth = camera.pixels_of(places)
-    measured = depth_m[row, column]
+    inside, row, column, depth = view.camera.pixels_of(places)
+    measured = view.depth_without_tool_m[row, column]
     return np.asarray(inside & np.isfinite(measured) & (measured > depth + _BEHIND_M))

@@ -15,8 +15,9 @@ import torch
 from plop.gaussians.state import Gaussians, concatenate
 from plop.gaussians.trajectory import Trajectory
 from plop.geometry.cameras import Camera
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.surface_distance import distance_map_mm, scale_end_mm
-from plop.recordings.recording import MaskLabel, Recording, View
+from plop.recordings.recording import Recording
 from plop.render.pictures.enlarge import Crop, enlarged, enlarged_mask, laid_over, resized
 from plop.render.pictures.panels import PANEL, PANEL_PX, TOOL, Layout, Titles, distance_colours, millimetres
 from plop.render.rasterizer.projection import LOW_PASS_PX2

@@ -6,17 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.geometry.cameras import Camera
 from plop.geometry.rigid import transform_points
-from plop.recordings.recording import MaskLabel
-from plop.render.virtual_cameras.mesh_raycast import MeshView
+from plop.geometry.view import MaskLabel, View
 
 ARM_COLOUR = (45, 48, 52)
 
 
-def hide_behind_arm(
-    view: MeshView, camera: Camera, world_from_tool: np.ndarray, tool_vertices: np.ndarray, width_m: float
-) -> MeshView:
+def hide_behind_arm(view: View, world_from_tool: np.ndarray, tool_vertices: np.ndarray, width_m: float) -> View:
     """Draw a straight arm from the upper end of the tool to the upper edge of the image.
 
     The arm is a strip that faces the camera, at the depth of the tool's upper end: everything behind it is
@@ -24,11 +20,11 @@ def hide_behind_arm(
 
     Args:
         view: The image without the arm.
-        camera: Where it was taken.
         world_from_tool: Pose of the tool, [4, 4].
         tool_vertices: The tool in its own frame, [K, 3] [m].
         width_m: Width of the arm [m].
     """
+    camera = view.camera
     top = tool_vertices[:, 2].max()
     grip = np.append(tool_vertices[:, :2].mean(0), top)
     points = transform_points(world_from_tool, np.stack([grip, grip + [0, 0, 1e-2]]))

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,8 +20,9 @@ from PIL import Image
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
+from plop.geometry.view import View
 from plop.recordings.readers.mesh.sequence import MeshSequence
-from plop.render.virtual_cameras.mesh_raycast import Look, MeshView
+from plop.render.virtual_cameras.mesh_raycast import Look
 
 _SCRIPT = Path(__file__).with_name("blender_scene.py")
 _GET_IT = (
@@ -135,10 +137,10 @@ class BlenderRenderer:
     ) -> None:
         self._folder.cleanup()
 
-    def recolour(self, view: MeshView, frame: int, camera: Camera) -> MeshView:
+    def recolour(self, view: View, frame: int) -> View:
         """Give a ray-cast view Blender's colour; depth and labels stay."""
-        name = f"{frame:04d}_{self._index[camera.name]:02d}.png"
-        return MeshView(read_picture(Path(self._folder.name) / name), view.depth_m, view.mask)
+        name = f"{frame:04d}_{self._index[view.camera.name]:02d}.png"
+        return replace(view, rgb=read_picture(Path(self._folder.name) / name))
 
 
 def read_picture(path: Path) -> np.ndarray:

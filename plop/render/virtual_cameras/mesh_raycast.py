@@ -14,9 +14,9 @@ from scipy.sparse import csr_matrix
 from plop.geometry.cameras import Camera
 from plop.geometry.rays import pixel_rays, window
 from plop.geometry.rigid import transform_points
+from plop.geometry.view import MaskLabel, View
 from plop.lazy_open3d import o3d
 from plop.recordings.readers.mesh.sequence import MeshSequence
-from plop.recordings.recording import MaskLabel
 from plop.render.virtual_cameras.texture import SolidTexture
 
 _CREASE_COS = np.cos(np.radians(40.0))
@@ -53,16 +53,9 @@ class Look:
     """Colour where a ray hits nothing."""
 
 
-@dataclass(frozen=True)
-class MeshView:
-    """One rendered image."""
-
-    rgb: np.ndarray
-    """[H, W, 3] uint8"""
-    depth_m: np.ndarray
-    """[H, W] float32 along the optical axis [m], 0 where the ray hits nothing"""
-    mask: np.ndarray
-    """[H, W] uint8, MaskLabel; the table is background"""
+_Images = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Colour [H, W, 3] uint8, depth [H, W] float32 [m] (0 where the ray hits nothing) and MaskLabel [H, W] uint8; the table
+is background."""
 
 
 class MeshRenderer:
@@ -82,22 +75,21 @@ class MeshRenderer:
         self._smoothing = _corner_smoothing(sequence.rest, sequence.faces, sequence.is_cut_face)
         self._corner_rest = sequence.rest[sequence.faces].astype(np.float32)
         self._table_half_m = table_half_m
-        self._static: dict[str, tuple[np.ndarray, MeshView]] = {}
+        self._static: dict[str, tuple[np.ndarray, _Images]] = {}
         self._frame = -1
 
-    def render(self, frame: int, camera: Camera) -> MeshView:
+    def render(self, frame: int, camera: Camera) -> View:
         """Render one frame of one camera; fastest when all cameras of a frame are asked for in a row."""
         if frame != self._frame:
             self._build(frame)
         rays, empty = self._prepared(camera)
         rows, columns = window(camera, self._moving)
-        rgb, depth, mask = empty.rgb.copy(), empty.depth_m.copy(), empty.mask.copy()
+        rgb, depth, mask = (image.copy() for image in empty)
         if rows.start < rows.stop and columns.start < columns.stop:
-            part = self._cast(rays[rows, columns])
-            rgb[rows, columns], depth[rows, columns], mask[rows, columns] = part.rgb, part.depth_m, part.mask
-        return MeshView(rgb, depth, mask)
+            rgb[rows, columns], depth[rows, columns], mask[rows, columns] = self._cast(rays[rows, columns])
+        return View(camera, rgb, depth, mask)
 
-    def _cast(self, rays: np.ndarray) -> MeshView:
+    def _cast(self, rays: np.ndarray) -> _Images:
         """Shade a grid of pixels, rays [h, w, S*S, 6], in the scene of the current frame."""
         hits = self._scene.cast_rays(o3d.core.Tensor.from_numpy(np.ascontiguousarray(rays)))
         height, width, count = rays.shape[:3]
@@ -113,11 +105,8 @@ class MeshRenderer:
         mask = np.full(centre.shape, MaskLabel.BACKGROUND, np.uint8)
         mask[centre == self._object_id] = MaskLabel.OBJECT
         mask[centre == self._tool_id] = MaskLabel.TOOL
-        return MeshView(
-            rgb=np.round(rgb * 255).clip(0, 255).astype(np.uint8),
-            depth_m=np.where(np.isfinite(depth), depth, 0).astype(np.float32),
-            mask=mask,
-        )
+        depth = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
+        return np.round(rgb * 255).clip(0, 255).astype(np.uint8), depth, mask
 
     def _build(self, frame: int) -> None:
         sequence = self.sequence
@@ -141,8 +130,8 @@ class MeshRenderer:
         table = np.column_stack([corners, np.full(4, self.sequence.table_z_m)])
         return _add(scene, table, np.array([[0, 1, 2], [0, 2, 3]]))
 
-    def _prepared(self, camera: Camera) -> tuple[np.ndarray, MeshView]:
-        """Give a camera's rays and its view of the bare table, made once."""
+    def _prepared(self, camera: Camera) -> tuple[np.ndarray, _Images]:
+        """Give a camera's rays and its images of the bare table, made once."""
         key = repr((camera.width, camera.height, camera.intrinsics.tolist(), camera.world_from_cam.tolist()))
         if key not in self._static:
             rays = pixel_rays(camera, self.supersample)

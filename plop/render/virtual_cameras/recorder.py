@@ -12,20 +12,21 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
+from plop.geometry.view import MaskLabel, View
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.readers.mesh.sequence import MeshSequence
-from plop.recordings.recording import MaskLabel, Mesh
+from plop.recordings.recording import Mesh
 from plop.recordings.writer import RecordingWriter
 from plop.render.virtual_cameras.arm import hide_behind_arm
 from plop.render.virtual_cameras.blender import BlenderRenderer
-from plop.render.virtual_cameras.mesh_raycast import Light, Look, MeshRenderer, MeshView
+from plop.render.virtual_cameras.mesh_raycast import Light, Look, MeshRenderer
 from plop.render.virtual_cameras.noise import add_colour_noise, add_depth_noise
 from plop.render.virtual_cameras.rig import ring_cameras
 from plop.render.virtual_cameras.settings import CameraSettings
 from plop.render.virtual_cameras.texture import SolidTexture, seed_from
 from plop.sensors.faults.library import Faults, frame_share
 
-Render = Callable[[int, Camera], MeshView]
+Render = Callable[[int, Camera], View]
 """`(frame, camera) -> what the camera records`."""
 
 
@@ -115,14 +116,12 @@ def disturbed_render(
         if (times != sequence.times).any()
     }
 
-    def render(frame: int, camera: Camera) -> MeshView:
+    def render(frame: int, camera: Camera) -> View:
         pose = faults.true_pose(camera.name, frame_share(frame, len(sequence)), camera.world_from_cam)
         true = replace(camera, world_from_cam=pose)
         view = late.get(camera.name, shared)(frame, true)
         if disturbances.arm_m:
-            view = hide_behind_arm(
-                view, true, sequence.world_from_tool[frame], sequence.tool_vertices, disturbances.arm_m
-            )
+            view = hide_behind_arm(view, sequence.world_from_tool[frame], sequence.tool_vertices, disturbances.arm_m)
         seed = (settings.seed, sequence.name, camera.name, frame)
         depth = add_depth_noise(
             faults.depth(camera.name, view.depth_m),
@@ -131,7 +130,8 @@ def disturbed_render(
             dropout=settings.depth_dropout,
             seed=seed,
         )
-        return MeshView(add_colour_noise(view.rgb, noise=disturbances.colour_noise, seed=seed), depth, view.mask)
+        rgb = add_colour_noise(view.rgb, noise=disturbances.colour_noise, seed=seed)
+        return View(camera, rgb, depth, view.mask)
 
     return render
 
@@ -146,7 +146,7 @@ def _renderer(sequence: MeshSequence, cameras: list[Camera], settings: CameraSet
     blender = stack.enter_context(
         BlenderRenderer(sequence, look, cameras, executable=settings.blender, samples=settings.blender_samples)
     )
-    return lambda frame, camera: blender.recolour(exact.render(frame, camera), frame, camera)
+    return lambda frame, camera: blender.recolour(exact.render(frame, camera), frame)
 
 
 def write_episode(path: Path, sequence: MeshSequence, cameras: Sequence[Camera], render: Render) -> Iterator[int]:

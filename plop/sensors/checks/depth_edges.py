@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from plop.recordings.recording import View
+from plop.geometry.view import View
 
 STEP_M, STEP_SHARE = 0.015, 0.03
 """A step in depth is larger than this [m] and this share of the depth: far above sensor noise (2 mm), and what a

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
 
 GATE_M, GATE_SHARE = 0.004, 0.01
 """A pixel lies on a plane when its depth is this near [m], plus this share of the depth."""

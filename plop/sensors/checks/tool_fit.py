@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 
 from plop.geometry.rigid import invert_rigid, transform_points
+from plop.geometry.view import View
 from plop.lazy_open3d import o3d
-from plop.recordings.recording import Mesh, View
+from plop.recordings.recording import Mesh
 
 GATE_M, GATE_SHARE = 0.012, 0.01
 """The tool is measured when depth is this near [m], plus this share of the depth: poses of cameras and tool are good to

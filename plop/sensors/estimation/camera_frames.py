@@ -8,8 +8,9 @@ import numpy as np
 
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import transform_points
+from plop.geometry.view import View
 from plop.lazy_open3d import o3d
-from plop.recordings.recording import Mesh, Recording, View
+from plop.recordings.recording import Mesh, Recording
 
 MAX_FRAMES = 26
 """At most this many frames are looked at, evenly spread."""
@@ -42,9 +43,10 @@ class ToolTrack:
 
 @dataclass(frozen=True)
 class Sighting:
-    """One frame of one camera."""
+    """A view, and when it was."""
 
     time_s: float
+    """On the robot's clock [s]."""
     share: float
     """Share of the episode that has passed, 0 to 1."""
     view: View

@@ -17,8 +17,8 @@ import numpy as np
 
 from plop.geometry.cameras import Camera
 from plop.geometry.rigid import invert_rigid, transform_points
+from plop.geometry.view import MaskLabel
 from plop.lazy_open3d import o3d
-from plop.recordings.recording import MaskLabel
 from plop.sensors.estimation.camera_frames import CameraScene, Sighting, ToolTrack
 from plop.sensors.estimation.parameters import ABSENT, COUNT, SLICES
 from plop.sensors.faults.pose_error import moved_pose
