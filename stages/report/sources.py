@@ -35,14 +35,26 @@ def read_model(folder: Path) -> dict[str, Any]:
     try:
         facts: dict[str, Any] = json.loads((folder / "model.json").read_text())
     except (OSError, ValueError) as error:
-        raise PlopError(
-            "A result cannot be read.",
-            where=folder / "model.json",
-            expected="model.json",
-            found=str(error),
-            fix="Run the stage that writes it again.",
-        ) from error
+        raise _damaged(folder, error) from error
     return facts
+
+
+def _numbers(folder: Path) -> ModelNumbers:
+    facts = read_model(folder)
+    try:
+        return ModelNumbers.of(facts)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise _damaged(folder, error) from error
+
+
+def _damaged(model: Path, error: Exception) -> PlopError:
+    return PlopError(
+        "A result cannot be read.",
+        where=model / "model.json",
+        expected="parameters, each with its value",
+        found=f"{type(error).__name__}: {error}",
+        fix="Run the stage that writes it again.",
+    )
 
 
 def model_key(item: Input) -> str:
@@ -122,7 +134,7 @@ def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -
                 fix="Run `plop compare` on these recordings.",
             )
         own = models.get(model_key(item))
-        model = ModelNumbers() if own is None else ModelNumbers.of(read_model(own.path))
+        model = ModelNumbers() if own is None else _numbers(own.path)
         found.append(Compared(label, MODELS[number % len(MODELS)], errors, model))
     return found
 
