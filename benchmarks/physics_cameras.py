@@ -27,6 +27,7 @@ from benchmarks.physics_plan import DECOYS, MORE_BASE, TURNED
 from benchmarks.physics_tables import GOALS, MEDIANS, median_shown, runs_table, shown, verdict_rates
 from benchmarks.workspace import Typed
 from plop.artifacts.lock import locked
+from plop.errors import SignalTooWeakError
 from plop.metrics.table import replace_between_markers
 from plop.physics.effects.library import library
 from plop.physics.scenes.sealed import open_answer

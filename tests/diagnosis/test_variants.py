@@ -81,7 +81,7 @@ def test_the_verdict_says_which_settings_do_as_well_and_what_motion_would_tell()
     found = told(Sticky(alike=True), BETWEEN, SOON, SOME)
     given = found.findings[0].parameters["release_s"]
     assert {given.value, *given.alternatives} == {SOON, SOME}
-    assert f"release_s = {given.value:g} (or {given['also'][0]:g}) s" in found.verdict.text
+    assert f"release_s = {given.value:g} (or {given.alternatives[0]:g}) s" in found.verdict.text
     motion = settling_motion(found)
     assert next_motion(found) is None and motion is not None
     assert motion.episode in {e.name for e in found.evidence} and motion.episode in motion.text
@@ -105,7 +105,7 @@ def test_with_one_setting_alone_the_truth_is_outside():
 def test_what_does_worse_does_not_widen_it():
     own, both = traction(Sticky(alike=False), SOME, SOME), traction(Sticky(alike=False), SOME, SOON, SOME)
     for name in ("value", "low", "high"):
-        assert both[name] == pytest.approx(own[name], rel=0.05)
+        assert getattr(both, name) == pytest.approx(getattr(own, name), rel=0.05)
 
 
 def test_only_other_settings_of_the_same_law_are_fitted_beside():
