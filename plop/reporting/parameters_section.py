@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from plop.parameters import NOT_DETERMINED, Estimate, alternatives_text, with_unit
+from plop.physics.calibration.gauss_newton import PARAMETERS
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.html import short, table, text
 
@@ -55,17 +56,13 @@ def _fitted(compared: Compared) -> list[tuple[list[str], bool]]:
 
 
 def _given(compared: Compared) -> list[tuple[list[str], bool]]:
+    declared = [(name, value, PARAMETERS.get(name)) for name, value in compared.model.given.items()]
     return [
-        _parameter(compared.label, ENGINE, name, Estimate(value, unit=_unit(name), fitted=False))
-        for name, value in compared.model.given.items()
+        _parameter(compared.label, ENGINE, name, Estimate(value, unit=p.unit if p else "-", fitted=False))
+        for name, value, p in declared
     ]
 
 
 def _parameter(label: str, part: str, name: str, found: Estimate) -> tuple[list[str], bool]:
     span = _interval(found) or alternatives_text(found).strip(" ()") or "–"
     return [text(label), text(part), text(name), short(found.value), span, text(found.unit or "-")], found.determined
-
-
-def _unit(name: str) -> str:
-    endings = {"_pa_s": "Pa s", "_pa": "Pa", "_kg_m3": "kg/m^3", "_per_s": "1/s", "_j_m2": "J/m^2"}
-    return next((unit for ending, unit in endings.items() if name.endswith(ending)), "-")
