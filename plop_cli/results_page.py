@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_text
-from plop.metrics.table import Scores, collect, gains_to_markdown, has_place, replace_between_markers, to_markdown
+from plop.metrics.table import ScoreFiles, collect, gains_to_markdown, has_place, replace_between_markers, to_markdown
 
 MAIN = "cpu"
 """The profile whose results bear no profile's name."""
@@ -27,7 +27,7 @@ def is_part(episode: str) -> bool:
     return "_part_" in episode
 
 
-def gathered(scores: Scores, *, command: str, versions: Mapping[str, str], seeds: Sequence[int]) -> dict[str, Any]:
+def gathered(scores: ScoreFiles, *, command: str, versions: Mapping[str, str], seeds: Sequence[int]) -> dict[str, Any]:
     """Gather the scores: of the part recordings, and under "plain" and "all" those of plain cuts and of both kinds.
 
     Args:

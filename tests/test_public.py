@@ -27,6 +27,7 @@ NAMES = [
     "Camera",
     "DynamicsModel",
     "Effect",
+    "Estimate",
     "FrameErrors",
     "Gaussians",
     "InitialScene",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from plop.comparison.error_fields import ErrorField
+from plop.comparison.result import CameraRow
 from plop.gaussians.splat_ply import read_splat
 from plop.geometry.rigid import kabsch, transform_points
 from plop.geometry.view import MaskLabel, View
@@ -96,14 +97,14 @@ def image_errors(ours: View, measured: View) -> dict[str, float | None]:
     }
 
 
-def camera_table(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def camera_table(rows: Sequence[dict[str, Any]]) -> tuple[CameraRow, ...]:
     """Average over episodes and frames: one row per camera, n = pixels."""
     table = []
     for name in dict.fromkeys(row["camera"] for row in rows):
         mine = [row for row in rows if row["camera"] == name]
-        row: dict[str, Any] = {"camera": name, "n": sum(r["n"] for r in mine), "images": len(mine)}
+        found: dict[str, float | None] = {}
         for key in (f"{kind}{end}" for kind in ("depth_mm", "colour", "outline") for end in _ENDS):
             known = [r[key] for r in mine if r[key] is not None]
-            row[key] = round(float(np.mean(known)), 4) if known else None
-        table.append(row)
-    return table
+            found[key] = round(float(np.mean(known)), 4) if known else None
+        table.append(CameraRow(name, sum(r["n"] for r in mine), len(mine), found))
+    return tuple(table)

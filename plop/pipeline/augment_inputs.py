@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from plop.artifacts.lineage import parents
+from plop.artifacts.result_file import SchemaError
 from plop.artifacts.store import Artifact
+from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
 from plop.pipeline.preparation import MODELS, Preparation
 
@@ -58,6 +59,8 @@ def augment_inputs(
 
 
 def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
-    facts = json.loads((diagnosis.path / "diagnosis.json").read_text())
-    fitted = {row.get("effect") for row in [*facts.get("ranking", []), facts.get("base", {})]}
-    return not effect or effect in fitted
+    try:
+        found = Diagnosis.load(diagnosis.path)
+    except SchemaError:  # of another version: as good as none
+        return False
+    return not effect or found.row(effect) is not None

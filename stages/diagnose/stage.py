@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
-from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs
 from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
+from plop.diagnosis.result import SensorFault
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
@@ -29,7 +28,7 @@ from plop.recordings.set import RecordingSet
 from plop.tracking.episode import Episode
 from plop.tracking.same_object import check_same_object
 from plop.tracking.sets import tracked_episodes
-from stages.diagnose.outcome import facts_of, rows_of
+from stages.diagnose.outcome import diagnosis_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 
 _SPLITS = ("train", "test", "all")
@@ -93,30 +92,32 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         runs,
         reference=reference,
         effects=config.effects or None,
-        sensors=[s["text"] for s in sensors],
+        sensors=[fault.text for fault in sensors or ()],
         shams=config.shams,
         seed=config.seed,
         told=runs.begin,
     )
     runs.forget()
-    facts = facts_of(found, types, sensors, left_out)
-    facts |= {
-        "environment": recordings.environment,
-        "seconds": round(time.perf_counter() - started, 1),
-        "seconds_screen": round(found.screen_s, 1),
-        "engine_runs": runs.done,
-    }
-    write_json(out.path / "diagnosis.json", facts, sort_keys=False)
+    kept = diagnosis_of(
+        found,
+        types,
+        sensors,
+        left_out,
+        environment=recordings.environment,
+        seconds=time.perf_counter() - started,
+        engine_runs=runs.done,
+    )
+    kept.write(out.path)
     figures = {
-        "verdict": found.verdict.kind,
-        "named": ", ".join(found.verdict.named) or "-",
-        "text": found.verdict.text,
-        "next": facts["next_step"],
-        "episodes": len(found.evidence),
-        "engine_runs": runs.done,
+        "verdict": kept.verdict.kind,
+        "named": ", ".join(kept.verdict.named) or "-",
+        "text": kept.verdict.text,
+        "next": kept.next_step,
+        "episodes": len(kept.episodes),
+        "engine_runs": kept.engine_runs,
     }
-    warnings += [f"{name} is left out: {why}" for name, why in facts["dropped"].items()]
-    return Summary(figures, rows_of(facts), warnings)
+    warnings += [f"{name} is left out: {why}" for name, why in kept.dropped.items()]
+    return Summary(figures, rows_of(kept), warnings)
 
 
 def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[str]]:
@@ -139,9 +140,11 @@ def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[
     ]
 
 
-def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:
+def _sensors(
+    recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output
+) -> tuple[SensorFault, ...] | None:
     if not config.sensors:
-        return []
+        return None
     return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out, jobs=config.jobs)
 
 
@@ -240,7 +243,7 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
 
 STAGE = Stage(
     name="diagnose",
-    version=31,
+    version=32,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

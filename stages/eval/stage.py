@@ -12,13 +12,14 @@ from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
+from plop.metrics.scores import Scores
 from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import BACKENDS
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
-from stages.eval.report import environment_report, summary_table, write_csv
+from stages.eval.report import scores_of, summary_table, write_csv
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,12 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
         (out.path / folder).mkdir(parents=True, exist_ok=True)
     every_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs)
     rows = [row for name in names for row in json.loads((out.path / "episodes" / f"{name}.json").read_text())]
-    report = environment_report(rows, recordings.environment, config)
-    if isinstance(lpips, Unavailable):
-        report["unavailable"]["lpips"] = lpips.reason
-    write_json(out.path / "scores.json", report, sort_keys=False)
+    unavailable = {"lpips": lpips.reason} if isinstance(lpips, Unavailable) else {}
+    scores = scores_of(rows, recordings.environment, config, unavailable)
+    scores.write(out.path)
     write_csv(out.path / "scores.csv", rows)
     plot_over_time(out.path / "over_time.png", rows, recordings.environment)
-    return _summary(report)
+    return _summary(scores)
 
 
 def _check(config: EvalConfig) -> None:
@@ -109,13 +109,12 @@ def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
     return found
 
 
-def _summary(report: dict) -> Summary:
-    figures = {"episodes": len(report["episodes"])}
-    for name, value in report["better_than_persistence_percent"]["episode"].items():
+def _summary(scores: Scores) -> Summary:
+    figures: dict[str, float] = {"episodes": len(scores.episodes)}
+    for name, value in scores.better_than_persistence_percent["episode"].items():
         figures[f"{name}_better_than_persistence_percent"] = value
-    warnings = [f"{name} is unavailable: {reason}" for name, reason in report["unavailable"].items()]
-    warnings += report["notes"]
-    return Summary(figures, summary_table(report), warnings)
+    warnings = [f"{name} is unavailable: {reason}" for name, reason in scores.unavailable.items()]
+    return Summary(figures, summary_table(scores), [*warnings, *scores.notes])
 
 
 STAGE = Stage(

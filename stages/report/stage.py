@@ -10,7 +10,9 @@ import numpy as np
 
 from plop.artifacts.atomic_file import write_text
 from plop.checked_settings import check_ranges
+from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
+from plop.metrics.scores import Scores
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
@@ -29,9 +31,7 @@ from stages.report.sources import (
     labels_of,
     model_key,
     read_compared,
-    read_diagnosis,
     read_fields,
-    read_json,
     several,
 )
 
@@ -111,13 +111,13 @@ def check_inputs(inputs: Inputs, config: ReportConfig) -> None:
 def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
     keys = {model_key(item): label for item, label in zip(several(inputs, "comparisons"), labels, strict=True)}
     diagnoses = [
-        (keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_diagnosis(item))
+        (keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], Diagnosis.load(item.path))
         for k, item in enumerate(several(inputs, "diagnoses"))
     ]
     diagnoses.sort(key=lambda pair: labels.index(pair[0]))
     evals = several(inputs, "evals")
     named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
-    scores = [(name, read_json(item.path, "scores.json")) for name, item in zip(named, evals, strict=True)]
+    scores = [(name, Scores.load(item.path)) for name, item in zip(named, evals, strict=True)]
     fitted = fitted_episodes(inputs)
     held = [name for name in recordings.test if name not in fitted] if fit_is_known(inputs) else []
     manifest = inputs["recordings"].manifest
@@ -140,9 +140,7 @@ def _common_episodes(facts: ReportFacts) -> list[str]:
     Raises:
         PlopError: There is none.
     """
-    sets = [{row["episode"] for row in c.facts["tables"]["episode"]} for c in facts.compared]
-    first = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
-    names = [name for name in first if all(name in known for known in sets)]
+    names = [name for name in facts.compared[0].episodes if all(name in c.episodes for c in facts.compared)]
     if not names:
         raise PlopError(
             "No episode was compared with every model.",
@@ -154,7 +152,7 @@ def _common_episodes(facts: ReportFacts) -> list[str]:
 
 def _worst(facts: ReportFacts, names: list[str], most: int) -> list[str]:
     """Choose the episodes that can be looked at; they keep their order."""
-    rows = {row["episode"]: row["rms_mm"] for row in facts.compared[0].facts["tables"]["episode"]}
+    rows = {row.label: row.rms_mm for row in facts.compared[0].errors.tables.episode}
     chosen = sorted(names, key=lambda name: -rows[name])[:most]
     return [name for name in names if name in chosen]
 
@@ -193,7 +191,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
                 "way_to_floor_percent": round(100 * share, 1) if share and share > 0 else None,
             }
         )
-    verdict = facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"
+    verdict = facts.diagnoses[0][1].verdict.kind if facts.diagnoses else "not diagnosed"
     figures = {
         "file": "report.html",
         "size_mb": round(size_mb, 2),
@@ -213,7 +211,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
 
 STAGE = Stage(
     name="report",
-    version=10,
+    version=11,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,8 @@ from plop.pipeline.augment_inputs import augment_inputs
 from plop.pipeline.preparation import Preparation
 from stages.augment.stage import AugmentConfig
 from tests.pipeline.test_prepare import made, preparation, recordings
+from tests.support.diagnoses import diagnosis as made_diagnosis
+from tests.support.diagnoses import ranked, verdict
 
 
 @pytest.fixture
@@ -23,8 +24,7 @@ def store(tmp_path: Path) -> Store:
 
 def diagnosis(store: Store, model: Artifact, of: Artifact, fitted: list[str], seed: int = 0) -> Artifact:
     artifact = made(store, "diagnose", seed, recordings=of, model=model)
-    facts = {"ranking": [{"effect": name} for name in fitted]}
-    (artifact.path / "diagnosis.json").write_text(json.dumps(facts))
+    made_diagnosis(verdict("NOTHING DETECTABLE"), *map(ranked, fitted)).write(artifact.path)
     return artifact
 
 

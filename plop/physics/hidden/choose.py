@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.errors import PlopError, SignalTooWeakError
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
 from plop.physics.hidden.response import Response, scaled_to, stable_rms
@@ -106,12 +106,12 @@ def _direction(effect: EffectType, random: np.random.Generator) -> dict[str, flo
     return {key: value * float(factor) for (key, value), factor in zip(size.items(), turn, strict=True)}
 
 
-def _too_weak(response: Response, wish: Wish, snr: float, noise_floor_m: float) -> PlopError:
+def _too_weak(response: Response, wish: Wish, snr: float, noise_floor_m: float) -> SignalTooWeakError:
     assert wish.effect is not None
     strongest = wish.scaled(response.affordable(wish))
     rms = stable_rms(response, strongest)
     reached = "an unstable run" if rms is None else f"SNR {rms / noise_floor_m:.2g}"
-    return PlopError(
+    return SignalTooWeakError(
         "The effect cannot give the wanted signal in these motions.",
         where=f"--hide {wish.effect.name}",
         expected=f"SNR {snr:g}",
