@@ -15,7 +15,6 @@ from typing import Any
 
 from plop.artifacts.digest import files_below
 from plop.artifacts.fingerprint import deciding, fingerprint, plain
-from plop.artifacts.lock import locked
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store, check_name
 from plop.artifacts.verify import verify
@@ -95,7 +94,8 @@ def execute(
             return _already_there(store, planned.existing, name)
         if not is_first_process():
             return _run_beside(store, planned, progress)
-        with locked(store.lock_path(stage.name, planned.fingerprint), on_wait):
+        reads = list(planned.inputs.artifacts.values())
+        with store.making(stage.name, planned.fingerprint, reads, on_wait):
             there = None if force else store.get(stage.name, planned.fingerprint)
             if there is not None:
                 return _already_there(store, there, name)

@@ -7,15 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from plop.pipeline.preparation import Preparation, takes_model_instead, wants_preparation
+from plop.pipeline.report_inputs import report_inputs
 
 from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop.pipeline.execute import execute
-from plop.pipeline.preparation import Preparation, takes_model_instead, wants_preparation
 from plop.pipeline.registry import stage_ref
-from plop.pipeline.report_inputs import report_inputs
 from plop.pipeline.stage import Inputs, InputSpec, Stage
 from plop.recordings.set import RecordingSet
 from plop_cli.app import main

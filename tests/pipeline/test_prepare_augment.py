@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from plop.pipeline.augment_inputs import augment_inputs
+from plop.pipeline.preparation import Preparation
 
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
-from plop.pipeline.augment_inputs import augment_inputs
-from plop.pipeline.preparation import Preparation
 from stages.augment.stage import AugmentConfig
 from tests.pipeline.test_prepare import made, preparation, recordings
 

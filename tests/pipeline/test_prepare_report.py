@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from plop.pipeline.report_inputs import diagnoses_of, labels_of_models
 
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact
-from plop.pipeline.report_inputs import diagnoses_of, labels_of_models
 
 
 @pytest.mark.parametrize(
