@@ -102,7 +102,7 @@ def _address(store: Store, task: Task) -> tuple[str | None, bool]:
     stage = task.ref.load()
     made = {one: "@".join(one.there.key) for one in task.before if one.there is not None}
     inputs = given(addresses(task, made))
-    planned = plan(stage, store=store, config=task.config, inputs=inputs, force=task.force)
+    planned = plan(stage, store=store, config=task.config, inputs=inputs, command=task.ref.command, force=task.force)
     return f"{stage.name}@{planned.fingerprint[:8]}", planned.existing is not None
 
 

@@ -138,6 +138,7 @@ class Runner:
                 store=self.store,
                 config=task.config,
                 inputs=inputs,
+                command=command,
                 name=task.name,
                 force=task.force,
                 progress=progress,

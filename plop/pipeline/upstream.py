@@ -96,7 +96,8 @@ class Planner:
         if same is task and not task.waits and not task.force:
             keys = {other: "@".join(other.there.key) for other in task.before if other.there is not None}
             inputs = given(addresses(task, keys))
-            task.there = plan(task.ref.load(), store=self.store, config=task.config, inputs=inputs).existing
+            stage, command = task.ref.load(), task.ref.command
+            task.there = plan(stage, store=self.store, config=task.config, inputs=inputs, command=command).existing
         return same
 
 
