@@ -15,7 +15,6 @@ from typing import Any
 
 from plop.artifacts.digest import files_below
 from plop.artifacts.fingerprint import deciding, fingerprint, plain
-from plop.artifacts.lock import locked
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store, check_name
 from plop.artifacts.verify import verify
@@ -62,6 +61,7 @@ def execute(
     store: Store,
     config: Any = None,
     inputs: Mapping[str, str | Path] | None = None,
+    command: str | None = None,
     environment: str | None = None,
     name: str | None = None,
     force: bool = False,
@@ -76,6 +76,7 @@ def execute(
         store: The workspace.
         config: Its configuration; None takes the defaults.
         inputs: Addresses and raw paths by input name; the rest is found.
+        command: The stage's command; looked up without.
         environment: Choose inputs of this environment where none is given.
         name: Name for the artifact.
         force: Make it again although it is there.
@@ -89,13 +90,16 @@ def execute(
     if name is not None:
         check_name(name)
     settings = stage.config() if config is None else config
-    planned = plan(stage, store=store, config=settings, inputs=inputs or {}, environment=environment, force=force)
+    planned = plan(
+        stage, store=store, config=settings, inputs=inputs or {}, command=command, environment=environment, force=force
+    )
     try:
         if planned.existing is not None:
             return _already_there(store, planned.existing, name)
         if not is_first_process():
             return _run_beside(store, planned, progress)
-        with locked(store.lock_path(stage.name, planned.fingerprint), on_wait):
+        reads = list(planned.inputs.artifacts.values())
+        with store.making(stage.name, planned.fingerprint, reads, on_wait):
             there = None if force else store.get(stage.name, planned.fingerprint)
             if there is not None:
                 return _already_there(store, there, name)
@@ -115,6 +119,7 @@ def plan(
     store: Store,
     config: Any,
     inputs: Mapping[str, str | Path],
+    command: str | None = None,
     environment: str | None = None,
     force: bool = False,
 ) -> Plan:
@@ -130,7 +135,7 @@ def plan(
     for key, path in resolved.raw.items():
         contents[key] = raw_content(store, stage, path, config)
     store.cache.save()
-    command = command_of(stage)  # not the name, which the ingest commands share
+    command = command or command_of(stage)  # not the name, which the ingest commands share
     mark = fingerprint(command, stage.version, deciding(config), contents)
     environments = dict.fromkeys(a.manifest.environment for a in resolved.artifacts.values())
     existing = None if force else store.get(stage.name, mark)

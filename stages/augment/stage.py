@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import made_from
 from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.result_file import SchemaError
+from plop.artifacts.store import Artifact
 from plop.diagnosis.result import Diagnosis
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
@@ -20,7 +22,12 @@ from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import remember
-from plop.pipeline.stage import Input, Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.stage import Choice, Input, Inputs, InputSpec, Output, Recipe, Stage, Summary
+from stages import MODELS, RECORDINGS
+from stages.common_inputs import engine_input
+
+FIT = "fit"
+"""Input that is not read: recordings whose diagnosis by the model is."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +61,8 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     _check_present(kind(**{key: p.value for key, p in parameters.items()}))
     units = {p.name: p.unit for p in kind.parameters()}
     written = {key: replace(p, unit=units[key]).to_json() for key, p in parameters.items()}
-    engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
-    if engine is None:
+    beside = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
+    if beside is None:
         raise PlopError(
             "A learned model needs the engine beside it.",
             where=folder,
@@ -72,7 +79,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     facts = {
         "schema": MODEL_SCHEMA,
         "kind": "augmented",
-        "engine": base_to_dict(engine),
+        "engine": base_to_dict(beside),
         "effects": [{"effect": name, "parameters": written}],
         "base": {"stage": base.stage, "fingerprint": base.fingerprint} if base else {},
         "training": read_facts(folder).get("training", {}),
@@ -86,11 +93,17 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
 
 
 def check(config: AugmentConfig, given: Mapping[str, str | Path]) -> None:
-    """Refuse an unknown effect, a value that cannot be, and a file with effects that cannot be used.
+    """Refuse an unknown effect, a value that cannot be, a file with effects that cannot be used, and two diagnoses.
 
     Raises:
         PlopError: One of them; a name gets a suggestion.
     """
+    if FIT in given and "diagnosis" in given:
+        raise PlopError(
+            "Both --fit and --diagnosis are named.",
+            found=f"{given[FIT]}, {given['diagnosis']}",
+            fix="Name the recordings to fit to, or the diagnosis that has done it.",
+        )
     values = _values(config.value)
     types = library([given["effect_file"]] if "effect_file" in given else [])
     if config.effect and not config.remove:
@@ -200,17 +213,53 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
+def _is_fitted(config: AugmentConfig, inputs: Inputs) -> bool:
+    """Tell whether the amplitude comes from a diagnosis, and not from the user."""
+    return not config.remove and (FIT in inputs or not config.value)
+
+
+def _that_fitted(
+    config: AugmentConfig, found: Sequence[Artifact], inputs: Mapping[str, Sequence[Artifact]]
+) -> list[Artifact]:
+    """Take the diagnoses that have fitted the effect that is wanted."""
+    return [one for one in found if _has_fitted(one, config.effect)]
+
+
+def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
+    try:
+        found = Diagnosis.load(diagnosis.path)
+    except SchemaError:  # of another version: as good as none
+        return False
+    return not effect or found.row(effect) is not None
+
+
 STAGE = Stage(
     name="augment",
     version=6,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={
-        "model": InputSpec(("train", "identify", "augment"), "the model to add to"),
+        "model": InputSpec(MODELS, "the model to add to", choice=Choice.ANY_LINE),
         "diagnosis": InputSpec(
-            ("diagnose",), "what was fitted; the model's latest without it and --value.", optional=True, only_named=True
+            ("diagnose",),
+            "what was fitted; not needed with --value",
+            optional=True,
+            choice=Choice.MATCHING,
+            recipe=Recipe(
+                {"model": "model", "recordings": FIT, "effect_file": "effect_file"},
+                settings=lambda config: {"effects": [config.effect]} if config.effect else {},
+                needed=_is_fitted,
+            ),
+            select=_that_fitted,
         ),
-        "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
+        FIT: InputSpec(
+            RECORDINGS,
+            "recordings to fit the effect to, by their diagnosis",
+            optional=True,
+            choice=Choice.NAMED,
+            read=False,
+        ),
+        "engine": engine_input(Choice.LATEST),
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,

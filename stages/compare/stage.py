@@ -19,13 +19,15 @@ from plop.comparison.error_fields import ErrorField, error_field, tables
 from plop.comparison.field_file import stored_field, write_field
 from plop.comparison.result import Comparison, EpisodeErrors, ErrorRow
 from plop.errors import PlopError
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
 from plop.tracking.episode import Episode
 from plop.tracking.phases import PHASES
 from plop.tracking.same_object import check_same_object, size_m
 from plop.tracking.sets import tracked_episodes
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input, tracks_input
 from stages.compare.checks import check_conventions
 
 
@@ -220,10 +222,10 @@ STAGE = Stage(
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
-        "model": InputSpec(("train", "identify", "augment"), "the model to compare"),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "tracks": tracks_input("the filter's states"),
+        "model": InputSpec(MODELS, "the model to compare", choice=Choice.ANY_LINE),
     },
     run=run,
     check=settings_only(_check),

@@ -22,12 +22,14 @@ from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import effect_type, library
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.tracking.episode import Episode
 from plop.tracking.same_object import check_same_object
 from plop.tracking.sets import tracked_episodes
+from stages import MODELS, RECORDINGS
+from stages.common_inputs import engine_input, init_input, optional, recordings_input, tracks_input
 from stages.diagnose.outcome import diagnosis_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 
@@ -241,20 +243,29 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
     )
 
 
+def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
+    """Leave the cameras that are not trusted out of the tracks, too."""
+    return {"exclude": list(config.exclude)}
+
+
 STAGE = Stage(
     name="diagnose",
     version=32,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
-        "model": InputSpec(("train", "identify", "augment"), "the model to diagnose"),
-        "reference": InputSpec(("calibrate", "ingest", "simulate"), "what the model was made from", optional=True),
-        "reference_init": InputSpec(("fit-init",), "its Gaussians", optional=True, along="reference"),
-        "reference_tracks": InputSpec(("filter",), "its states", optional=True, along="reference"),
-        "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "tracks": tracks_input("the filter's states", settings=_without_cameras),
+        "model": InputSpec(MODELS, "the model to diagnose", choice=Choice.ANY_LINE),
+        "reference": InputSpec(
+            RECORDINGS, "what the model was made from", optional=True, choice=Origin(apart_from="recordings")
+        ),
+        "reference_init": optional(init_input("its Gaussians", of="reference")),
+        "reference_tracks": optional(
+            tracks_input("its states", of="reference", init="reference_init", settings=_without_cameras)
+        ),
+        "engine": engine_input(Choice.MADE),
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,

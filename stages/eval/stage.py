@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf
 from pathlib import Path
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.store import Artifact
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.metrics.scores import Scores
 from plop.pipeline.parallel import every_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import BACKENDS
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import scores_of, summary_table, write_csv
@@ -117,15 +121,31 @@ def _summary(scores: Scores) -> Summary:
     return Summary(figures, summary_table(scores), [*warnings, *scores.notes])
 
 
+def _all_where_none_is_for_testing(inputs: Mapping[str, Artifact]) -> tuple[dict[str, str], str]:
+    """Roll out all episodes of recordings that have none for testing: else nothing could be scored."""
+    if RecordingSet.load(inputs["recordings"].path).test:
+        return {}, ""
+    return {"split": "all"}, f"{inputs['recordings'].address} has no test episode: all its episodes are rolled out"
+
+
 STAGE = Stage(
     name="eval",
     version=4,
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0, for the baselines", along="recordings"),
-        "rollouts": InputSpec(("rollout",), "what was predicted", along="recordings"),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0, for the baselines"),
+        "rollouts": InputSpec(
+            ("rollout",),
+            "what was predicted",
+            recipe=Recipe(
+                {"recordings": "recordings", "init": "init", "model": "model"}, defaults=_all_where_none_is_for_testing
+            ),
+        ),
+        "model": InputSpec(
+            MODELS, "Instead of rollouts: roll this model out first.", choice=Choice.ANY_LINE, read=False
+        ),
     },
     run=run,
     check=settings_only(_check),

@@ -28,10 +28,12 @@ from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
 from plop.pipeline.parallel import every_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 
 
 @dataclass(frozen=True)
@@ -175,11 +177,9 @@ STAGE = Stage(
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings."),
-        "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
-        "model": InputSpec(
-            ("train", "identify", "augment"), "Model that predicts; constant velocity without it.", optional=True
-        ),
+        "recordings": recordings_input("Recordings."),
+        "init": init_input("Gaussians of frame 0.", choice=Choice.LATEST),
+        "model": InputSpec(MODELS, "Model that predicts; constant velocity without it.", optional=True),
     },
     run=run,
     check=settings_only(_check),

@@ -19,9 +19,10 @@ from plop.compute.device import chosen_device
 from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
 from plop.pipeline.parallel import each_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
+from stages.common_inputs import recordings_input
 from stages.fit_init.episode import EpisodeFit, fit_episode
 
 FILLINGS = ("solid", "paper", "none")
@@ -213,8 +214,13 @@ STAGE = Stage(
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings with cameras."),
-        "clouds": InputSpec(("fuse",), "Clouds to start from; without them depth images are used.", optional=True),
+        "recordings": recordings_input("Recordings with cameras."),
+        "clouds": InputSpec(
+            ("fuse",),
+            "Clouds to start from; without them depth images are used.",
+            optional=True,
+            recipe=Recipe({"recordings": "recordings"}),
+        ),
     },
     run=run,
     check=settings_only(_check),

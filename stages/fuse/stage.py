@@ -13,10 +13,11 @@ from plop.artifacts.atomic_file import write_json, write_text
 from plop.checked_settings import check_choices, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.clouds.cloud_ply import write_cloud
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, Output, Stage, Summary, settings_only
 from plop.recordings.camera_verdicts import bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
+from stages.common_inputs import recordings_input
 from stages.fuse.episode import EpisodeCloud, fuse_episode
 
 
@@ -161,7 +162,7 @@ STAGE = Stage(
     version=3,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
-    inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},
+    inputs={"recordings": recordings_input("recordings with camera poses")},
     run=run,
     check=settings_only(_check),
 )

@@ -17,10 +17,11 @@ from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration
 from plop.physics.engine.material import ElasticLaw, Material
 from plop.physics.scenes.names import one_of
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import size_m
 from plop.tracking.sets import tracked_episodes
+from stages.common_inputs import init_input, recordings_input, tracks_input
 
 STARTS = ("auto", "settled", "unloaded")
 CONES = ("round", "pyramid")
@@ -209,9 +210,9 @@ STAGE = Stage(
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "tracks": tracks_input("the filter's states"),
     },
     run=run,
     check=settings_only(_check),

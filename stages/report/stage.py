@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.lineage import parents
+from plop.artifacts.store import Artifact
 from plop.checked_settings import check_ranges
 from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
 from plop.metrics.scores import Scores
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.baselines import BASELINES, beaten
@@ -23,6 +27,8 @@ from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 from stages.report.made import provenance, this_report
 from stages.report.sources import (
     check_models,
@@ -209,22 +215,53 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
     return Summary(figures, rows, warnings)
 
 
+def named_as_typed(config: ReportConfig, given: Mapping[str, str | Path]) -> ReportConfig:
+    """Call the models as the user typed them, unless labels are given or one is an address."""
+    names = tuple(name.strip() for name in str(given.get("models", "")).split(",") if name.strip())
+    usable = len(set(names)) == len(names) and not any("@" in name for name in names)
+    return replace(config, labels=names) if usable and not config.labels else config
+
+
+def diagnoses_of(
+    config: ReportConfig, found: Sequence[Artifact], inputs: Mapping[str, Sequence[Artifact]]
+) -> list[Artifact]:
+    """Choose among several diagnoses of one model: those that a model was made from, else the latest."""
+    used = {key for model in inputs["models"] if (key := parents(model).get("diagnosis")) is not None}
+    of = {a.key: parents(a).get("model") for a in found}
+    answered = {of[key] for key in used if key in of}
+    latest = {of[a.key]: a.key for a in found}
+    return [a for a in found if a.key in used or (of[a.key] not in answered and latest[of[a.key]] == a.key)]
+
+
+_OF_EACH_MODEL = Recipe({"recordings": "recordings", "init": "init", "model": "models"})
+
 STAGE = Stage(
     name="report",
     version=11,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "models": InputSpec(
-            ("train", "identify", "augment"), "the models, for their parameters", optional=True, many=True
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "models": InputSpec(MODELS, "the models, for their parameters", optional=True, choice=Choice.NAMED, many=True),
+        "comparisons": InputSpec(
+            ("compare",), "one for each model, the base first", choice=Choice.MADE, many=True, recipe=_OF_EACH_MODEL
         ),
-        "comparisons": InputSpec(("compare",), "one for each model, the base first", many=True),
-        "diagnoses": InputSpec(("diagnose",), "what was diagnosed", optional=True, many=True),
-        "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
+        "diagnoses": InputSpec(
+            ("diagnose",),
+            "what was diagnosed",
+            optional=True,
+            choice=Choice.MATCHING,
+            many=True,
+            recipe=Recipe({"recordings": "recordings", "model": "models"}, makes=False),
+            select=diagnoses_of,
+        ),
+        "evals": InputSpec(
+            ("eval",), "scores of the models", optional=True, choice=Choice.MADE, many=True, recipe=_OF_EACH_MODEL
+        ),
     },
     run=run,
     check=settings_only(_check),
     check_inputs=check_inputs,
+    complete=named_as_typed,
 )

@@ -13,9 +13,11 @@ from plop.compute.device import chosen_device
 from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import BACKENDS
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 from stages.rollout.episode import roll_out
 
 SPLITS = ("test", "train", "all")
@@ -133,9 +135,9 @@ STAGE = Stage(
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "episodes: first frame, tool motion and cameras"),
-        "init": InputSpec(("fit-init",), "Gaussians of object and tool at frame 0"),
-        "model": InputSpec(("train", "identify", "augment"), "the dynamics model"),
+        "recordings": recordings_input("episodes: first frame, tool motion and cameras"),
+        "init": init_input("Gaussians of object and tool at frame 0", choice=Choice.LATEST),
+        "model": InputSpec(MODELS, "the dynamics model"),
     },
     run=run,
     check=settings_only(_check),

@@ -32,9 +32,10 @@ from plop.geometry.meshes.extent import box_edges_m
 from plop.models import FOLDS, seen_by
 from plop.physics.scenes.varied_motion import VariationRanges
 from plop.pipeline.parallel import every_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
+from stages.common_inputs import init_input, recordings_input
 from stages.train.form import loss_weights, model_config, render_weights
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up
@@ -273,10 +274,13 @@ STAGE = Stage(
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings; only training episodes are opened."),
-        "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
+        "recordings": recordings_input("Recordings; only training episodes are opened."),
+        "init": init_input("Gaussians of frame 0.", choice=Choice.LATEST),
         "engine": InputSpec(
-            ("identify", "augment"), "Engine that makes up episodes to learn from, too.", optional=True, only_named=True
+            ("identify", "augment"),
+            "Engine that makes up episodes to learn from, too.",
+            optional=True,
+            choice=Choice.NAMED,
         ),
     },
     run=run,

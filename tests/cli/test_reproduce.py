@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -39,12 +40,11 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def made(monkeypatch: pytest.MonkeyPatch, failing: tuple[str, ...]) -> None:
-    def one(store: object, console: object, data: Path, name: str, *others: object) -> list[Path]:
-        if name in failing:
-            raise PlopError("It failed.")
-        return [data.resolve().parent / "scores.json"]
+    def scored(store: object, console: object, data: Path, names: list[str], *others: object) -> Iterator[tuple]:
+        for name in reversed(names):  # as they finish
+            yield name, PlopError("It failed.") if name in failing else [data.resolve().parent / "scores.json"]
 
-    monkeypatch.setattr("plop_cli.reproduce._one_environment", one)
+    monkeypatch.setattr("plop_cli.reproduce._scored", scored)
 
 
 def results(path: Path) -> tuple[str, list[str]]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from plop.pipeline.cluster import spread
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 
 
@@ -63,6 +65,20 @@ def compare(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
     return Summary()
 
 
+def map_pieces(inputs: Inputs, config: PiecesConfig, out: Output) -> Summary:
+    """Write in each piece which process wrote it, wherever pieces are carried out."""
+    names = [f"piece_{k}" for k in range(config.pieces)]
+    list(spread(partial(write_process, out.path, config.pause_s), names, 1))
+    return Summary(figures={"environment": "blocks"})
+
+
+def write_process(folder: Path, pause_s: float, name: str) -> str:
+    """Write one piece."""
+    time.sleep(pause_s)
+    (folder / f"{name}.txt").write_text(str(os.getpid()))
+    return name
+
+
 def fail(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
     """Write half of something, then run out of disk."""
     (out.path / "half.tmp").write_text("half")
@@ -84,6 +100,7 @@ FIT = Stage(
 TRAIN = Stage(
     "train", 1, "Compare.", JoinConfig, {"recordings": RECORDINGS, "init": InputSpec(("fit-init",), "Fits.")}, compare
 )
+MAPPED = Stage("ingest", 1, "Map.", PiecesConfig, {"raw": InputSpec((), "A folder.")}, map_pieces)
 FULL_DISK = Stage("fuse", 1, "Fail.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, fail)
 
 
