@@ -62,7 +62,7 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
     points = field.episode.points
     scene = CarriedScene(init, points[0], field.episode.patch)
     rows = []
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         names = recording.camera_names
         for frame in frames:
             body = transform_points(kabsch(points[0], points[frame]), points[0])

@@ -38,8 +38,8 @@ class RecordingSet:
         return self.folder / "episodes" / f"{name}.h5"
 
     def open(self, name: str) -> Recording:
-        """Open one episode."""
-        return Recording(self.path(name))
+        """Open one episode; inside a run each is opened and checked once."""
+        return Recording.open(self.path(name))
 
     def save(self) -> None:
         """Write episodes.json."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf
@@ -12,7 +11,6 @@ from plop.artifacts.atomic_file import write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterize import BACKENDS
@@ -58,10 +56,8 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
     lpips = _lpips(config)
-    for folder in ("episodes", "pictures"):
-        (out.path / folder).mkdir(parents=True, exist_ok=True)
-    every_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs)
-    rows = [row for name in names for row in json.loads((out.path / "episodes" / f"{name}.json").read_text())]
+    done = out.map(names, partial(_score, recordings, rollouts, init, config), jobs=config.jobs)
+    rows = [row for scored in done.values.values() for row in scored]
     report = environment_report(rows, recordings.environment, config)
     if isinstance(lpips, Unavailable):
         report["unavailable"]["lpips"] = lpips.reason
@@ -81,10 +77,13 @@ def _lpips(config: EvalConfig) -> Lpips | Unavailable:
     return load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
 
 
-def _score(recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output) -> None:
+def _score(
+    recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output
+) -> list[dict]:
     paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
     scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
     write_json(out.path / "episodes" / f"{name}.json", scored, sort_keys=False)
+    return scored
 
 
 def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,10 +14,9 @@ from PIL import Image
 
 from plop.artifacts.atomic_file import whole, write_json
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.compute.device import chosen_device
+from plop.compute.device import jobs_on
 from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
-from plop.pipeline.parallel import each_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
@@ -123,10 +121,9 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
             found=f"episodes = {config.episodes!r}",
         )
     clouds = inputs["clouds"].path if "clouds" in inputs else None
-    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    found = dict(each_piece(partial(_fit, recordings, clouds, config), names, out, jobs=jobs))
-    skipped = {name: error for name in names if (error := found[name]) is not None}
-    scores = {name: json.loads((out.path / name / "fit.json").read_text()) for name in names if name not in skipped}
+    work, jobs = partial(_fit, recordings, clouds, config), jobs_on(config.device, config.jobs)
+    done = out.map(names, work, jobs=jobs, keep_going=True)
+    scores, skipped = done.values, done.errors
     if not scores:
         raise next(iter(skipped.values())).first_cause()
     reasons = {name: error.first_cause().problem for name, error in skipped.items()}
@@ -135,7 +132,11 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     return _summary(scores, skipped)
 
 
-def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, name: str, out: Output) -> None:
+def _fit(
+    recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, name: str, out: Output
+) -> dict[str, Any]:
+    """Fit one episode; gives its scores."""
+
     def report(step: int, figures: dict[str, float]) -> None:
         out.progress(step, max(config.steps, 1), name, **figures)
 
@@ -150,6 +151,7 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
         result = fit_episode(recording, shown, cloud, config, report)
         result.score["warnings"] = known + result.score["warnings"]
         _write_episode(out.path / name, result)
+    return result.score
 
 
 def _check(config: FitInitConfig) -> None:

@@ -14,7 +14,6 @@ from plop.physics.scenes.hidden import choose
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.physics.scenes.sealed import seal_answer
 from plop.physics.scenes.wish import Wish, parse_hidden
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, check_patterns, split_names
@@ -80,7 +79,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     unfit = check_patterns(pieces.names, config.test, option="--test", where=inputs["scene"].path)
     hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
     work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
-    every_piece(work, pieces.names, out, jobs=config.jobs)
+    out.map(pieces.names, work, jobs=config.jobs)
     recordings = RecordingSet(out.path, scene.name, *split_names(pieces.names, config.test))
     recordings.save()
     rms, floor = pieces.rms_m(), noise_floor_m(config)

@@ -30,7 +30,6 @@ from plop.models import load_model
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.varied_motion import VariationRanges, another_motion
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from stages.train.tracks import append_state
@@ -81,27 +80,27 @@ def make_up(
     Returns:
         The episodes that it followed, and a warning if there are others.
     """
-    folder = out.path / FOLDER
-    folder.mkdir(exist_ok=True)
     names = list(recordings.train)
     episodes = [MadeUp(number, names[number % len(names)]) for number in range(how.count)]
-    pieces = {f"{FOLDER}-{episode.name}": episode for episode in episodes}
-    every_piece(partial(_make_one_up, pieces, recordings, init, engine, how), list(pieces), out, jobs=how.jobs)
-    followed = [episode for episode in episodes if (folder / f"{episode.name}.h5").is_file()]
+    by_name = {episode.name: episode for episode in episodes}
+    work = partial(_make_one_up, by_name, recordings, init, engine, how)
+    done = out.map(list(by_name), work, jobs=how.jobs, of=FOLDER)
+    followed = [episode for episode in episodes if done.values[episode.name]]
     lost = len(episodes) - len(followed)
     return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
 
 
 def _make_one_up(
-    pieces: Mapping[str, MadeUp],
+    episodes: Mapping[str, MadeUp],
     recordings: RecordingSet,
     init: Path,
     engine: Path,
     how: MakingUp,
-    piece: str,
+    name: str,
     out: Output,
-) -> None:
-    episode, model = pieces[piece], engine_model(engine)
+) -> bool:
+    """Make one up; tells whether the engine could follow it."""
+    episode, model = episodes[name], engine_model(engine)
     initial = read_splat(init / episode.recorded / "object.ply")
     with recordings.open(episode.recorded) as recording:
         mesh, height = recording.tool_mesh, recording.table_z_m
@@ -119,10 +118,11 @@ def _make_one_up(
             out.progress(len(states), len(actions), f"make up {episode.name}")
     except PlopError as error:
         write_json(path.with_suffix(".json"), {"not_followed": error.problem})
-        return
+        return False
     with TrajectoryWriter(path) as writer:
         for frame, state in enumerate(states):
             append_state(writer, frame, state, world_from_tool=poses[frame], time_s=np.array(motion.times[frame]))
+    return True
 
 
 def engine_model(folder: Path) -> FilledEngineModel:

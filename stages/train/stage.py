@@ -11,7 +11,6 @@ With `folds`, further models are trained first, each without its share of the ep
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -23,7 +22,7 @@ import numpy as np
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
-from plop.compute.device import chosen_device
+from plop.compute.device import chosen_device, jobs_on
 from plop.dynamics.filtering import UpdateConfig
 from plop.dynamics.model import PlopConfig
 from plop.errors import PlopError
@@ -31,7 +30,6 @@ from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
 from plop.models import FOLDS, seen_by
 from plop.physics.scenes.varied_motion import VariationRanges
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
@@ -42,9 +40,6 @@ from stages.train.optimise import Schedule, optimise
 from stages.train.processes import Processes
 from stages.train.settings import TrainConfig, check_settings
 from stages.train.tracks import Track, track_episode
-
-_TRACK = "track-"
-"""Beginning of a track's name among the finished pieces."""
 
 
 @deterministic()
@@ -223,18 +218,14 @@ def _size_m(track: Track) -> np.ndarray:
 
 def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out: Output) -> dict[str, float]:
     """Follow the object through the training episodes that have no track yet; gives the tracks' mean errors."""
-    folder = out.path / "tracks"
-    folder.mkdir(exist_ok=True)
-    pieces = [_TRACK + name for name in recordings.train]
-    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    every_piece(partial(_make_track, recordings, init, config), pieces, out, jobs=jobs)
-    errors = [json.loads((folder / f"{name}.json").read_text()) for name in recordings.train]
+    work = partial(_make_track, recordings, init, config)
+    done = out.map(recordings.train, work, jobs=jobs_on(config.device, config.jobs), of="track")
+    errors = done.values.values()
     return {f"track_{key}": sum(e[key] for e in errors) / len(errors) for key in ("depth_mm", "l1")}
 
 
 @deterministic()
-def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece: str, out: Output) -> None:
-    name = piece.removeprefix(_TRACK)
+def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name: str, out: Output) -> dict[str, float]:
     splat = init / name / "object.ply"
     if not splat.is_file():
         raise PlopError(
@@ -254,6 +245,7 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece
         chosen_device(config.device),
     )
     write_json(out.path / "tracks" / f"{name}.json", error)
+    return error
 
 
 def _make_up(
