@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+from plop.artifacts.layouts import Scores
 from plop.artifacts.store import Store
 from plop.pipeline.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step
 from plop.pipeline.execute import Outcome
@@ -31,9 +32,9 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
     console.table(scores.manifest.summary.get("table", []), title="scores")
     show_times(console, done)
     pictures = say_videos(console, made["rollout"].artifact)
-    for picture in sorted((scores.path / "pictures").glob("*.png")):
+    for picture in Scores(scores.path).pictures:
         console.say(f"  first, middle and last frame: {shown(picture)}")
-    console.say(f"scores: {shown(scores.path / 'scores.json')}, over time: {shown(scores.path / 'over_time.png')}")
+    console.say(f"scores: {shown(Scores(scores.path).report)}, over time: {shown(Scores(scores.path).over_time)}")
     seconds = {name: outcome.seconds for name, outcome in done.items()}
     console.result({"scores": scores.manifest.summary, **pictures, "seconds": seconds})
 

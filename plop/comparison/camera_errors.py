@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit
 from plop.comparison.error_fields import ErrorField
 from plop.gaussians.splat_ply import read_splat
 from plop.geometry.rigid import kabsch, transform_points
@@ -34,7 +35,7 @@ class CarriedScene:
     """
 
     def __init__(self, init: Path, points: np.ndarray, patch: np.ndarray) -> None:
-        self._first, self._tool = read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+        self._first, self._tool = read_splat(Fit(init).object_splat), read_splat(Fit(init).tool_splat)
         self._carrier = Carrier(points, patch, self._first.means.double().numpy())
 
     def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Diagnosis, Model
 from plop.artifacts.lineage import made_from
 from plop.artifacts.manifest import MANIFEST_NAME
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
@@ -63,11 +64,11 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
             found="none",
             fix="Run `plop identify` on the recordings it was trained on.",
         )
-    _copied(folder, out.path / "base")
+    _copied(folder, Model(out.path).base.folder)
     if files:
-        (out.path / "effects").mkdir(exist_ok=True)
-        shutil.copy(files[0], out.path / "effects" / Path(files[0]).name)
-        remember(out.path / "effects" / Path(files[0]).name)
+        Model(out.path).effects.mkdir(exist_ok=True)
+        shutil.copy(files[0], Model(out.path).effects / Path(files[0]).name)
+        remember(Model(out.path).effects / Path(files[0]).name)
     base = inputs["model"].manifest
     facts = {
         "schema": MODEL_SCHEMA,
@@ -78,7 +79,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
         "training": read_facts(folder).get("training", {}),
         **({} if config.value or not diagnosis else {"fitted": _fitted_to(inputs["diagnosis"], diagnosis)}),
     }
-    write_json(out.path / "model.json", facts)
+    write_json(Model(out.path).facts, facts)
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
     rows = [{"effect": name, "parameter": key, **p} for key, p in parameters.items()]
@@ -124,7 +125,7 @@ def _without(folder: Path, out: Path) -> Summary:
             found=str(read_facts(folder).get("kind")),
             fix="Name a model that `plop augment` made; `plop status` lists them.",
         )
-    _copied(folder / "base", out)
+    _copied(Model(folder).base.folder, out)
     return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
 
 
@@ -168,7 +169,7 @@ def _doubts(name: str, diagnosis: dict[str, Any]) -> list[str]:
 def _diagnosis(inputs: Inputs) -> dict[str, Any]:
     if "diagnosis" not in inputs:
         return {}
-    facts: dict[str, Any] = json.loads((inputs["diagnosis"].path / "diagnosis.json").read_text())
+    facts: dict[str, Any] = json.loads(Diagnosis(inputs["diagnosis"].path).facts.read_text())
     return facts
 
 

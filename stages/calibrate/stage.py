@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Recordings
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.handeye import HAND_EYE_METHODS
@@ -104,7 +105,7 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
                 found=next(iter(skipped.values()), "the set is empty"),
             )
     facts = {"episodes": rows, "cameras": _worst(rows), "skipped": skipped, **solved.facts()}
-    write_json(out.path / "calibration.json", facts)
+    write_json(Recordings(out.path).verdicts, facts)
     replace(
         recordings,
         folder=out.path,
@@ -126,9 +127,8 @@ def _solve(inputs: Inputs, recordings: RecordingSet, config: CalibrateConfig) ->
 
 
 def _one(recordings: RecordingSet, solved: Solved, config: CalibrateConfig, name: str, out: Output) -> dict:
-    folder = out.path / "episodes"
-    source, first = recordings.path(name), folder / f"{name}.h5.first"
-    plain = folder / f"{name}.h5.plain"
+    source, target = recordings.path(name), Recordings(out.path).episode(name)
+    first, plain = (target.with_name(f"{target.name}.{end}") for end in ("first", "plain"))
     first.unlink(missing_ok=True)  # of a killed run
     try:
         with recordings.open(name) as recording:
@@ -141,7 +141,7 @@ def _one(recordings: RecordingSet, solved: Solved, config: CalibrateConfig, name
             result = calibrate_episode(recording, config, solved.reprojection_px, trusted)
             if not config.keep_bad:
                 check_usable(result.cameras, recordings.path(name))
-            pass_on(recording.path, folder / f"{name}.h5", result.edits)
+            pass_on(recording.path, target, result.edits)
     finally:
         first.unlink(missing_ok=True)
         plain.unlink(missing_ok=True)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Diagnosis, Fits
 from plop.checked_settings import check_choices, check_jobs
 from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
@@ -106,7 +107,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         "seconds_screen": round(found.screen_s, 1),
         "engine_runs": runs.done,
     }
-    write_json(out.path / "diagnosis.json", facts, sort_keys=False)
+    write_json(Diagnosis(out.path).facts, facts, sort_keys=False)
     figures = {
         "verdict": found.verdict.kind,
         "named": ", ".join(found.verdict.named) or "-",
@@ -170,7 +171,8 @@ def _measured(
 
     def predicted(episode: Episode) -> list[np.ndarray]:
         own = judges.get(episode.name, model)
-        return predictions_of(own, recordings.path(episode.name), init / episode.name / "object.ply", episode)
+        splat = Fits(init).episode(episode.name).object_splat
+        return predictions_of(own, recordings.path(episode.name), splat, episode)
 
     return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
 

@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Rollouts, Scores
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
@@ -61,9 +62,9 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     report = environment_report(rows, recordings.environment, config)
     if isinstance(lpips, Unavailable):
         report["unavailable"]["lpips"] = lpips.reason
-    write_json(out.path / "scores.json", report, sort_keys=False)
-    write_csv(out.path / "scores.csv", rows)
-    plot_over_time(out.path / "over_time.png", rows, recordings.environment)
+    write_json(Scores(out.path).report, report, sort_keys=False)
+    write_csv(Scores(out.path).table, rows)
+    plot_over_time(Scores(out.path).over_time, rows, recordings.environment)
     return _summary(report)
 
 
@@ -80,14 +81,14 @@ def _lpips(config: EvalConfig) -> Lpips | Unavailable:
 def _score(
     recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output
 ) -> list[dict]:
-    paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
+    paths = EpisodePaths(Fits(init).episode(name), Rollouts(rollouts).episode(name), Scores(out.path).picture(name))
     scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
-    write_json(out.path / "episodes" / f"{name}.json", scored, sort_keys=False)
+    write_json(Scores(out.path).rows(name), scored, sort_keys=False)
     return scored
 
 
 def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
-    found = sorted(folder.parent.name for folder in rollouts.glob("*/images.h5"))
+    found = [rollout.folder.name for rollout in Rollouts(rollouts).all]
     unknown = [name for name in found if name not in recordings.names]
     if unknown:
         raise PlopError(

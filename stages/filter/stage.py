@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.layouts import Fits, Tracks
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device, jobs_on
@@ -113,7 +114,7 @@ def _filter_episode(
     recordings: RecordingSet, init: Path, model_folder: Path | None, config: FilterConfig, name: str, out: Output
 ) -> dict[str, Any]:
     """Filter one episode; gives its mean innovation."""
-    splat = init / name / "object.ply"
+    splat = Fits(init).episode(name).object_splat
     if not splat.is_file():
         raise PlopError(
             "An episode has no fitted Gaussians.",
@@ -137,7 +138,7 @@ def _filter_episode(
     )
     generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
-    with recordings.open(name) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
+    with recordings.open(name) as recording, TrajectoryWriter(Tracks(out.path).states(name)) as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
         first = settled(
             read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update, config.settle
@@ -150,7 +151,7 @@ def _filter_episode(
             )
             out.progress(step.frame + 1, len(recording), name, gaussians=len(step.updated.side))
     innovation = {"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}
-    write_text(out.path / f"{name}.json", json.dumps(innovation))
+    write_text(Tracks(out.path).innovation(name), json.dumps(innovation))
     return {"episode": name, **_means(frames)}
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 from plop.artifacts.atomic_file import whole, write_json
+from plop.artifacts.layouts import Clouds, Fit, Fits
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.device import jobs_on
 from plop.errors import PlopError, remembering
@@ -128,7 +129,7 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
         raise next(iter(skipped.values())).first_cause()
     reasons = {name: error.first_cause().problem for name, error in skipped.items()}
     facts = {"environment": recordings.environment, "episodes": scores, "skipped": reasons}
-    write_json(out.path / "fit.json", facts)
+    write_json(Fits(out.path).facts, facts)
     return _summary(scores, skipped)
 
 
@@ -142,7 +143,7 @@ def _fit(
 
     bad = only_bad_cameras(recordings.folder)
     known = [bad[name]] if name in bad else []
-    cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
+    cloud = None if clouds is None else Clouds(clouds).cloud(name)
     with remembering(known), ExitStack() as opened:
         recording = opened.enter_context(recordings.open(name))
         shown = recording if name in recordings.train else None
@@ -150,7 +151,7 @@ def _fit(
             shown = opened.enter_context(recordings.open(recordings.train[0]))
         result = fit_episode(recording, shown, cloud, config, report)
         result.score["warnings"] = known + result.score["warnings"]
-        _write_episode(out.path / name, result)
+        _write_episode(Fits(out.path).episode(name), result)
     return result.score
 
 
@@ -185,13 +186,13 @@ def _check(config: FitInitConfig) -> None:
     )
 
 
-def _write_episode(folder: Path, result: EpisodeFit) -> None:
-    write_splat(folder / "object.ply", result.gaussians)
-    write_splat(folder / "tool.ply", result.tool)
+def _write_episode(fit: Fit, result: EpisodeFit) -> None:
+    write_splat(fit.object_splat, result.gaussians)
+    write_splat(fit.tool_splat, result.tool)
     for name, picture in result.pictures.items():
-        with whole(folder / f"{name}.png") as scratch:
+        with whole(fit.picture(name)) as scratch:
             Image.fromarray(picture).save(scratch, format="PNG")
-    write_json(folder / "fit.json", result.score)
+    write_json(fit.score, result.score)
 
 
 def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -> Summary:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Clouds
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.cloud_ply import write_cloud
@@ -71,7 +72,7 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
             found=reason,
             fix=advice or "Ingest recordings with an episode that can be used.",
         )
-    write_json(out.path / "fuse.json", {"episodes": rows, "skipped": skipped})
+    write_json(Clouds(out.path).facts, {"episodes": rows, "skipped": skipped})
     return _summary(rows, skipped)
 
 
@@ -81,7 +82,7 @@ def _one(recordings: RecordingSet, config: FuseConfig, name: str, out: Output) -
     with remembering(known), recordings.open(name) as recording:
         bad = bad_cameras(recordings.folder, name)
         result: EpisodeCloud = fuse_episode(_usable(recording, config), config, bad)
-    write_cloud(out.path / "clouds" / f"{name}.ply", result.cloud)
+    write_cloud(Clouds(out.path).cloud(name), result.cloud)
     return asdict(result.facts) | {"warnings": known + result.facts.warnings}
 
 

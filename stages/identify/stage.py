@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import recordings_content
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.dynamics.model_io import MODEL_SCHEMA
@@ -114,7 +115,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
             "engine_runs": found.rollouts,
         },
     }
-    write_json(out.path / "model.json", facts)
+    write_json(Model(out.path).facts, facts)
     return _summary(base, found, len(episodes), left_out)
 
 

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Recordings
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
@@ -101,7 +102,7 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         for name, folder in folders.items()
     }
     for name, report in reports.items():
-        write_json(out.path / "reports" / f"{name}.json", report)
+        write_json(Recordings(out.path).report(name), report)
     summary = _finish(reports, config, chosen, out, root)
     return replace(summary, warnings=unfit + summary.warnings)
 
@@ -239,7 +240,7 @@ def _ingest(
     episode = open_episode(folder, options, choice)
     written = write_episode(
         episode,
-        out.path / "episodes" / f"{name}.h5",
+        Recordings(out.path).episode(name),
         replace(write, environment=config.environment or folder.lab or "droid"),
         lambda done, total: out.progress(done, total, name, frames=done),
     )

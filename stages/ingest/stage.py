@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+from plop.artifacts.layouts import Recordings
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.overview import overview
@@ -80,7 +81,7 @@ def _ingest_one(
     sequence = begun_at_rest(sequence) if config.from_rest else sequence
     if not config.keep_untouched:
         check_contact(sequence, arrays)
-    for share in record(out.path / "episodes" / f"{name}.h5", sequence, config):
+    for share in record(Recordings(out.path).episode(name), sequence, config):
         out.progress(share, 1, name)
     return [f"{name}: {note}" for note in (*sequence.notes, *odd)]
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import Comparison, Diagnosis, Model
 from plop.artifacts.lineage import made_from
 from plop.comparison.field_file import StoredField, read_field
 from plop.errors import PlopError
@@ -24,19 +25,19 @@ def several(inputs: Inputs, name: str) -> list[Input]:
     return [found[k] for k in sorted(found)]
 
 
-def read_json(folder: Path, name: str) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
     """Read one JSON file of an artifact.
 
     Raises:
         PlopError: It is missing or damaged.
     """
     try:
-        facts: dict[str, Any] = json.loads((folder / name).read_text())
+        facts: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise PlopError(
             "A result cannot be read.",
-            where=folder / name,
-            expected=name,
+            where=path,
+            expected=path.name,
             found=str(error),
             fix="Run the stage that writes it again.",
         ) from error
@@ -50,7 +51,7 @@ def read_diagnosis(item: Input) -> dict[str, Any]:
         PlopError: It is missing or damaged.
     """
     looked = item.manifest is None or item.manifest.config.get("sensors", True)
-    return read_json(item.path, "diagnosis.json") | ({} if looked else {"sensors": None})
+    return read_json(Diagnosis(item.path).facts) | ({} if looked else {"sensors": None})
 
 
 def model_key(item: Input) -> str:
@@ -120,17 +121,17 @@ def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -
     found = []
     for number, (label, item) in enumerate(zip(labels, several(inputs, "comparisons"), strict=True)):
         _check_recordings(item, inputs["recordings"], label)
-        facts = read_json(item.path, "compare.json")
+        facts = read_json(Comparison(item.path).facts)
         if facts.get("schema") != 1 or facts.get("environment") != recordings.environment:
             raise PlopError(
                 "A comparison does not fit the recordings.",
-                where=item.path / "compare.json",
+                where=Comparison(item.path).facts,
                 expected=f"schema 1, {recordings.environment}",
                 found=f"schema {facts.get('schema')}, {facts.get('environment')}",
                 fix="Run `plop compare` on these recordings.",
             )
         own = models.get(model_key(item))
-        model = read_json(own.path, "model.json") if own is not None else None
+        model = read_json(Model(own.path).facts) if own is not None else None
         found.append(Compared(label, MODELS[number % len(MODELS)], facts, model))
     return found
 
@@ -154,7 +155,7 @@ def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
     Raises:
         PlopError: The models were compared on different points.
     """
-    fields = [read_field(item.path / "fields" / f"{name}.npz") for item in several(inputs, "comparisons")]
+    fields = [read_field(Comparison(item.path).field(name)) for item in several(inputs, "comparisons")]
     for field in fields[1:]:
         same = field.points_m.shape == fields[0].points_m.shape
         if not same or np.abs(field.points_m - fields[0].points_m).max() > 1e-6:
@@ -180,7 +181,7 @@ def fitted_episodes(inputs: Inputs) -> list[str]:
     for item in several(inputs, "diagnoses"):
         known = item.manifest is not None and bool(models)
         if not known or (item.manifest is not None and item.manifest.fingerprint in acted_on):
-            names += read_json(item.path, "diagnosis.json").get("episodes", [])
+            names += read_json(Diagnosis(item.path).facts).get("episodes", [])
     own = inputs["recordings"].manifest
     for item in several(inputs, "models"):
         if own is not None and item.manifest is not None and "recordings" in item.manifest.inputs:
@@ -190,7 +191,7 @@ def fitted_episodes(inputs: Inputs) -> list[str]:
 
 def _learned_from(model: Path) -> list[str]:
     """Episodes that a model itself was fitted to or trained on."""
-    return [*read_json(model, "model.json").get("training", {}).get("episodes", []), *trained_on(model)]
+    return [*read_json(Model(model).facts).get("training", {}).get("episodes", []), *trained_on(model)]
 
 
 def fit_is_known(inputs: Inputs) -> bool:

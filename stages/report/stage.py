@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.layouts import Report, Scores
 from plop.checked_settings import check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
@@ -84,7 +85,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
         episodes.append(_episode(inputs, recordings, name, config))
         out.progress(done + 1, len(shown), name)
     page = report_page(facts, episodes, limit_mm=config.difference_mm)
-    write_text(out.path / "report.html", page)
+    write_text(Report(out.path).page, page)
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 
@@ -117,7 +118,7 @@ def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, label
     diagnoses.sort(key=lambda pair: labels.index(pair[0]))
     evals = several(inputs, "evals")
     named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
-    scores = [(name, read_json(item.path, "scores.json")) for name, item in zip(named, evals, strict=True)]
+    scores = [(name, read_json(Scores(item.path).report)) for name, item in zip(named, evals, strict=True)]
     fitted = fitted_episodes(inputs)
     held = [name for name in recordings.test if name not in fitted] if fit_is_known(inputs) else []
     manifest = inputs["recordings"].manifest

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit, Fits, Model
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.device import chosen_device, jobs_on
 from plop.dynamics.model_io import read_facts
@@ -63,7 +64,7 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path
     for name in names:
-        _check_init(init / name, name)
+        _check_init(Fits(init).episode(name), name)
     if not config.other_environment:
         _check_environment(model_folder, recordings.environment)
     work = partial(_roll_out, recordings, model_folder, init, config)
@@ -81,7 +82,7 @@ def _roll_out(
     recordings: RecordingSet, model_folder: Path, init: Path, config: RolloutConfig, name: str, out: Output
 ) -> dict[str, Any]:
     model = load_model(model_folder, chosen_device(config.device))
-    row, steps_ms = roll_out(model, recordings, name, init / name, config, out)
+    row, steps_ms = roll_out(model, recordings, name, Fits(init).episode(name), config, out)
     return {"row": row, "steps_ms": steps_ms}
 
 
@@ -110,12 +111,12 @@ def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str
     return names
 
 
-def _check_init(folder: Path, name: str) -> None:
-    for part in ("object.ply", "tool.ply"):
-        if not (folder / part).is_file():
+def _check_init(fit: Fit, name: str) -> None:
+    for path in (fit.object_splat, fit.tool_splat):
+        if not path.is_file():
             raise PlopError(
                 "An episode has no fitted Gaussians.",
-                where=folder / part,
+                where=path,
                 expected=f"a fit of {name}",
                 found="no file",
                 fix="Run `plop fit-init` on the same recordings, or choose other episodes.",
@@ -127,7 +128,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
     if trained_on not in (None, environment):
         raise PlopError(
             "The model was trained on another object.",
-            where=model_folder / "model.json",
+            where=Model(model_folder).facts,
             expected=environment,
             found=str(trained_on),
             fix="Choose a model of this environment, or set rollout.other_environment.",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from plop.artifacts.layouts import Recordings
 from plop.checked_settings import check_jobs, check_ranges
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
@@ -153,7 +154,7 @@ def _episode(
     sequence = simulate_episode(scene, k, hidden)
     pieces.keep_response(k, sequence, hidden)
     disturbances = Disturbances(faults, config.colour_noise, config.arm_m)
-    for share in record(out.path / "episodes" / f"{name}.h5", sequence, config, disturbances):
+    for share in record(Recordings(out.path).episode(name), sequence, config, disturbances):
         out.progress(share, 1, name)
     if config.droid:
         write_droid(out.path / "droid", pieces.folder / "droid" / name, k, sequence, config, disturbances)

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Model
 from plop.dynamics.episodes import Actions
 from plop.dynamics.first_surface import first_surface
 from plop.dynamics.interface import at_rest
@@ -33,9 +34,6 @@ from plop.physics.scenes.varied_motion import VariationRanges, another_motion
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from stages.train.tracks import append_state
-
-FOLDER = "made-up"
-"""Folder of the tracks."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ def make_up(
     episodes = [MadeUp(number, names[number % len(names)]) for number in range(how.count)]
     by_name = {episode.name: episode for episode in episodes}
     work = partial(_make_one_up, by_name, recordings, init, engine, how)
-    done = out.map(list(by_name), work, jobs=how.jobs, of=FOLDER)
+    done = out.map(list(by_name), work, jobs=how.jobs, of="made-up")
     followed = [episode for episode in episodes if done.values[episode.name]]
     lost = len(episodes) - len(followed)
     return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
@@ -101,7 +99,7 @@ def _make_one_up(
 ) -> bool:
     """Make one up; tells whether the engine could follow it."""
     episode, model = episodes[name], engine_model(engine)
-    initial = read_splat(init / episode.recorded / "object.ply")
+    initial = read_splat(Fits(init).episode(episode.recorded).object_splat)
     with recordings.open(episode.recorded) as recording:
         mesh, height = recording.tool_mesh, recording.table_z_m
         recorded = ToolMotion(mesh.vertices, mesh.faces, recording.time_s, recording.world_from_tool)
@@ -110,16 +108,16 @@ def _make_one_up(
     motion = another_motion(recorded, initial.means.double().numpy(), how.ranges, generator)
     poses = torch.as_tensor(motion.world_from_tool, dtype=torch.float32)
     actions = Actions(ToolGeometry.from_mesh(mesh.vertices, mesh.faces), poses, motion.times, height)
-    path = out.path / FOLDER / f"{episode.name}.h5"
+    files = Model(out.path).made_up
     states = []
     try:
         for state, _ in predict(model, start, actions.steps(), episode.name, how.seed):
             states.append(state)
             out.progress(len(states), len(actions), f"make up {episode.name}")
     except PlopError as error:
-        write_json(path.with_suffix(".json"), {"not_followed": error.problem})
+        write_json(files.innovation(name), {"not_followed": error.problem})
         return False
-    with TrajectoryWriter(path) as writer:
+    with TrajectoryWriter(files.states(name)) as writer:
         for frame, state in enumerate(states):
             append_state(writer, frame, state, world_from_tool=poses[frame], time_s=np.array(motion.times[frame]))
     return True

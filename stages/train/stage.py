@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Model
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device, jobs_on
@@ -28,7 +29,7 @@ from plop.dynamics.model import PlopConfig
 from plop.errors import PlopError
 from plop.geometry.convex import convex_surface
 from plop.geometry.extent import box_edges_m
-from plop.models import FOLDS, seen_by
+from plop.models import seen_by
 from plop.physics.scenes.varied_motion import VariationRanges
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
@@ -104,7 +105,7 @@ def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list
     if seen:
         raise PlopError(
             "The engine was fitted to episodes that are for testing.",
-            where=engine / "model.json",
+            where=Model(engine).facts,
             expected="an engine fitted to training episodes only",
             found=", ".join(seen),
             fix="Fit one to them: `plop identify --split train --name clean`, then `plop train --engine clean`.",
@@ -144,7 +145,7 @@ def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, abou
     if out.is_done(piece):
         return
     kept = lessons.without(left_out)
-    folder = out.path / FOLDS / str(k)
+    folder = Model(out.path).folds / str(k)
     folder.mkdir(parents=True, exist_ok=True)
 
     def progress(done: float, total: float, label: str = "", **figures: Any) -> None:
@@ -226,7 +227,7 @@ def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out:
 
 @deterministic()
 def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name: str, out: Output) -> dict[str, float]:
-    splat = init / name / "object.ply"
+    splat = Fits(init).episode(name).object_splat
     if not splat.is_file():
         raise PlopError(
             "An episode has no fitted Gaussians.",
@@ -239,12 +240,12 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name:
     error = track_episode(
         recordings.path(name),
         splat,
-        out.path / "tracks" / f"{name}.h5",
+        Model(out.path).tracks.states(name),
         update,
         lambda done, frames: out.progress(done, frames, f"track {name}"),
         chosen_device(config.device),
     )
-    write_json(out.path / "tracks" / f"{name}.json", error)
+    write_json(Model(out.path).tracks.innovation(name), error)
     return error
 
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 from joblib import effective_n_jobs
@@ -25,6 +26,7 @@ from plop.pipeline.mapping import Piece
 from plop.pipeline.stage import Output
 from plop_cli.app import main
 
+Sent = TypeVar("Sent")
 NAMES = ["a", "b", "c", "d"]
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -99,14 +101,20 @@ def test_a_mapper_may_carry_the_pieces_out_elsewhere_and_twice(tmp_path: Path) -
     def elsewhere(task: Callable[[str], Piece], names: Sequence[str], jobs: int, /) -> Iterator[Piece]:
         seen.append(jobs)
         for name in reversed(names):
-            pickle.loads(pickle.dumps(task))(name)
-            yield pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(task))(name)))
+            _sent(task)(name)
+            yield _sent(_sent(task)(name))
 
     out = Output(tmp_path, mapper=elsewhere)
     found = out.map(NAMES, partial(write, "b"), jobs=3, keep_going=True)
     assert seen == [3] and list(found.values) == ["a", "c", "d"] and list(found.errors) == ["b"]
     with pytest.raises(PlopError, match="It cannot be read"):
         out.map(NAMES, partial(write, "b"))
+
+
+def _sent(thing: Sent) -> Sent:
+    """As another process gets it."""
+    sent: Sent = pickle.loads(pickle.dumps(thing))  # noqa: S301 - of its own making
+    return sent
 
 
 def test_one_job_stays_in_this_process_and_two_do_not(tmp_path: Path) -> None:
