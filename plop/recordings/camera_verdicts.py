@@ -12,6 +12,11 @@ from plop.causes import Cause, Noticed
 BAD = "bad"
 
 
+def are_judged(folder: Path) -> bool:
+    """Tell whether a set of recordings is one of calibrate's."""
+    return Recordings(folder).verdicts.is_file()
+
+
 def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
     """Give the cameras of an episode that are not usable, each with what to do.
 

@@ -12,7 +12,7 @@ from typing import Any
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Diagnosis, Model
 from plop.artifacts.lineage import made_from
-from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.manifest import LOGS, MANIFEST_NAME
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
@@ -130,8 +130,9 @@ def _without(folder: Path, out: Path) -> Summary:
 
 
 def _copied(source: Path, target: Path) -> None:
-    """Copy a model's files; when and where it was made is told by its own artifact, not by this copy."""
-    shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(MANIFEST_NAME, ".*", "*.tmp"))
+    """Copy a model's files; when and where it was made its own artifact tells, not this copy."""
+    left_out = shutil.ignore_patterns(MANIFEST_NAME, *LOGS, ".*", "*.tmp")
+    shutil.copytree(source, target, dirs_exist_ok=True, ignore=left_out)
 
 
 def _check_model(inputs: Inputs) -> None:

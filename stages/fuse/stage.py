@@ -15,7 +15,7 @@ from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.cloud_ply import write_cloud
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
-from plop.recordings.camera_verdicts import bad_cameras, only_bad_cameras
+from plop.recordings.camera_verdicts import are_judged, bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from stages.fuse.episode import EpisodeCloud, fuse_episode
@@ -81,7 +81,9 @@ def _one(recordings: RecordingSet, config: FuseConfig, name: str, out: Output) -
     known = [wrong[name]] if name in wrong else []
     with remembering(known), recordings.open(name) as recording:
         bad = bad_cameras(recordings.folder, name)
-        result: EpisodeCloud = fuse_episode(_usable(recording, config), config, bad)
+        result: EpisodeCloud = fuse_episode(
+            _usable(recording, config), config, bad, judged=are_judged(recordings.folder)
+        )
     write_cloud(Clouds(out.path).cloud(name), result.cloud)
     return asdict(result.facts) | {"warnings": known + result.facts.warnings}
 
