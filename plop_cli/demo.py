@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from plop.artifacts.layouts import Scores
+from plop.artifacts.layouts import ScoreFiles
 from plop.artifacts.store import Store
 from plop.pipeline.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step
 from plop.pipeline.execute import Outcome
@@ -32,9 +32,9 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
     console.table(scores.manifest.summary.get("table", []), title="scores")
     show_times(console, done)
     pictures = say_videos(console, made["rollout"].artifact)
-    for picture in Scores(scores.path).pictures:
+    for picture in ScoreFiles(scores.path).pictures:
         console.say(f"  first, middle and last frame: {shown(picture)}")
-    console.say(f"scores: {shown(Scores(scores.path).report)}, over time: {shown(Scores(scores.path).over_time)}")
+    console.say(f"scores: {shown(ScoreFiles(scores.path).report)}, over time: {shown(ScoreFiles(scores.path).over_time)}")
     seconds = {name: outcome.seconds for name, outcome in done.items()}
     console.result({"scores": scores.manifest.summary, **pictures, "seconds": seconds})
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.layouts import Diagnosis
+from plop.artifacts.layouts import DiagnosisFiles
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.physics.scenes.sealed import open_answer
@@ -46,7 +46,7 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     steps("compare", "--model", "base", "--recordings", "mystery")
     steps("diagnose", "--model", "base", "--recordings", "mystery", "--name", "verdict")
     store = Store(workspace)
-    found = json.loads(Diagnosis(store.find("verdict").path).facts.read_text())
+    found = json.loads(DiagnosisFiles(store.find("verdict").path).facts.read_text())
     console.say(f"\nVERDICT  {found['verdict']['text']}")
     answer = open_answer(store.find("mystery").path)
     console.say(f"ANSWER   {_answer_text(answer)}\n")

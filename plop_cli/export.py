@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from plop.artifacts.atomic_file import in_the_way
-from plop.artifacts.layouts import Clouds, Fits, Model, Recordings, Rollouts, Scores, Tracks
+from plop.artifacts.layouts import Clouds, Fits, Model, Recordings, Rollouts, ScoreFiles, Tracks
 from plop.artifacts.manifest import MANIFEST_NAME
 from plop.artifacts.store import Artifact, Store
 from plop.artifacts.verify import verify
@@ -26,7 +26,7 @@ KINDS: dict[str, tuple[str | Path, ...]] = {
     "recordings": (Recordings(_HERE).episode("*"), Recordings(_HERE).index),
     "states": (_ROLLOUT.states, Tracks(_HERE).states("*")),
     "model": (Model(_HERE).weights, Model(_HERE).facts),
-    "scores": (Scores(_HERE).report, Scores(_HERE).table),
+    "scores": (ScoreFiles(_HERE).report, ScoreFiles(_HERE).table),
     "pictures": ("*.png",),
 }
 """What `--kind` takes: patterns over the payload's relative paths."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from plop.artifacts.layouts import Comparison, Rollouts
+from plop.artifacts.layouts import ComparisonFiles, Rollouts
 from plop.artifacts.store import Artifact, Store
 from plop_cli.console import Console
 
@@ -42,7 +42,7 @@ def worst_picture(comparison: Artifact) -> Path | None:
     """Give the picture of the error on the object in the episode with the largest error; None where there is none."""
     rows = [row for row in comparison.manifest.summary.get("table", []) if row.get("over") == "episode"]
     for row in sorted(rows, key=lambda row: -(row.get("rms_mm") or 0.0)):
-        path = Comparison(comparison.path).on_object(row["where"])
+        path = ComparisonFiles(comparison.path).on_object(row["where"])
         if path.is_file():
             return path
     return None

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.layouts import Scores
+from plop.artifacts.layouts import ScoreFiles
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.pipeline.chain import AFTER_INGEST, Layers, Profile, check_layers, layers_of, read_profile, run_step
@@ -128,7 +128,7 @@ def _picture(environment: str, folder: Path) -> dict[str, Path]:
     """Take the first picture of a part recording, which is the telling one, or the first of all."""
     from plop_cli.results_page import is_part
 
-    found = sorted(Scores(folder).pictures, key=lambda path: (not is_part(path.name), path.name))
+    found = sorted(ScoreFiles(folder).pictures, key=lambda path: (not is_part(path.name), path.name))
     return {environment: found[0]} if found else {}
 
 
@@ -185,6 +185,6 @@ def _one_environment(
         label = f" seed {seed}" if len(profile.seeds) > 1 else ""
         step("train", f"train{label}", seed=seed)
         step("rollout", f"rollout{label}", seed=seed)
-        found.append(Scores(step("eval", f"eval{label}").artifact.path).report)
+        found.append(ScoreFiles(step("eval", f"eval{label}").artifact.path).report)
     show_times(console, done)
     return found

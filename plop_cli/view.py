@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from plop.artifacts.layouts import Clouds, Comparison, Fits, Recordings, Rollouts, Tracks
+from plop.artifacts.layouts import Clouds, ComparisonFiles, Fits, Recordings, Rollouts, Tracks
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
@@ -39,7 +39,7 @@ def view(store: Store, console: Console, address: str, *, episode: str | None, s
     for part, path in (("object", fit.object_splat), ("tool", fit.tool_splat)):
         if path.exists():
             rerun_log.log_splat(rr, path, f"world/{part}")
-    if (field := Comparison(folder).field(name)).exists():
+    if (field := ComparisonFiles(folder).field(name)).exists():
         recording = _recording_of(store, artifact, name)
         if recording is not None:
             rerun_log.log_recording(rr, recording)
@@ -62,5 +62,5 @@ def _episodes(folder: Path) -> list[str]:
     here, each = Path(), "*"
     files = Recordings(here).episode(each), Tracks(here).states(each), Clouds(here).cloud(each)
     folders = Fits(here).episode(each).object_splat, Rollouts(here).episode(each).states
-    names = {path.stem for file in (*files, Comparison(here).field(each)) for path in folder.glob(str(file))}
+    names = {path.stem for file in (*files, ComparisonFiles(here).field(each)) for path in folder.glob(str(file))}
     return sorted(names | {path.parent.name for file in folders for path in folder.glob(str(file))})

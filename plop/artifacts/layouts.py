@@ -194,7 +194,7 @@ class Rollouts(Payload):
         return [Rollout(path.parent) for path in sorted(self.folder.glob("*/images.h5"))]
 
 
-class Scores(Payload):
+class ScoreFiles(Payload):
     """What `eval` writes."""
 
     @property
@@ -226,7 +226,7 @@ class Scores(Payload):
         return sorted(self.folder.glob("pictures/*.png"))
 
 
-class Comparison(Payload):
+class ComparisonFiles(Payload):
     """What `compare` writes."""
 
     @property
@@ -252,7 +252,7 @@ class Comparison(Payload):
         return self.folder / "pictures" / f"{name}_object.png"
 
 
-class Diagnosis(Payload):
+class DiagnosisFiles(Payload):
     """What `diagnose` writes."""
 
     @property

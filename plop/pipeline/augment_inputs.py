@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.layouts import Diagnosis
+from plop.artifacts.layouts import DiagnosisFiles
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.errors import PlopError
@@ -59,6 +59,6 @@ def augment_inputs(
 
 
 def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
-    facts = json.loads(Diagnosis(diagnosis.path).facts.read_text())
+    facts = json.loads(DiagnosisFiles(diagnosis.path).facts.read_text())
     fitted = {row.get("effect") for row in [*facts.get("ranking", []), facts.get("base", {})]}
     return not effect or effect in fitted

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.layouts import Diagnosis
+from plop.artifacts.layouts import DiagnosisFiles
 from plop.artifacts.store import Store
 from plop.diagnosis.verdict import Verdict
 from plop.pipeline.run import run
@@ -22,5 +22,5 @@ def diagnose(store: Store | str | Path, /, **options: Any) -> Verdict:
     Raises:
         PlopError: See `plop.pipeline.run.run`.
     """
-    facts = json.loads(Diagnosis(run("diagnose", store, **options).path).facts.read_text())
+    facts = json.loads(DiagnosisFiles(run("diagnose", store, **options).path).facts.read_text())
     return Verdict(**facts["verdict"])

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_json
-from plop.artifacts.layouts import Diagnosis, Model
+from plop.artifacts.layouts import DiagnosisFiles, Model
 from plop.artifacts.lineage import made_from
 from plop.artifacts.manifest import LOGS, MANIFEST_NAME
 from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
@@ -170,7 +170,7 @@ def _doubts(name: str, diagnosis: dict[str, Any]) -> list[str]:
 def _diagnosis(inputs: Inputs) -> dict[str, Any]:
     if "diagnosis" not in inputs:
         return {}
-    facts: dict[str, Any] = json.loads(Diagnosis(inputs["diagnosis"].path).facts.read_text())
+    facts: dict[str, Any] = json.loads(DiagnosisFiles(inputs["diagnosis"].path).facts.read_text())
     return facts
 
 

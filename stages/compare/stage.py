@@ -13,7 +13,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plop.artifacts.atomic_file import write_json
-from plop.artifacts.layouts import Comparison, Fit, Fits
+from plop.artifacts.layouts import ComparisonFiles, Fit, Fits
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.comparison.bases import predict_episode
 from plop.comparison.camera_errors import camera_rows, camera_table
@@ -81,9 +81,9 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
         out.progress(len(fields), len(episodes), field.name, rms_mm=rms_mm)
     found: dict[str, list[dict[str, Any]]] = tables(fields) | {"camera": camera_table(cameras)}
     facts = _facts(recordings, episodes, fields, found, cameras, left_out)
-    write_json(Comparison(out.path).facts, facts, sort_keys=False)
+    write_json(ComparisonFiles(out.path).facts, facts, sort_keys=False)
     if config.pictures:
-        draw_tables(Comparison(out.path).tables, found)
+        draw_tables(ComparisonFiles(out.path).tables, found)
     return _summary(fields, found, left_out)
 
 
@@ -93,10 +93,10 @@ def _compare(
     """Predict one episode, write its field and pictures; the field, and what the cameras see of it."""
     field = error_field(episode, predict_episode(model, recording, fit.object_splat, episode))
     stored = stored_field(field)
-    write_field(Comparison(folder).field(episode.name), stored)
+    write_field(ComparisonFiles(folder).field(episode.name), stored)
     if config.pictures:
-        draw_over_time(Comparison(folder).over_time(episode.name), stored)
-        draw_on_object(Comparison(folder).on_object(episode.name), stored)
+        draw_over_time(ComparisonFiles(folder).over_time(episode.name), stored)
+        draw_on_object(ComparisonFiles(folder).on_object(episode.name), stored)
     shown = _shown(len(episode.times), config.frames)
     return field, camera_rows(recording, fit.folder, field, shown) if config.frames else []
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
-from plop.artifacts.layouts import Diagnosis, Fits
+from plop.artifacts.layouts import DiagnosisFiles, Fits
 from plop.checked_settings import check_choices, check_jobs
 from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
@@ -107,7 +107,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         "seconds_screen": round(found.screen_s, 1),
         "engine_runs": runs.done,
     }
-    write_json(Diagnosis(out.path).facts, facts, sort_keys=False)
+    write_json(DiagnosisFiles(out.path).facts, facts, sort_keys=False)
     figures = {
         "verdict": found.verdict.kind,
         "named": ", ".join(found.verdict.named) or "-",

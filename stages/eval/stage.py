@@ -8,7 +8,7 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.atomic_file import write_json
-from plop.artifacts.layouts import Fits, Rollouts, Scores
+from plop.artifacts.layouts import Fits, Rollouts, ScoreFiles
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
@@ -62,9 +62,9 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     report = environment_report(rows, recordings.environment, config)
     if isinstance(lpips, Unavailable):
         report["unavailable"]["lpips"] = lpips.reason
-    write_json(Scores(out.path).report, report, sort_keys=False)
-    write_csv(Scores(out.path).table, rows)
-    plot_over_time(Scores(out.path).over_time, rows, recordings.environment)
+    write_json(ScoreFiles(out.path).report, report, sort_keys=False)
+    write_csv(ScoreFiles(out.path).table, rows)
+    plot_over_time(ScoreFiles(out.path).over_time, rows, recordings.environment)
     return _summary(report)
 
 
@@ -81,9 +81,9 @@ def _lpips(config: EvalConfig) -> Lpips | Unavailable:
 def _score(
     recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output
 ) -> list[dict]:
-    paths = EpisodePaths(Fits(init).episode(name), Rollouts(rollouts).episode(name), Scores(out.path).picture(name))
+    paths = EpisodePaths(Fits(init).episode(name), Rollouts(rollouts).episode(name), ScoreFiles(out.path).picture(name))
     scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
-    write_json(Scores(out.path).rows(name), scored, sort_keys=False)
+    write_json(ScoreFiles(out.path).rows(name), scored, sort_keys=False)
     return scored
 
 

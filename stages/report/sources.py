@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.artifacts.layouts import Comparison, Diagnosis, Model
+from plop.artifacts.layouts import ComparisonFiles, DiagnosisFiles, Model
 from plop.artifacts.lineage import made_from
 from plop.comparison.field_file import StoredField, read_field
 from plop.errors import PlopError
@@ -51,7 +51,7 @@ def read_diagnosis(item: Input) -> dict[str, Any]:
         PlopError: It is missing or damaged.
     """
     looked = item.manifest is None or item.manifest.config.get("sensors", True)
-    return read_json(Diagnosis(item.path).facts) | ({} if looked else {"sensors": None})
+    return read_json(DiagnosisFiles(item.path).facts) | ({} if looked else {"sensors": None})
 
 
 def model_key(item: Input) -> str:
@@ -121,11 +121,11 @@ def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -
     found = []
     for number, (label, item) in enumerate(zip(labels, several(inputs, "comparisons"), strict=True)):
         _check_recordings(item, inputs["recordings"], label)
-        facts = read_json(Comparison(item.path).facts)
+        facts = read_json(ComparisonFiles(item.path).facts)
         if facts.get("schema") != 1 or facts.get("environment") != recordings.environment:
             raise PlopError(
                 "A comparison does not fit the recordings.",
-                where=Comparison(item.path).facts,
+                where=ComparisonFiles(item.path).facts,
                 expected=f"schema 1, {recordings.environment}",
                 found=f"schema {facts.get('schema')}, {facts.get('environment')}",
                 fix="Run `plop compare` on these recordings.",
@@ -155,7 +155,7 @@ def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
     Raises:
         PlopError: The models were compared on different points.
     """
-    fields = [read_field(Comparison(item.path).field(name)) for item in several(inputs, "comparisons")]
+    fields = [read_field(ComparisonFiles(item.path).field(name)) for item in several(inputs, "comparisons")]
     for field in fields[1:]:
         same = field.points_m.shape == fields[0].points_m.shape
         if not same or np.abs(field.points_m - fields[0].points_m).max() > 1e-6:
@@ -181,7 +181,7 @@ def fitted_episodes(inputs: Inputs) -> list[str]:
     for item in several(inputs, "diagnoses"):
         known = item.manifest is not None and bool(models)
         if not known or (item.manifest is not None and item.manifest.fingerprint in acted_on):
-            names += read_json(Diagnosis(item.path).facts).get("episodes", [])
+            names += read_json(DiagnosisFiles(item.path).facts).get("episodes", [])
     own = inputs["recordings"].manifest
     for item in several(inputs, "models"):
         if own is not None and item.manifest is not None and "recordings" in item.manifest.inputs:

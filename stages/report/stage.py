@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
-from plop.artifacts.layouts import Report, Scores
+from plop.artifacts.layouts import Report, ScoreFiles
 from plop.checked_settings import check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
@@ -118,7 +118,7 @@ def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, label
     diagnoses.sort(key=lambda pair: labels.index(pair[0]))
     evals = several(inputs, "evals")
     named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
-    scores = [(name, read_json(Scores(item.path).report)) for name, item in zip(named, evals, strict=True)]
+    scores = [(name, read_json(ScoreFiles(item.path).report)) for name, item in zip(named, evals, strict=True)]
     fitted = fitted_episodes(inputs)
     held = [name for name in recordings.test if name not in fitted] if fit_is_known(inputs) else []
     manifest = inputs["recordings"].manifest
