@@ -77,7 +77,7 @@ def train(trained: Artifact, inputs: Mapping[str, Input], kernel: str, folder: P
     if not out.is_done("trained"):
         shutil.copytree(trained.path / "tracks", out.path / "tracks", dirs_exist_ok=True)
         for track in (out.path / "tracks").glob("*.h5"):
-            out.mark_done(f"track-{track.stem}")
+            out.mark_done(f"track-{track.stem}", json.loads(track.with_suffix(".json").read_text()))
         config: dict[str, Any] = {**trained.manifest.config, "kernel": kernel}
         TRAIN.run(inputs, TrainConfig(**config), out)
         out.mark_done("trained")

@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+from plop.artifacts.layouts import ScoreFiles
 from plop.artifacts.store import Store
 from plop.pipeline.chain import chain, check_layers, layers_of, read_profile
 from plop.pipeline.execute import Outcome
@@ -35,9 +36,10 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
     console.table(scores.manifest.summary.get("table", []), title="scores")
     show_times(console, done)
     pictures = say_videos(console, done["rollout"].artifact)
-    for picture in sorted((scores.path / "pictures").glob("*.png")):
+    files = ScoreFiles(scores.path)
+    for picture in files.pictures:
         console.say(f"  first, middle and last frame: {shown(picture)}")
-    console.say(f"scores: {shown(scores.path / 'scores.json')}, over time: {shown(scores.path / 'over_time.png')}")
+    console.say(f"scores: {shown(files.report)}, over time: {shown(files.over_time)}")
     seconds = {name: outcome.seconds for name, outcome in done.items()}
     console.result({"scores": scores.manifest.summary, **pictures, "seconds": seconds})
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.layouts import ScoreFiles
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.pipeline.chain import Layers, Profile, chain, check_layers, layers_of, read_profile
@@ -131,7 +132,7 @@ def _picture(environment: str, folder: Path) -> dict[str, Path]:
     """Take the first picture of a part recording, which is the telling one, or the first of all."""
     from plop_cli.results_page import is_part
 
-    found = sorted(folder.glob("pictures/*.png"), key=lambda path: (not is_part(path.name), path.name))
+    found = sorted(ScoreFiles(folder).pictures, key=lambda path: (not is_part(path.name), path.name))
     return {environment: found[0]} if found else {}
 
 
@@ -184,7 +185,7 @@ def _scored(
             done[name][task] = outcome
             if task in wanted[name] and all(one in done[name] for one in wanted[name]):
                 show_times(console, {_label(one, profile): each for one, each in done[name].items()})
-                yield name, [done[name][one].artifact.path / "scores.json" for one in wanted[name]]
+                yield name, [ScoreFiles(done[name][one].artifact.path).report for one in wanted[name]]
 
 
 def _planned(planner: Planner, data: Path, name: str, profile: Profile, layers: Layers, seed: int) -> dict[str, Task]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit
 from plop.comparison.error_fields import ErrorField
 from plop.comparison.result import CameraRow
 from plop.gaussians.splat_ply import read_splat
@@ -36,7 +37,7 @@ class CarriedScene:
     """
 
     def __init__(self, init: Path, points: np.ndarray, patch: np.ndarray) -> None:
-        self._first, self._tool = read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+        self._first, self._tool = read_splat(Fit(init).object_splat), read_splat(Fit(init).tool_splat)
         self._carrier = Carrier(points, patch, self._first.means.double().numpy())
 
     def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:
@@ -64,7 +65,7 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
     points = field.episode.points
     scene = CarriedScene(init, points[0], field.episode.patch)
     rows = []
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         names = recording.camera_names
         for frame in frames:
             body = transform_points(kabsch(points[0], points[frame]), points[0])

@@ -20,8 +20,10 @@ from plop.artifacts.store import Artifact, Store, check_name
 from plop.artifacts.verify import verify
 from plop.errors import PlopError
 from plop.pipeline.inputs import Resolved, resolve_inputs
+from plop.pipeline.mapping import Mapper
 from plop.pipeline.registry import command_of
 from plop.pipeline.stage import Input, Output, Progress, Stage, Summary, silent
+from plop.recordings.opened_once import opened_once
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ def execute(
     progress: Progress = silent,
     on_wait: Callable[[str], None] | None = None,
     on_start: Callable[[Plan], None] | None = None,
+    mapper: Mapper | None = None,
 ) -> Outcome:
     """Run a stage unless its artifact is already there.
 
@@ -83,6 +86,7 @@ def execute(
         progress: Called as the work goes on.
         on_wait: Called with a process id when another run is making the same artifact.
         on_start: Called with what is going to run, when it is not there already.
+        mapper: Carries out the stage's pieces (`Output.map`), on a cluster say; processes of this machine when None.
 
     Raises:
         PlopError: Bad input, a full disk, or whatever the stage reports.
@@ -105,7 +109,7 @@ def execute(
                 return _already_there(store, there, name)
             if on_start is not None:
                 on_start(planned)
-            return _run(store, planned, name, force, progress)
+            return _run(store, planned, name, force, progress, mapper)
     except (OSError, RuntimeError) as error:
         explained = _explained(error, store)
         if explained is None:
@@ -167,11 +171,13 @@ def _already_there(store: Store, artifact: Artifact, name: str | None) -> Outcom
     return Outcome(artifact, skipped=True, seconds=0.0, name_from=moved)
 
 
-def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: Progress) -> Outcome:
+def _run(
+    store: Store, planned: Plan, name: str | None, force: bool, progress: Progress, mapper: Mapper | None
+) -> Outcome:
     stage = planned.stage
     scratch = store.scratch(stage.name, planned.fingerprint, fresh=force)
     started = time.perf_counter()
-    summary = _summary(store, planned, Output(scratch, progress, store.shared(stage.name)))
+    summary = _summary(store, planned, Output(scratch, progress, store.shared(stage.name), mapper))
     seconds = time.perf_counter() - started
     artifact = store.commit(scratch, _manifest(store, planned, summary, seconds))
     store.record(artifact, seconds)
@@ -192,7 +198,8 @@ def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:
 def _summary(store: Store, planned: Plan, out: Output) -> Summary:
     """Run the stage itself; a run that is refused before it wrote anything leaves nothing to go on with."""
     try:
-        return planned.stage.run(_stage_inputs(planned), planned.config, out)
+        with opened_once():
+            return planned.stage.run(_stage_inputs(planned), planned.config, out)
     except BaseException:
         store.drop_empty(out.path)
         raise

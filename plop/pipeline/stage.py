@@ -6,14 +6,18 @@ where artifacts live, what they are called or who runs it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plop.artifacts.atomic_file import write_text
 from plop.artifacts.manifest import Manifest
 from plop.finite import UNKNOWN, json_ready, readable
+from plop.pipeline.mapping import Mapped, Mapper, Progress, map_pieces, mark_of
 
 if TYPE_CHECKING:
     from plop.artifacts.store import Artifact
@@ -101,9 +105,6 @@ class Input:
 Inputs = Mapping[str, Input]
 """Resolved inputs by name. An optional input that was not given is absent."""
 
-Progress = Callable[..., None]
-"""`progress(done, total, label="", **figures)`: called by a stage as often as it likes."""
-
 
 def silent(done: float, total: float, label: str = "", **figures: Any) -> None:
     """Ignore progress."""
@@ -114,8 +115,8 @@ class Output:
     """Where a stage writes.
 
     The folder is a scratch folder that belongs to this fingerprint alone. After a killed
-    run the same folder comes back with what had been written: a stage keeps every finished
-    piece (`is_done`, `mark_done`) and writes each file under a temporary name first.
+    run the same folder comes back with what had been written: `map` carries out only the pieces
+    that are left. Each file is written under a temporary name first.
     Everything visible in the folder at the end is the payload; hidden entries (`.done`,
     checkpoints in `.checkpoints`) and `*.tmp` files are dropped when the artifact is made.
     """
@@ -125,20 +126,58 @@ class Output:
     cache: Path | None = None
     """Folder that all runs of the stage share, for pieces named by everything that decides them; it may vanish between
     runs. None: pieces stay in the scratch folder."""
+    mapper: Mapper | None = None
+    """Carries out the pieces of `map`; processes of this machine when None."""
 
-    def telling(self, progress: Progress) -> Output:
-        """Give the same place; somebody else is told about progress."""
-        return replace(self, progress=progress)
+    def map(
+        self,
+        pieces: Sequence[str],
+        work: Callable[[str, Output], Any],
+        *,
+        jobs: int = -1,
+        of: str = "",
+        keep_going: bool = False,
+    ) -> Mapped:
+        """Carry out pieces of the work, episodes say, in any order and several at a time; see `map_pieces`.
+
+        Args:
+            pieces: Their names.
+            work: `work(name, out)` carries out one and gives what is to be known of it, in JSON types: this is kept,
+                and a run that goes on after a kill reads it. Progress counts from 0 to `total` of that piece. It can
+                be pickled: a function of a module, perhaps `partial`.
+            jobs: Processes; -1 is one a core, as far as the memory goes.
+            of: What the pieces are, where a stage has several kinds.
+            keep_going: A piece that raises a PlopError does not stop the others.
+
+        Returns:
+            Values and errors by name, in the order of the names.
+
+        Raises:
+            PlopError: The first that a piece raised, unless `keep_going`.
+        """
+        there = replace(self, progress=silent, mapper=None)  # what reports or maps here need not reach another process
+        return map_pieces(
+            partial(_work_on_piece, work, there),
+            pieces,
+            self.path,
+            self.progress,
+            jobs=jobs,
+            mapper=self.mapper,
+            of=of,
+            keep_going=keep_going,
+        )
 
     def is_done(self, piece: str) -> bool:
-        """Tell whether a piece of the work (an episode, say) was finished by an earlier, killed run."""
-        return (self.path / ".done" / piece.replace("/", "_")).exists()
+        """Tell whether a piece of the work was finished by an earlier, killed run."""
+        return mark_of(self.path, piece).exists()
 
-    def mark_done(self, piece: str) -> None:
-        """Record that everything a piece writes is on the disk."""
-        marks = self.path / ".done"
-        marks.mkdir(exist_ok=True)
-        (marks / piece.replace("/", "_")).touch()
+    def mark_done(self, piece: str, value: Any = None) -> None:
+        """Record that everything a piece writes is on the disk, and what is to be known of it (JSON types)."""
+        write_text(mark_of(self.path, piece), json.dumps(value))
+
+
+def _work_on_piece(work: Callable[[str, Output], Any], out: Output, name: str, progress: Progress) -> Any:
+    return work(name, replace(out, progress=progress))
 
 
 @dataclass(frozen=True)

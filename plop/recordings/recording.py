@@ -20,6 +20,7 @@ Images are stored one frame a chunk, so that one frame is read without the rest.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import View
+from plop.recordings.opened_once import of_this_run
 from plop.recordings.recording_checks import check_recording_file
 
 RECORDING_SCHEMA = 1
@@ -50,12 +52,28 @@ class Recording(Hdf5Reader):
 
     noun, schema, maker = "recording", RECORDING_SCHEMA, "Run `plop ingest` for this episode"
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, checked: bool = False, on_close: Callable[[], None] | None = None) -> None:
         self._nodes: dict[tuple[str, str], dict[str, h5py.Dataset]] = {}
+        self._checked, self._on_close = checked, on_close
         super().__init__(path)
 
+    @classmethod
+    def open(cls, path: str | Path) -> Recording:
+        """Open a recording, or give the one that this run has open (`plop.recordings.opened_once`)."""
+        run = of_this_run()
+        return cls(path) if run is None or not Path(path).is_file() else run.lend(Path(path), cls)
+
+    def close(self) -> None:
+        """Close the file, or give it back to the run that keeps it open."""
+        (self._on_close or super().close)()
+
+    def close_file(self) -> None:
+        """Close the file whoever keeps it open."""
+        super().close()
+
     def _check(self) -> None:
-        check_recording_file(self._file, self.path, maker=self.maker)
+        if not self._checked:
+            check_recording_file(self._file, self.path, maker=self.maker)
 
     @property
     def name(self) -> str:

@@ -61,7 +61,7 @@ def episode_images(
     scene = CarriedScene(init, points, patch)
     models: list[dict[str, list[str]]] = [{"predicted": [], "difference": []} for _ in predictions]
     measured = []
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         name = busiest_camera(recording, camera)
         for frame in frames:
             seen = recording.view(name, frame)

@@ -33,7 +33,7 @@ def episode_from_track(
     Raises:
         PlopError: The track is of another recording or another fit, or too few Gaussians lie on the measured surface.
     """
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         start = FirstFrame.of(recording)
         times, poses, mesh = recording.time_s.astype(float), recording.world_from_tool, recording.tool_mesh
         table = recording.table_z_m

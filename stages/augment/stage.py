@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import made_from
-from plop.artifacts.manifest import MANIFEST_NAME
+from plop.artifacts.manifest import LOGS, MANIFEST_NAME
 from plop.artifacts.result_file import SchemaError
 from plop.artifacts.store import Artifact
 from plop.diagnosis.result import Diagnosis
@@ -70,11 +71,11 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
             found="none",
             fix="Run `plop identify` on the recordings it was trained on.",
         )
-    _copied(folder, out.path / "base")
+    _copied(folder, Model(out.path).base.folder)
     if files:
-        (out.path / "effects").mkdir(exist_ok=True)
-        shutil.copy(files[0], out.path / "effects" / Path(files[0]).name)
-        remember(out.path / "effects" / Path(files[0]).name)
+        Model(out.path).effects.mkdir(exist_ok=True)
+        shutil.copy(files[0], Model(out.path).effects / Path(files[0]).name)
+        remember(Model(out.path).effects / Path(files[0]).name)
     base = inputs["model"].manifest
     facts = {
         "schema": MODEL_SCHEMA,
@@ -85,7 +86,7 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
         "training": read_facts(folder).get("training", {}),
         **({} if config.value or diagnosis is None else {"fitted": _fitted_to(inputs["diagnosis"], diagnosis)}),
     }
-    write_json(out.path / "model.json", facts)
+    write_json(Model(out.path).facts, facts)
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
     rows = [{"effect": name, "parameter": key, **p} for key, p in written.items()]
@@ -137,13 +138,14 @@ def _without(folder: Path, out: Path) -> Summary:
             found=str(read_facts(folder).get("kind")),
             fix="Name a model that `plop augment` made; `plop status` lists them.",
         )
-    _copied(folder / "base", out)
+    _copied(Model(folder).base.folder, out)
     return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
 
 
 def _copied(source: Path, target: Path) -> None:
-    """Copy a model's files; when and where it was made is told by its own artifact, not by this copy."""
-    shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(MANIFEST_NAME, ".*", "*.tmp"))
+    """Copy a model's files; when and where it was made its own artifact tells, not this copy."""
+    left_out = shutil.ignore_patterns(MANIFEST_NAME, *LOGS, ".*", "*.tmp")
+    shutil.copytree(source, target, dirs_exist_ok=True, ignore=left_out)
 
 
 def _check_model(inputs: Inputs) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
+from plop.artifacts.layouts import ComparisonFiles, Fit, Fits
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.comparison.bases import predict_episode
 from plop.comparison.camera_errors import camera_rows, camera_table
@@ -68,8 +69,9 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     for folder in ("fields", *(["pictures"] if config.pictures else [])):
         (out.path / folder).mkdir(exist_ok=True)
     fields, cameras = [], []
+    model = inputs["model"].path
     tasks = (
-        delayed(_compare)(inputs["model"].path, recordings.path(e.name), init / e.name, e, config, out.path)
+        delayed(_compare)(model, recordings.path(e.name), Fits(init).episode(e.name), e, config, out.path)
         for e in episodes
     )
     for field, seen in Parallel(n_jobs=config.jobs, return_as="generator")(tasks):
@@ -88,22 +90,22 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     )
     found.write(out.path)
     if config.pictures:
-        draw_tables(out.path / "pictures" / "tables.png", found.tables)
+        draw_tables(ComparisonFiles(out.path).tables, found.tables)
     return _summary(fields, found)
 
 
 def _compare(
-    model: Path, recording: Path, fit: Path, episode: Episode, config: CompareConfig, folder: Path
+    model: Path, recording: Path, fit: Fit, episode: Episode, config: CompareConfig, folder: Path
 ) -> tuple[ErrorField, list[dict[str, Any]]]:
     """Predict one episode, write its field and pictures; the field, and what the cameras see of it."""
-    field = error_field(episode, predict_episode(model, recording, fit / "object.ply", episode))
+    field = error_field(episode, predict_episode(model, recording, fit.object_splat, episode))
     stored = stored_field(field)
-    write_field(folder / "fields" / f"{episode.name}.npz", stored)
+    write_field(ComparisonFiles(folder).field(episode.name), stored)
     if config.pictures:
-        draw_over_time(folder / "pictures" / f"{episode.name}_time.png", stored)
-        draw_on_object(folder / "pictures" / f"{episode.name}_object.png", stored)
+        draw_over_time(ComparisonFiles(folder).over_time(episode.name), stored)
+        draw_on_object(ComparisonFiles(folder).on_object(episode.name), stored)
     shown = _shown(len(episode.times), config.frames)
-    return field, camera_rows(recording, fit, field, shown) if config.frames else []
+    return field, camera_rows(recording, fit.folder, field, shown) if config.frames else []
 
 
 def _check(config: CompareConfig) -> None:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from plop.artifacts.layouts import Fits
 from plop.checked_settings import check_choices, check_jobs
 from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
@@ -175,7 +176,8 @@ def _measured(
 
     def predicted(episode: Episode) -> list[np.ndarray]:
         own = judges.get(episode.name, model)
-        return predictions_of(own, recordings.path(episode.name), init / episode.name / "object.ply", episode)
+        splat = Fits(init).episode(episode.name).object_splat
+        return predictions_of(own, recordings.path(episode.name), splat, episode)
 
     return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
 

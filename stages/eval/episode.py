@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit, Rollout
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -40,10 +41,10 @@ if TYPE_CHECKING:
 class EpisodePaths:
     """Where one episode's parts lie."""
 
-    init: Path
-    """Folder with object.ply and tool.ply."""
-    rollout: Path
-    """Folder with images.h5 and states.h5."""
+    init: Fit
+    """Gaussians at frame 0."""
+    rollout: Rollout
+    """The prediction."""
     picture: Path
     """Picture to write."""
 
@@ -84,9 +85,9 @@ def score_episode(
     jobs: list[tuple[dict, Future[Scores]]] = []
     with ExitStack() as stack:
         recording = stack.enter_context(recordings.open(name))
-        views = stack.enter_context(ViewFile(paths.rollout / "images.h5"))
+        views = stack.enter_context(ViewFile(paths.rollout.images))
         pool = stack.enter_context(ThreadPoolExecutor(config.threads or cpu_count()))
-        material = stack.enter_context(MaterialPoints(recording.path, paths.rollout / "states.h5", use=config.truth))
+        material = stack.enter_context(MaterialPoints(recording.path, paths.rollout.states, use=config.truth))
         _check_match(views, recording)
         check_camera(recording, config.picture_camera)
         frames, times = len(recording), recording.time_s
@@ -108,13 +109,13 @@ def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: Ev
     camera = busiest_camera(recording, config.picture_camera)
     _, tool = _read_init(paths.init)
     frames = sorted({0, len(recording) // 2, len(recording) - 1})
-    path = paths.rollout / "states.h5"
+    path = paths.rollout.states
     with Trajectory(path) if path.is_file() else nullcontext() as states:
         drawn = Comparison(recording, views, states, tool, camera, frames=frames, backend=config.backend)  # type: ignore[arg-type]
         write_png(paths.picture, sheet([drawn.picture(frame) for frame in frames]))
 
 
-def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfig) -> Iterator[Frame]:
+def _frames(recording: Recording, views: ViewFile, init: Fit, config: EvalConfig) -> Iterator[Frame]:
     """Read what was measured and predicted, and render the baselines beside it."""
     start, tool = _read_init(init)
     names, poses = recording.camera_names, recording.world_from_tool
@@ -135,17 +136,17 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
         yield Frame(index, measured, {config.method: [views.view(camera, index) for camera in cameras], **drawn}, pose)
 
 
-def _read_init(init: Path) -> tuple[Gaussians, Gaussians]:
-    for part in ("object.ply", "tool.ply"):
-        if not (init / part).is_file():
+def _read_init(init: Fit) -> tuple[Gaussians, Gaussians]:
+    for path in (init.object_splat, init.tool_splat):
+        if not path.is_file():
             raise PlopError(
                 "An episode has no fitted Gaussians.",
-                where=init / part,
-                expected=f"a fit of {init.name}",
+                where=path,
+                expected=f"a fit of {init.folder.name}",
                 found="no file",
                 fix="Give the `plop fit-init` artifact that the rollout started from.",
             )
-    return read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+    return read_splat(init.object_splat), read_splat(init.tool_splat)
 
 
 def _check_match(views: ViewFile, recording: Recording) -> None:

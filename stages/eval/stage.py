@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -10,12 +9,12 @@ from math import inf
 from pathlib import Path
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Rollouts, ScoreFiles
 from plop.artifacts.store import Artifact
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
 from plop.metrics.scores import Scores
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import BACKENDS
@@ -63,15 +62,13 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
     lpips = _lpips(config)
-    for folder in ("episodes", "pictures"):
-        (out.path / folder).mkdir(parents=True, exist_ok=True)
-    every_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs)
-    rows = [row for name in names for row in json.loads((out.path / "episodes" / f"{name}.json").read_text())]
+    done = out.map(names, partial(_score, recordings, rollouts, init, config), jobs=config.jobs)
+    rows = [row for scored in done.values.values() for row in scored]
     unavailable = {"lpips": lpips.reason} if isinstance(lpips, Unavailable) else {}
     scores = scores_of(rows, recordings.environment, config, unavailable)
     scores.write(out.path)
-    write_csv(out.path / "scores.csv", rows)
-    plot_over_time(out.path / "over_time.png", rows, recordings.environment)
+    write_csv(ScoreFiles(out.path).table, rows)
+    plot_over_time(ScoreFiles(out.path).over_time, rows, recordings.environment)
     return _summary(scores)
 
 
@@ -85,14 +82,17 @@ def _lpips(config: EvalConfig) -> Lpips | Unavailable:
     return load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
 
 
-def _score(recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output) -> None:
-    paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
+def _score(
+    recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output
+) -> list[dict]:
+    paths = EpisodePaths(Fits(init).episode(name), Rollouts(rollouts).episode(name), ScoreFiles(out.path).picture(name))
     scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
-    write_json(out.path / "episodes" / f"{name}.json", scored, sort_keys=False)
+    write_json(ScoreFiles(out.path).rows(name), scored, sort_keys=False)
+    return scored
 
 
 def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
-    found = sorted(folder.parent.name for folder in rollouts.glob("*/images.h5"))
+    found = [rollout.folder.name for rollout in Rollouts(rollouts).all]
     unknown = [name for name in found if name not in recordings.names]
     if unknown:
         raise PlopError(

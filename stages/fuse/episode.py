@@ -25,7 +25,7 @@ from plop.geometry.clouds.registration import Registration, register
 from plop.geometry.clouds.tsdf import fuse_tsdf
 from plop.geometry.view import MaskLabel, View
 from plop.recordings.recording import Recording
-from stages.fuse.usable_views import check_table
+from stages.fuse.usable_views import check_table, unaligned
 
 if TYPE_CHECKING:
     from stages.fuse.stage import FuseConfig
@@ -57,13 +57,16 @@ class EpisodeCloud:
     facts: CloudFacts
 
 
-def fuse_episode(recording: Recording, config: FuseConfig, bad: Mapping[str, str] | None = None) -> EpisodeCloud:
+def fuse_episode(
+    recording: Recording, config: FuseConfig, bad: Mapping[str, str] | None = None, *, judged: bool = True
+) -> EpisodeCloud:
     """Fuse one episode.
 
     Args:
         recording: Open recording.
         config: Settings of the stage.
         bad: Cameras that calibrate calls bad, with the fix; they are left out while another sees the object.
+        judged: Whether calibrate has judged the cameras; where not, a look is taken at how depth lies on colour.
 
     Returns:
         Object cloud in the world frame, metres.
@@ -77,6 +80,7 @@ def fuse_episode(recording: Recording, config: FuseConfig, bad: Mapping[str, str
     with remembering(warnings):
         if not scan:
             views = _without_bad(views, bad or {}, warnings)
+            warnings += [] if judged else unaligned(views)
             check_table(recording, views)
         return _fused(recording, config, scan, views, warnings)
 

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from math import inf, isfinite
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import recordings_content
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA
@@ -111,7 +112,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
             "engine_runs": found.rollouts,
         },
     }
-    write_json(out.path / "model.json", facts)
+    write_json(Model(out.path).facts, facts)
     return _summary(base, found, len(episodes), left_out)
 
 

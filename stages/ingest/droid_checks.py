@@ -178,7 +178,7 @@ def moved_cameras(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
     for name, report in reports.items():
         if report.get("stamp"):
             moment = datetime.strptime(report["stamp"], "%Y-%m-%d-%Hh-%Mm-%Ss")
-            for serial, pose in report.get("poses", {}).items():
+            for serial, pose in sorted(report.get("poses", {}).items()):
                 known.setdefault((report.get("lab", ""), serial), []).append((moment, name, np.asarray(pose)))
     warnings = []
     for (_, serial), seen in known.items():

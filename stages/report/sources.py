@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import ComparisonFiles
 from plop.artifacts.lineage import made_from
 from plop.comparison.field_file import StoredField, read_field
 from plop.comparison.result import Comparison
@@ -158,7 +159,7 @@ def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
     Raises:
         PlopError: The models were compared on different points.
     """
-    fields = [read_field(item.path / "fields" / f"{name}.npz") for item in several(inputs, "comparisons")]
+    fields = [read_field(ComparisonFiles(item.path).field(name)) for item in several(inputs, "comparisons")]
     for field in fields[1:]:
         same = field.points_m.shape == fields[0].points_m.shape
         if not same or np.abs(field.points_m - fields[0].points_m).max() > 1e-6:

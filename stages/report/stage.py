@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.layouts import Report
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.checked_settings import check_ranges
@@ -90,7 +91,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
         episodes.append(_episode(inputs, recordings, name, config))
         out.progress(done + 1, len(shown), name)
     page = report_page(facts, episodes, limit_mm=config.difference_mm)
-    write_text(out.path / "report.html", page)
+    write_text(Report(out.path).page, page)
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 

@@ -174,7 +174,7 @@ def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Ten
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
     if rollout.track.recording_path is None:  # nobody has taken images of what was made up
         return gaussians.means.new_zeros(())
-    with Recording(rollout.track.recording_path) as recording:
+    with Recording.open(rollout.track.recording_path) as recording:
         names = recording.camera_names
         views = measured_views(
             recording, frame, [names[rollout.window.cameras[k] % len(names)]], gaussians.means.device

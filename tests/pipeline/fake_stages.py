@@ -27,19 +27,18 @@ class PiecesConfig:
 def write_pieces(inputs: Inputs, config: PiecesConfig, out: Output) -> Summary:
     """Write one file a piece; keep those that an earlier run finished."""
     text = "".join(path.read_text() for path in sorted(inputs["raw"].path.iterdir()))
-    for piece in range(config.pieces):
-        name = f"piece_{piece}"
-        if not out.is_done(name):
-            with (out.path / "attempts.log.tmp").open("a") as log:
-                log.write(f"{name}\n")
-            draft = out.path / f"{name}.txt.tmp"
-            draft.write_text(text)
-            time.sleep(config.pause_s)
-            draft.write_text(f"{text}{piece + config.seed}\n")
-            os.replace(draft, out.path / f"{name}.txt")
-            out.mark_done(name)
-        out.progress(piece + 1, config.pieces, name)
+    out.map([f"piece_{number}" for number in range(config.pieces)], partial(_write_piece, text, config), jobs=1)
     return Summary(figures={"pieces": config.pieces, "environment": inputs["raw"].path.name})
+
+
+def _write_piece(text: str, config: PiecesConfig, name: str, out: Output) -> None:
+    with (out.path / "attempts.log.tmp").open("a") as log:
+        log.write(f"{name}\n")
+    draft = out.path / f"{name}.txt.tmp"
+    draft.write_text(text)
+    time.sleep(config.pause_s)
+    draft.write_text(f"{text}{int(name.removeprefix('piece_')) + config.seed}\n")
+    os.replace(draft, out.path / f"{name}.txt")
 
 
 @dataclass(frozen=True)

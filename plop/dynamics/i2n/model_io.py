@@ -17,6 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from plop.artifacts.atomic_file import whole, write_json
+from plop.artifacts.layouts import Model
 from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.i2n.network import I2NConfig
 from plop.dynamics.resampling import ResamplingConfig
@@ -34,10 +35,10 @@ def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | 
         training: Facts to keep beside it (JSON types).
     """
     weights = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
-    with whole(folder / "model.safetensors") as scratch:
+    with whole(Model(folder).weights) as scratch:
         save_file(weights, scratch)
     facts = {"schema": MODEL_SCHEMA, "kind": "plop", "config": asdict(model.config), "training": dict(training or {})}
-    write_json(folder / "model.json", facts)
+    write_json(Model(folder).facts, facts)
 
 
 def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
@@ -55,7 +56,7 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
     """
     facts = read_facts(folder)
     model = PlopModel(config_from_dict(facts["config"]))
-    path = folder / "model.safetensors"
+    path = Model(folder).weights
     try:
         model.load_state_dict(load_file(path))
     except (OSError, SafetensorError, RuntimeError) as error:
@@ -71,7 +72,7 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
 
 def read_facts(folder: Path) -> dict[str, Any]:
     """Read model.json and check its schema."""
-    path = folder / "model.json"
+    path = Model(folder).facts
     try:
         facts: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from plop.dynamics.activation import SiLU
 from plop.dynamics.i2n.convolution import DirectConv3d
 from plop.dynamics.i2n.features import OBJECT_FEATURES, TOOL_FEATURES, FeatureSet
 from plop.dynamics.particle_grid.grid import fit_grid
@@ -54,7 +55,7 @@ class ParticleBatch:
 
 
 def _mlp(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(nn.Linear(inputs, hidden), nn.SiLU(), nn.Linear(hidden, outputs))
+    return nn.Sequential(nn.Linear(inputs, hidden), SiLU(), nn.Linear(hidden, outputs))
 
 
 class GridNetwork(nn.Module):
@@ -71,7 +72,7 @@ class GridNetwork(nn.Module):
         self.join1 = DirectConv3d(4 * width, 2 * width, 3, padding=1)
         self.up1 = nn.ConvTranspose3d(2 * width, width, 2, stride=2)
         self.join0 = DirectConv3d(2 * width, width, 3, padding=1)
-        self.act = nn.SiLU()
+        self.act = SiLU()
 
     def forward(self, grid: Tensor) -> Tensor:
         """Map node features to solved node features, [B, inputs, X, Y, Z] -> [B, width, X, Y, Z]."""

@@ -30,7 +30,7 @@ def estimate_sensors(recording: str | Path | Recording) -> list[SensorFinding]:
         PlopError: The recording cannot be read.
     """
     if not isinstance(recording, Recording):
-        with Recording(recording) as opened:
+        with Recording.open(recording) as opened:
             return estimate_sensors(opened)
     tool = tool_track(recording)
     out = []
