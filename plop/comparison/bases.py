@@ -39,7 +39,8 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     if engine is not None:
         effects = effects_of(model_folder)
         run = predict_points(engine, episode, start_particles(engine, episode, effects), effects)
-        return episode.points[0] + run - run[0]  # a settled object stands a little deeper in the grid than it was seen
+        # a settled object stands a little deeper in the grid than it was seen
+        return np.asarray(episode.points[0] + run - run[0])
     model, first = load_model(model_folder), read_splat(splat_path)
     with Recording(recording_path) as recording:
         actions = Actions.of(recording)

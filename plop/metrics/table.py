@@ -138,7 +138,7 @@ def replace_between_markers(page: str, name: str, text: str) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        report = json.loads(path.read_text())
+        report: dict[str, Any] = json.loads(path.read_text())
         if {"methods", "episodes", "conventions"} <= report.keys():
             return report
         found = f"keys {', '.join(report)}"
@@ -164,14 +164,17 @@ def _environment(reports: list[dict[str, Any]], names: list[str]) -> dict[str, A
     return table
 
 
-def _interval(reports: list[dict[str, Any]], names: list[str], method: str, part: str, metric: str) -> dict | None:
+def _interval(
+    reports: list[dict[str, Any]], names: list[str], method: str, part: str, metric: str
+) -> dict[str, Any] | None:
     values = [mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names]
     found = bootstrap_interval(values, seed=reports[0].get("seed", 0))
     return None if found is None else asdict(found)
 
 
 def _score(report: dict[str, Any], name: str, method: str, part: str, metric: str) -> float | None:
-    return report["episodes"].get(name, {}).get(method, {}).get(part, {}).get(metric)
+    score: float | None = report["episodes"].get(name, {}).get(method, {}).get(part, {}).get(metric)
+    return score
 
 
 def _mean_improvement(environments: Mapping[str, Any]) -> dict[str, Any]:

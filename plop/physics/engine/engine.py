@@ -125,7 +125,7 @@ class Engine:
     @property
     def longest_step_s(self) -> float:
         """Longest time step taken [s]."""
-        return self._base_step_s / 2**self.halvings
+        return float(self._base_step_s / 2**self.halvings)
 
     def save(self) -> dict[str, Any]:
         """Copy what `advance` changes."""
