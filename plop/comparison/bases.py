@@ -8,7 +8,7 @@ import numpy as np
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.comparison.gaussian_lineage import followed
+from plop.comparison.gaussian_lineage import follow_gaussians
 from plop.dynamics.episodes import Actions
 from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import at_rest
@@ -45,7 +45,7 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     with Recording(recording_path) as recording:
         actions = Actions.of(recording)
     states = predict(model, at_rest(first, (episode.vertices, episode.faces)), actions.steps(), episode.name, seed=0)
-    return np.stack([followed(first, state.gaussians, episode.points[0]) for state, _ in states])
+    return np.stack([follow_gaussians(first, state.gaussians, episode.points[0]) for state, _ in states])
 
 
 def predictions_of(model_folder: Path, recording_path: Path, splat_path: Path, episode: Episode) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from plop.gaussians.state import Gaussians
 
 
-def followed(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray:
+def follow_gaussians(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray:
     """Move points along with the Gaussians that were around them at the first frame.
 
     Args:

@@ -271,7 +271,7 @@ class Engine:
             self._velocity,
             self._report,
         )
-        self.tracers.carry(self._origin, self._dims, self._inv_dx, step, self._velocity)
+        self.tracers.advect(self._origin, self._dims, self._inv_dx, step, self._velocity)
         self._act("after", dt)
         self.steps += 1
         self._check(dt)
