@@ -14,7 +14,7 @@ from plop.errors import PlopError
 from plop.finite import UNKNOWN
 
 if TYPE_CHECKING:
-    from plop.pipeline.stage import Progress
+    from plop.pipeline.mapping import Progress
 
 LONGEST_UNBROKEN = 18
 """Table cells up to this length are never broken, however narrow the terminal is."""

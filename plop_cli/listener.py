@@ -10,7 +10,7 @@ from plop_cli.outcome import begins
 
 if TYPE_CHECKING:
     from plop.pipeline.execute import Outcome, Plan
-    from plop.pipeline.stage import Progress
+    from plop.pipeline.mapping import Progress
 
 
 class Chained:

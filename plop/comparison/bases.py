@@ -8,7 +8,7 @@ import numpy as np
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.comparison.gaussian_lineage import followed
+from plop.comparison.gaussian_lineage import follow_gaussians
 from plop.dynamics.episodes import Actions
 from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import at_rest
@@ -39,12 +39,13 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     if engine is not None:
         effects = effects_of(model_folder)
         run = predict_points(engine, episode, start_particles(engine, episode, effects), effects)
-        return episode.points[0] + run - run[0]  # a settled object stands a little deeper in the grid than it was seen
+        # a settled object stands a little deeper in the grid than it was seen
+        return np.asarray(episode.points[0] + run - run[0])
     model, first = load_model(model_folder), read_splat(splat_path)
     with Recording.open(recording_path) as recording:
         actions = Actions.of(recording)
     states = predict(model, at_rest(first, (episode.vertices, episode.faces)), actions.steps(), episode.name, seed=0)
-    return np.stack([followed(first, state.gaussians, episode.points[0]) for state, _ in states])
+    return np.stack([follow_gaussians(first, state.gaussians, episode.points[0]) for state, _ in states])
 
 
 def predictions_of(model_folder: Path, recording_path: Path, splat_path: Path, episode: Episode) -> list[np.ndarray]:

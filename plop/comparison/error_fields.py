@@ -65,7 +65,7 @@ class ErrorField:
 
 def rms(values: np.ndarray, axis: int | None = None) -> np.ndarray:
     """Root mean square."""
-    return np.sqrt(np.square(values).mean(axis))
+    return np.asarray(np.sqrt(np.square(values).mean(axis)))
 
 
 def rms_seen(values: np.ndarray, seen: np.ndarray) -> np.ndarray:

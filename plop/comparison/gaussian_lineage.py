@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from plop.gaussians.state import Gaussians
 
 
-def followed(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray:
+def follow_gaussians(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray:
     """Move points along with the Gaussians that were around them at the first frame.
 
     Args:
@@ -29,4 +29,4 @@ def followed(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray
     distance, nearest = cKDTree(start[alive]).query(points, k=min(4, len(alive)))
     distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
     weight = 1 / (distance + 1e-4)
-    return points + (weight[..., None] * moved[nearest]).sum(1) / weight.sum(1)[:, None]
+    return np.asarray(points + (weight[..., None] * moved[nearest]).sum(1) / weight.sum(1)[:, None])

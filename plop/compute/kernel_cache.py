@@ -7,6 +7,7 @@ elsewhere: after an update it would go on with old parts.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ def sources_digest(folder: Path) -> str:
     return total.hexdigest()
 
 
-def watch_sources(dispatcher: Any, *folders: Path) -> Any:
+def watch_sources(dispatcher: Callable[..., Any], *folders: Path) -> Callable[..., Any]:
     """Make a cached kernel's stamp cover every source of its own folder and of `folders`.
 
     A kernel may use what these hold, and nothing from other folders.
@@ -33,8 +34,9 @@ def watch_sources(dispatcher: Any, *folders: Path) -> Any:
     Returns:
         The dispatcher.
     """
-    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    compiled: Any = dispatcher
+    file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if file is not None and hasattr(file, "_source_stamp"):
-        own = Path(dispatcher.py_func.__code__.co_filename).parent
+        own = Path(compiled.py_func.__code__.co_filename).parent
         file._source_stamp = (file._source_stamp, *(sources_digest(f) for f in dict.fromkeys((own, *folders))))
     return dispatcher

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from plop.artifacts.layouts import Fit
-from plop.dynamics.initial_surface import first_surface
+from plop.dynamics.initial_surface import initial_surface
 from plop.dynamics.interface import ToolStep
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -56,7 +56,7 @@ class InitialScene:
             gaussians,
             ToolGeometry.from_mesh(mesh.vertices, mesh.faces).to(device),
             recording.table_z_m,
-            first_surface(recording, gaussians),
+            initial_surface(recording, gaussians),
             tool,
         )
 

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
-from plop.geometry.clouds.unseen_footprint import hidden_below
+from plop.geometry.clouds.unseen_footprint import unseen_footprint
 from plop.geometry.meshes.convex import convex_surface
 from plop.geometry.view import View
 from plop.metrics.clouds import back_project_all
@@ -77,11 +77,11 @@ class FirstFrame:
         """
         rim = None
         if self.table_z_m is not None:
-            rim = hidden_below(places, self.views, self.table_z_m)
+            rim = unseen_footprint(places, self.views, self.table_z_m)
         return convex_surface(places, self.table_z_m, self.points[:: -(-len(self.points) // _ENOUGH)], rim)
 
 
-def first_surface(recording: Recording, gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray] | None:
+def initial_surface(recording: Recording, gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray] | None:
     """Wrap the object that fitted Gaussians and the first frame show; None where too little of it was measured."""
     try:
         frame = FirstFrame.of(recording)

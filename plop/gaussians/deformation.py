@@ -1,4 +1,4 @@
-"""Gaussians that a deforming material carries along."""
+"""Gaussians that move and deform with a material."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.rigid import matrix_to_quat, rotation_vector_from_quat
 
 
-def carried(gaussians: Gaussians, positions: np.ndarray, turned: np.ndarray) -> tuple[Gaussians, Tensor]:
+def deformed(gaussians: Gaussians, positions: np.ndarray, turned: np.ndarray) -> tuple[Gaussians, Tensor]:
     """Move Gaussians to new places and deform their covariances.
 
     Args:

@@ -60,7 +60,7 @@ def readings_of(pose6: np.ndarray) -> Iterator[PoseReading]:
 
 def _rotation(angles: np.ndarray, order: str) -> np.ndarray:
     if order == "vector":
-        return Rotation.from_rotvec(angles).as_matrix()
+        return np.asarray(Rotation.from_rotvec(angles).as_matrix())
     if order == "degrees":
-        return Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
-    return Rotation.from_euler(order, angles).as_matrix()
+        return np.asarray(Rotation.from_euler("xyz", angles, degrees=True).as_matrix())
+    return np.asarray(Rotation.from_euler(order, angles).as_matrix())

@@ -20,7 +20,7 @@ def rigid_error(poses: np.ndarray) -> np.ndarray:
     """
     part = poses[:, :3, :3]
     error = np.abs(part @ np.swapaxes(part, 1, 2) - np.eye(3)).max((1, 2))
-    return np.maximum(error, np.abs(poses[:, 3] - LAST_ROW).max(1))
+    return np.asarray(np.maximum(error, np.abs(poses[:, 3] - LAST_ROW).max(1)))
 
 
 def is_transposed(poses: np.ndarray) -> bool:

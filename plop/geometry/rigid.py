@@ -81,7 +81,7 @@ def transform_points(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
     Returns:
         Moved points, shape [..., 3], metres.
     """
-    return points @ transform[:3, :3].T + transform[:3, 3]
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
 def kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -35,12 +35,12 @@ class View:
     @property
     def object_mask(self) -> np.ndarray:
         """Pixels that show the object, bool, shape [H, W]."""
-        return self.mask == MaskLabel.OBJECT
+        return np.asarray(self.mask == MaskLabel.OBJECT)
 
     @property
     def tool_mask(self) -> np.ndarray:
         """Pixels that show the tool, bool, shape [H, W]."""
-        return self.mask == MaskLabel.TOOL
+        return np.asarray(self.mask == MaskLabel.TOOL)
 
     @property
     def depth_without_tool_m(self) -> np.ndarray:

@@ -55,4 +55,4 @@ def boundary(mask: np.ndarray) -> np.ndarray:
     """Mark pixels that differ from the pixel to the right, below or diagonally below, bool, shape [H, W]."""
     padded = np.pad(mask, ((0, 1), (0, 1)), mode="edge")
     right, below, diagonal = padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
-    return (mask != right) | (mask != below) | (mask != diagonal)
+    return np.asarray((mask != right) | (mask != below) | (mask != diagonal))

@@ -59,7 +59,7 @@ def carry_nodes(nodes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.
     flip = np.ones((len(nodes), 3))
     flip[:, 2] = np.sign(np.linalg.det(left) * np.linalg.det(right))
     rotation = np.einsum("vji,vj,vkj->vik", right, flip, left)
-    return goal + np.einsum("vij,vj->vi", rotation, nodes - middle)
+    return np.asarray(goal + np.einsum("vij,vj->vi", rotation, nodes - middle))
 
 
 def rms_mm(nodes: np.ndarray, true_nodes: np.ndarray) -> float:

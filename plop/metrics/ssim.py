@@ -41,4 +41,4 @@ def _blur(image: np.ndarray) -> np.ndarray:
     offsets = np.arange(WINDOW_PX) - WINDOW_PX // 2
     weights = np.exp(-0.5 * (offsets / _SIGMA_PX) ** 2)
     weights /= weights.sum()
-    return correlate1d(correlate1d(image, weights, axis=0), weights, axis=1)
+    return np.asarray(correlate1d(correlate1d(image, weights, axis=0), weights, axis=1))

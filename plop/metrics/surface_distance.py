@@ -71,7 +71,7 @@ def scale_end_mm(maps: Iterable[np.ndarray], footprint_mm: float) -> float:
 
 
 def _is_depth(depth_m: np.ndarray) -> np.ndarray:
-    return np.isfinite(depth_m) & (depth_m > 0)
+    return np.asarray(np.isfinite(depth_m) & (depth_m > 0))
 
 
 def _points(view: View, rows: np.ndarray, columns: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,4 +96,4 @@ def _cloud(views: Sequence[View]) -> np.ndarray:
 def _ray_lengths(view: View, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Length of rays a metre deep, shape [h, w]."""
     directions = view.camera.directions(*np.meshgrid(columns + 0.5, rows + 0.5))
-    return np.linalg.norm(directions, axis=-1)
+    return np.asarray(np.linalg.norm(directions, axis=-1))

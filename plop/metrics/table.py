@@ -151,7 +151,7 @@ def _environment(reports: list[Scores], names: list[str]) -> dict[str, Any]:
     return table
 
 
-def _interval(reports: list[Scores], names: list[str], method: str, part: str, metric: str) -> dict | None:
+def _interval(reports: list[Scores], names: list[str], method: str, part: str, metric: str) -> dict[str, Any] | None:
     values = [mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names]
     found = bootstrap_interval(values, seed=reports[0].seed)
     return None if found is None else asdict(found)

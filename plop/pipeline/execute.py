@@ -20,9 +20,9 @@ from plop.artifacts.store import Artifact, Store, check_name
 from plop.artifacts.verify import verify
 from plop.errors import PlopError
 from plop.pipeline.inputs import Resolved, resolve_inputs
-from plop.pipeline.mapping import Mapper
+from plop.pipeline.mapping import Mapper, Progress
 from plop.pipeline.registry import command_of
-from plop.pipeline.stage import Input, Output, Progress, Stage, Summary, silent
+from plop.pipeline.stage import Input, Output, Stage, Summary, silent
 from plop.recordings.opened_once import opened_once
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Protocol
 
-from plop.pipeline.stage import Progress, silent
+from plop.pipeline.mapping import Progress
+from plop.pipeline.stage import silent
 
 if TYPE_CHECKING:
     from plop.pipeline.execute import Outcome, Plan

@@ -127,7 +127,7 @@ def processes(jobs: int, pieces: int) -> int:
     """Give the number of processes for so many pieces: -1 is one a core, as far as the memory goes."""
     from joblib import effective_n_jobs
 
-    count = effective_n_jobs(jobs)
+    count: int = effective_n_jobs(jobs)
     free = available_bytes() if jobs < 0 else None
     if free is not None:
         count = min(count, free // PROCESS_BYTES)

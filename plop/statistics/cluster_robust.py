@@ -93,7 +93,7 @@ class Clusters:
         """Degrees of freedom with which each variance is known (Satterthwaite), at least 1, [C]."""
         trace = np.einsum("eecc->c", self.expected)
         squares = np.einsum("efcc,efcc->c", self.expected, self.expected)
-        return np.maximum(trace**2 / np.maximum(squares, 1e-300), 1.0)
+        return np.asarray(np.maximum(trace**2 / np.maximum(squares, 1e-300), 1.0))
 
 
 def steadied(own: np.ndarray, degrees: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ class Carrier:
 
     def places_at(self, points: np.ndarray) -> np.ndarray:
         """Give the carried places when the followed points are at `points` [M, 3] [m]; [V, 3] [m]."""
-        return self.places + self.values(points - self._points)
+        return np.asarray(self.places + self.values(points - self._points))
 
     def values(self, values: np.ndarray) -> np.ndarray:
         """Average values of the followed points, [M, ...] -> [V, ...]."""

@@ -34,4 +34,4 @@ def tool_distance(tool: ToolMotion, frame: int, points: np.ndarray) -> np.ndarra
     shape = ToolShape.from_mesh(tool.vertices, tool.faces, ToolKind.SOLID)
     pose = tool.world_from_tool[frame]
     local = ((points - pose[:3, 3]) @ pose[:3, :3] - shape.center) @ shape.axes
-    return (local @ shape.faces[:, :3].T - shape.faces[:, 3]).max(1)
+    return np.asarray((local @ shape.faces[:, :3].T - shape.faces[:, 3]).max(1))

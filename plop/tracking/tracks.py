@@ -127,4 +127,4 @@ def track_noise_m(paths: np.ndarray) -> float:
     common to neighbouring frames (a filter's lag) is not seen here: the base's misfit covers it.
     """
     rough = paths[2:] - 2 * paths[1:-1] + paths[:-2]
-    return max(float(np.median(np.abs(rough))) * 1.4826 / np.sqrt(6), 2e-5)
+    return float(max(float(np.median(np.abs(rough))) * 1.4826 / np.sqrt(6), 2e-5))

@@ -21,7 +21,7 @@ from plop.geometry.view import View
 from plop.metrics.clouds import back_project_all
 from plop.metrics.frame import FrameOptions, Scores, score_frame
 from plop.metrics.lpips import Lpips, Unavailable
-from plop.pipeline.stage import Progress
+from plop.pipeline.mapping import Progress
 from plop.recordings.busiest_camera import busiest_camera, check_camera
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet

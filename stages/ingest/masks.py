@@ -184,7 +184,7 @@ def refine(
     cv2.setRNGSeed(0)
     models = np.zeros((1, 65)), np.zeros((1, 65))
     picture = cv2.cvtColor(np.ascontiguousarray(rgb[box]), cv2.COLOR_RGB2BGR)
-    cv2.grabCut(picture, part, None, *models, rounds, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
+    cv2.grabCut(picture, part, None, *models, rounds, cv2.GC_INIT_WITH_MASK)
     out = np.zeros_like(solid)
     out[box] = (part == cv2.GC_FGD) | (part == cv2.GC_PR_FGD)
     return out

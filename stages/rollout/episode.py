@@ -12,7 +12,7 @@ import numpy as np
 
 from plop.artifacts.layouts import Fit, Rollout, Rollouts
 from plop.dynamics.episodes import Actions
-from plop.dynamics.initial_surface import first_surface
+from plop.dynamics.initial_surface import initial_surface
 from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
@@ -65,7 +65,7 @@ def roll_out(
             ViewWriter(files.images, name=name, environment=recording.environment, frames=frames) as images,
         ):
             moves = Actions.of(recording, device).steps()
-            initial = at_rest(start, first_surface(recording, start))
+            initial = at_rest(start, initial_surface(recording, start))
             for frame, (state, ms) in enumerate(predict(model, initial, moves, name, config.seed)):
                 states.append("states", frame, state.gaussians, side=state.side)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]

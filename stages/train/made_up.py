@@ -20,7 +20,7 @@ import torch
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Fits, Model
 from plop.dynamics.episodes import Actions
-from plop.dynamics.initial_surface import first_surface
+from plop.dynamics.initial_surface import initial_surface
 from plop.dynamics.interface import at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
@@ -103,7 +103,7 @@ def _make_one_up(
     with recordings.open(episode.recorded) as recording:
         mesh, height = recording.tool_mesh, recording.table_z_m
         recorded = ToolMotion(mesh.vertices, mesh.faces, recording.time_s, recording.world_from_tool)
-        start = at_rest(initial, first_surface(recording, initial))
+        start = at_rest(initial, initial_surface(recording, initial))
     generator = np.random.default_rng([how.seed, episode.number])
     motion = another_motion(recorded, initial.means.double().numpy(), how.ranges, generator)
     poses = torch.as_tensor(motion.world_from_tool, dtype=torch.float32)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from plop.dynamics.initial_surface import LEAST_POINTS, FirstFrame, first_surface
+from plop.dynamics.initial_surface import LEAST_POINTS, FirstFrame, initial_surface
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -38,7 +38,7 @@ def drawn_in(fitted: Gaussians, by_m: float) -> Gaussians:
 @pytest.mark.parametrize("by_m", [0.0, 0.0007])
 def test_gaussians_beside_the_surface_give_it_all_the_same(episode, by_m):
     recording, fitted = episode
-    found = first_surface(recording, drawn_in(fitted, by_m))
+    found = initial_surface(recording, drawn_in(fitted, by_m))
     assert found is not None
     np.testing.assert_allclose(np.ptp(found[0], axis=0), SIZE_M, atol=6e-4)
 
@@ -55,8 +55,8 @@ def test_only_opaque_gaussians_on_the_surface_are_shown(episode):
 
 def test_with_too_little_there_is_no_surface(episode):
     recording, fitted = episode
-    assert first_surface(recording, fitted.select(torch.arange(LEAST_POINTS - 1))) is None
-    assert first_surface(recording, gaussians(np.zeros((60, 3)) + [0.0, 0.0, 0.02])) is None
+    assert initial_surface(recording, fitted.select(torch.arange(LEAST_POINTS - 1))) is None
+    assert initial_surface(recording, gaussians(np.zeros((60, 3)) + [0.0, 0.0, 0.02])) is None
 
 
 def test_gaussians_in_one_plane_enclose_nothing(episode):
@@ -89,4 +89,4 @@ def test_a_frame_that_shows_no_object_is_an_error(episode, monkeypatch):
     monkeypatch.setattr(recording, "view", blind)
     with pytest.raises(PlopError, match="shows no object"):
         FirstFrame.of(recording)
-    assert first_surface(recording, fitted) is None
+    assert initial_surface(recording, fitted) is None

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from plop.geometry.cameras import Camera
-from plop.geometry.clouds.unseen_footprint import hidden_below
+from plop.geometry.clouds.unseen_footprint import unseen_footprint
 from plop.geometry.meshes.convex import convex_surface
 from plop.geometry.view import MaskLabel, View
 from tests.geometry.scene import ring
@@ -62,7 +62,7 @@ def test_what_a_tool_hides_goes_down_to_the_table():
     points, views = box_with_pusher()
     corner = np.array([-0.04, 0.0, 0.0])
     assert np.linalg.norm(points - corner, axis=1).min() > 0.006  # the bar hides the edge
-    rim = hidden_below(points, views, 0.0)
+    rim = unseen_footprint(points, views, 0.0)
     assert (rim[:, 2] == 0).all()
     assert np.linalg.norm(rim - corner, axis=1).min() < 0.002
     assert np.abs(rim[:, 0]).max() < 0.0402 and np.abs(rim[:, 1]).max() < 0.0252
@@ -78,18 +78,18 @@ def test_what_is_seen_to_end_above_the_table_is_not_continued():
     ball = trimesh.creation.icosphere(4, 0.03)
     ball.apply_translation([0, 0, 0.03])
     points, views = seen([ball])
-    rim = hidden_below(points, views, 0.0)
+    rim = unseen_footprint(points, views, 0.0)
     assert np.linalg.norm(points[points[:, 2] < 0.03, :2], axis=1).max() > 0.029
     assert len(rim) == 0 or np.linalg.norm(rim[:, :2], axis=1).max() < 0.02
 
 
 def test_without_cameras_nothing_is_known_to_end():
     points, _ = box_with_pusher()
-    assert len(hidden_below(points, [], 0.0)) == int((points[:, 2] < 0.5 * points[:, 2].max()).sum())
+    assert len(unseen_footprint(points, [], 0.0)) == int((points[:, 2] < 0.5 * points[:, 2].max()).sum())
 
 
 def test_a_place_outside_an_image_or_without_depth_may_be_hidden():
     points, views = box_with_pusher()
     for depth_m in (0.0, np.nan):
         blind = replace(views[0], depth_m=np.full_like(views[0].depth_m, depth_m))
-        assert len(hidden_below(points, [blind], 0.0)) == len(hidden_below(points, [], 0.0))
+        assert len(unseen_footprint(points, [blind], 0.0)) == len(unseen_footprint(points, [], 0.0))

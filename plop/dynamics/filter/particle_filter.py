@@ -16,7 +16,7 @@ from torch import Tensor
 
 from plop.dynamics.episodes import Actions, measured_views
 from plop.dynamics.filter.tool_contact import SolidTool
-from plop.dynamics.initial_surface import first_surface
+from plop.dynamics.initial_surface import initial_surface
 from plop.dynamics.interface import DynamicsModel, ParticleState, at_rest
 from plop.dynamics.losses.physical import Neighbourhood, isometry, local_rotations
 from plop.dynamics.particle_grid.grid import GridBox, fit_grid
@@ -95,7 +95,7 @@ def run_filter(
         Frames 1 to T - 1.
     """
     actions = Actions.of(recording, initial.means.device)
-    state = at_rest(initial, first_surface(recording, initial))
+    state = at_rest(initial, initial_surface(recording, initial))
     pairs = Neighbourhood.of(initial.means)
     length = float((initial.means.amax(0) - initial.means.amin(0)).max())
     for frame in range(1, len(actions)):

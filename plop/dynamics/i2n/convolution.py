@@ -60,4 +60,5 @@ class DirectConv3d(nn.Conv3d):
             return super().forward(input)
         assert not isinstance(self.padding, str)
         form = _ConvForm(self.padding, self.stride, self.dilation, self.groups)
-        return _DirectConvolution.apply(input, self.weight, self.bias, form)
+        result: Tensor = _DirectConvolution.apply(input, self.weight, self.bias, form)
+        return result

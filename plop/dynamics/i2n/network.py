@@ -82,7 +82,8 @@ class GridNetwork(nn.Module):
         coarse = self.act(self.down2(middle))
         coarse = coarse + self.act(self.mid2(coarse))
         middle = self.act(self.join1(torch.cat([middle, self.up2(coarse)], dim=1)))
-        return self.act(self.join0(torch.cat([fine, self.up1(middle)], dim=1)))
+        result: Tensor = self.act(self.join0(torch.cat([fine, self.up1(middle)], dim=1)))
+        return result
 
 
 class I2N(nn.Module):

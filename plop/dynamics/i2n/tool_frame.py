@@ -35,7 +35,7 @@ class StepFrame:
     @property
     def handedness(self) -> Tensor:
         """+1, or -1 for a reflection, under which rotation vectors change sign."""
-        return torch.linalg.det(self.rotation)
+        return torch.det(self.rotation)
 
     def reflected(self, across_x: bool, across_y: bool) -> StepFrame:
         """The mirrored frame, for augmentation."""

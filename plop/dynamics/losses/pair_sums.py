@@ -131,7 +131,8 @@ def rigid_sum(first: Tensor, second: Tensor, weight: Tensor, turns: Tensor, now:
         A scalar, differentiable in turns, now and then.
     """
     if now.device.type == "cpu":
-        return _Summed.apply(_rigid, (first, second, weight), turns, now, then)
+        total: Tensor = _Summed.apply(_rigid, (first, second, weight), turns, now, then)
+        return total
     error = torch.einsum("eji,ej->ei", turns[first], now[second] - now[first]) - (then[second] - then[first])
     return (weight * error.square().sum(-1) + TINY).sqrt().sum()
 
@@ -139,13 +140,15 @@ def rigid_sum(first: Tensor, second: Tensor, weight: Tensor, turns: Tensor, now:
 def alike_sum(first: Tensor, second: Tensor, weight: Tensor, values: Tensor) -> Tensor:
     """Add up sqrt(w |value_j - value_i|^2), values of shape [N, C]; a scalar, differentiable in them."""
     if values.device.type == "cpu":
-        return _Summed.apply(_alike, (first, second, weight), values)
+        total: Tensor = _Summed.apply(_alike, (first, second, weight), values)
+        return total
     return (weight * (values[second] - values[first]).square().sum(-1) + TINY).sqrt().sum()
 
 
 def stretched_sum(first: Tensor, second: Tensor, weight: Tensor, rest_m: Tensor, means: Tensor) -> Tensor:
     """Add up sqrt(w (|mean_j - mean_i| - rest)^2), means of shape [N, 3]; a scalar, differentiable in them."""
     if means.device.type == "cpu":
-        return _Summed.apply(_stretched, (first, second, weight, rest_m), means)
+        total: Tensor = _Summed.apply(_stretched, (first, second, weight, rest_m), means)
+        return total
     length = ((means[second] - means[first]).square().sum(-1) + TINY).sqrt()
     return (weight * (length - rest_m).square() + TINY).sqrt().sum()

@@ -145,7 +145,8 @@ def g2p(features: Tensor, stencil: Stencil) -> Tensor:
     Returns:
         Particle features, shape [N, C]; differentiable with respect to features and positions.
     """
-    return _Gather.apply(features, stencil.weights, stencil.nodes)
+    gathered: Tensor = _Gather.apply(features, stencil.weights, stencil.nodes)
+    return gathered
 
 
 def p2g_sums(values: Tensor, stencil: Stencil) -> tuple[Tensor, Tensor]:

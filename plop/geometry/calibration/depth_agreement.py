@@ -36,7 +36,7 @@ class DepthView:
         grid[use] = self.camera.back_project(self.depth_m)
         down, right = np.gradient(grid, axis=0), np.gradient(grid, axis=1)
         normals = np.cross(down, right)[use & self.region]
-        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
+        return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15))
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def pixel_planes(camera: Camera, depth_m: np.ndarray, mask: np.ndarray) -> Pixel
 
 def _pixel_m(camera: Camera, depth_m: np.ndarray) -> np.ndarray:
     """Width of a pixel at some depth [m]."""
-    return np.abs(depth_m) / camera.intrinsics[0, 0]
+    return np.asarray(np.abs(depth_m) / camera.intrinsics[0, 0])
 
 
 def _windows(points: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -80,7 +80,7 @@ def _windows(points: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarra
     size = 2 * _REACH + 1
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return uniform_filter(values, size=(size, size, *[1] * (values.ndim - 2)), mode="constant")
+        return np.asarray(uniform_filter(values, size=(size, size, *[1] * (values.ndim - 2)), mode="constant"))
 
     share = mean(use.astype(np.float64))
     some = np.maximum(share, 1e-9)

@@ -22,7 +22,7 @@ class Plane:
 
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         """Height of points above the plane, [N, 3] -> [N] [m]."""
-        return points @ self.normal - self.offset_m
+        return np.asarray(points @ self.normal - self.offset_m)
 
 
 def find_plane(points: np.ndarray, *, threshold_m: float = 0.004, trials: int = 500, seed: int = 0) -> Plane:

@@ -113,7 +113,7 @@ def fit_normals(points: np.ndarray, toward: np.ndarray, neighbors: int = 12) -> 
     fallback = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-12)
     count = min(neighbors, len(points))
     if count < 3:
-        return fallback
+        return np.asarray(fallback)
     _, index = cKDTree(points).query(points, k=count)
     offsets = points[index] - points[index].mean(1, keepdims=True)
     covariance = np.einsum("nki,nkj->nij", offsets, offsets)
@@ -173,7 +173,7 @@ def surface_distance_m(points: np.ndarray, surface: PointCloud, gate_m: float) -
         return np.zeros(0)
     distance, index = cKDTree(surface.points).query(points, distance_upper_bound=gate_m)
     near = np.isfinite(distance)
-    return ((points[near] - surface.points[index[near]]) * surface.normals[index[near]]).sum(1)
+    return np.asarray(((points[near] - surface.points[index[near]]) * surface.normals[index[near]]).sum(1))
 
 
 def outlier_free(cloud: PointCloud, *, neighbors: int = 16, deviations: float = 3.0) -> np.ndarray:
@@ -194,7 +194,7 @@ def outlier_free(cloud: PointCloud, *, neighbors: int = 16, deviations: float = 
     mean = distance[:, 1:].mean(1)
     middle = np.median(mean)
     spread = max(1.4826 * float(np.median(np.abs(mean - middle))), 0.05 * float(middle))
-    return mean <= middle + deviations * spread
+    return np.asarray(mean <= middle + deviations * spread)
 
 
 def largest_clusters(points: np.ndarray, gap_m: float, *, at_least: float = 0.05) -> np.ndarray:
@@ -217,4 +217,4 @@ def largest_clusters(points: np.ndarray, gap_m: float, *, at_least: float = 0.05
     links = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     _, label = connected_components(links, directed=False)
     size = np.bincount(label)
-    return size[label] >= at_least * size.max()
+    return np.asarray(size[label] >= at_least * size.max())

@@ -170,7 +170,7 @@ def _rim(points: np.ndarray, neighbors: int = 12) -> np.ndarray:
         return np.zeros(len(points), dtype=bool)
     distance, index = cKDTree(points).query(points, k=neighbors + 1)
     lopsided = np.linalg.norm(points[index[:, 1:]].mean(1) - points, axis=1)
-    return lopsided > 0.35 * distance[:, -1]
+    return np.asarray(lopsided > 0.35 * distance[:, -1])
 
 
 def _applied(solver: _Solver, poses: np.ndarray, scales: np.ndarray) -> list[PointCloud]:
@@ -208,7 +208,7 @@ def _step(
         own = slice(index * width, (index + 1) * width)
         scaled[own, :], scaled[:, own], right[own] = 0, 0, 0
         scaled[own, own] = np.eye(width)
-    return np.linalg.solve(scaled, right / size) / size
+    return np.asarray(np.linalg.solve(scaled, right / size) / size)
 
 
 def _update(solver: _Solver, step: np.ndarray, poses: np.ndarray, scales: np.ndarray) -> float:

@@ -18,7 +18,7 @@ _LOWER_PART = 0.5
 """Share of the height in which points may stand above something hidden."""
 
 
-def hidden_below(points: np.ndarray, views: Iterable[View], table_z_m: float) -> np.ndarray:
+def unseen_footprint(points: np.ndarray, views: Iterable[View], table_z_m: float) -> np.ndarray:
     """Continue an object's sides straight down to the table where no camera sees that nothing is there.
 
     What stands in front of an object (a tool, a hand) hides its lower edge; without this, what is wrapped around

@@ -43,7 +43,7 @@ class HandEyeRule:
     max_uncertainty_of_distance: float = 0.02
     """It may be as large relative to the board's mean distance: what large rigs see is farther, and coarser."""
     doubtful_uncertainty_mm: float = 5.0
-    """A larger one is told [mm]."""
+    """A larger one is reported [mm]."""
     longest_on_gripper_m: float = 0.3
     """What sits on the gripper (camera, or board) is taken to be nearer to it than this, or at least nearer than twice
     the distance of the other thing from the base: else both poses are inverted, which is as consistent [m]."""
@@ -101,7 +101,7 @@ class Judgement:
         """Say in one sentence why the answer is not used; empty when it may be.
 
         Args:
-            square_mm: Edge of a square as told, where the board was looked for with it [mm].
+            square_mm: Edge of a square as given, where the board was looked for with it [mm].
         """
         if self.fault is HandEyeFault.SCALE:
             return self.scale_text(square_mm)
@@ -159,12 +159,12 @@ class Judgement:
                         f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): give "
                         "both in metres"
                     )
-        told = square_mm or 30.0
+        given = square_mm or 30.0
         said = f"scale {scale:.3f} ({low:.3f} to {high:.3f})"
         if square_mm:
-            what = f"the board's squares are {told * scale:.1f} mm, not {told:.1f}: {said}"
+            what = f"the board's squares are {given * scale:.1f} mm, not {given:.1f}: {said}"
         else:
-            what = f"the board's size is wrong: {said}; squares told as {told:.0f} mm are {told * scale:.1f} mm"
+            what = f"the board's size is wrong: {said}; squares given as {given:.0f} mm are {given * scale:.1f} mm"
         return what + (
             "; measure the board and give its size, or take the fitted one with --fit-board-scale" if advise else ""
         )

@@ -59,7 +59,7 @@ def _turns(rotations: np.ndarray) -> np.ndarray:
     """Give the turns between all pairs of poses as rotation vectors, shape [P, 3] [rad]."""
     turns = Rotation.from_matrix(rotations)
     first, second = np.triu_indices(len(turns), 1)
-    return (turns[first].inv() * turns[second]).as_rotvec()
+    return np.asarray((turns[first].inv() * turns[second]).as_rotvec())
 
 
 def _check_turning(what: str, vectors: np.ndarray, other: str, others: np.ndarray) -> None:

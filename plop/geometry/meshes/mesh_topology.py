@@ -32,7 +32,7 @@ def welded(places: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def is_collapsed(faces: np.ndarray) -> np.ndarray:
     """Tell which faces have two corners in one, bool, shape [F]."""
-    return (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    return np.asarray((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
 def _lonely(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Faces with a corner that no other face has: every vertex of a closed surface has three."""
     uses = np.bincount(faces[valid].reshape(-1), minlength=faces.max() + 1)
-    return valid & (uses[faces] == 1).any(1)
+    return np.asarray(valid & (uses[faces] == 1).any(1))
 
 
 def _in_place(faces: np.ndarray, collapsed: np.ndarray) -> np.ndarray:

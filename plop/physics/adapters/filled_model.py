@@ -13,7 +13,7 @@ from torch import Tensor
 
 from plop.dynamics.cut import narrowed_at_cut
 from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
-from plop.gaussians.deformation import carried
+from plop.gaussians.deformation import deformed
 from plop.geometry.meshes.convex import convex_surface
 from plop.physics.adapters.filled import EngineBase, filled_particles
 from plop.physics.effects.effect import Effect
@@ -69,7 +69,7 @@ class FilledEngineModel(DynamicsModel):
         own = slice(len(particles) - len(gaussians), None)
         # displacements, not places: a settled object stands a little deeper in the grid than it was seen
         places = gaussians.means.detach().cpu().double().numpy() + (run.positions[-1] - run.positions[0])[own]
-        after, rotation = carried(gaussians, places, run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
+        after, rotation = deformed(gaussians, places, run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
         normal = same_normal(motion, action)
         side = torch.from_numpy(normal * run.sides[-1][own].astype(np.float32)).to(state.side)
         inner = EngineState(run.final, after.means.detach(), after.ids)

@@ -198,7 +198,7 @@ class _Fit:
 
 def _residual(case: Case, material: Material, config: EngineConfig) -> np.ndarray:
     difference = case.predict(material, replace(config, table_z_m=case.table_z_m)) - case.observed
-    return np.nan_to_num(difference, nan=0.0)
+    return np.asarray(np.nan_to_num(difference, nan=0.0))
 
 
 def _cost(residual: list[np.ndarray]) -> float:

@@ -125,7 +125,7 @@ class Engine:
     @property
     def longest_step_s(self) -> float:
         """Longest time step taken [s]."""
-        return self._base_step_s / 2**self.halvings
+        return float(self._base_step_s / 2**self.halvings)
 
     def save(self) -> dict[str, Any]:
         """Copy what `advance` changes."""
@@ -271,7 +271,7 @@ class Engine:
             self._velocity,
             self._report,
         )
-        self.tracers.carry(self._origin, self._dims, self._inv_dx, step, self._velocity)
+        self.tracers.advect(self._origin, self._dims, self._inv_dx, step, self._velocity)
         self._act("after", dt)
         self.steps += 1
         self._check(dt)

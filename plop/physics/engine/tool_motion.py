@@ -86,7 +86,7 @@ def _sign_fixed(axes: np.ndarray) -> np.ndarray:
     signs = np.sign(axes[np.abs(axes).argmax(0), range(3)])
     fixed = axes * signs
     fixed[:, 2] *= np.sign(np.linalg.det(fixed))
-    return fixed
+    return np.asarray(fixed)
 
 
 def _fit_thickness(local: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Points without volume that the material carries along: they feel the grid, and the grid does not feel them."""
+"""Points without volume that move with the material: they feel the grid, and the grid does not feel them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Tracers:
         return len(self.number)
 
     def save(self) -> dict[str, np.ndarray]:
-        """Copy what `carry` and `sort` change."""
+        """Copy what `advect` and `sort` change."""
         return {name: getattr(self, name).copy() for name in _SORTED}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
@@ -60,11 +60,11 @@ class Tracers:
             self.x, self.side, self.cut, self.fixed, self.radius, pose, faces, thickness, band, self._bounds
         )
 
-    def carry(
+    def advect(
         self, origin: np.ndarray, dims: np.ndarray, inv_dx: np.float32, step: np.float32, velocity: np.ndarray
     ) -> None:
-        """Move with the grid, see `plop.physics.engine.kernels.transfer.carry`."""
-        transfer.carry(
+        """Move with the grid, see `plop.physics.engine.kernels.transfer.advect`."""
+        transfer.advect(
             self.x, self.v, self.c, self.f, self.side, self._bounds, origin, dims, inv_dx, step, velocity, self._report
         )
         self.speed_squared = float(self._report.max())

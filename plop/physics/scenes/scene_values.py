@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
 
 from plop.errors import PlopError
 from plop.physics.engine.material import ElasticLaw, Material
@@ -23,6 +23,7 @@ MATERIAL = Material(
     law=ElasticLaw.FIXED_COROTATED,
 )
 """What an object is made of where the scene does not say otherwise."""
+Built = TypeVar("Built")
 _WRITE = "Write the value as docs/stages/simulate.md shows it."
 
 
@@ -47,9 +48,10 @@ def known_keys(table: Mapping[str, Any], owner: type, prefix: str) -> dict[str, 
     return dict(table)
 
 
-def built(owner: Any, values: dict[str, Any], where: str) -> Any:
+def built(owner: type[Built], values: dict[str, Any], where: str) -> Built:
     """Build a dataclass; a value of the wrong kind becomes an error for people."""
-    for entry in fields(owner):
+    kind: Any = owner
+    for entry in fields(kind):
         value = values.get(entry.name, 0)
         if entry.type in ("int", "float") and (isinstance(value, bool) or not isinstance(value, (int, float))):
             raise PlopError(

@@ -164,14 +164,14 @@ def _ball_of_cube(cube: np.ndarray) -> np.ndarray:
         ],
         1,
     )
-    return cube * np.sqrt(scale)
+    return np.asarray(cube * np.sqrt(scale))
 
 
 def _shifted(ball: np.ndarray, shift: float) -> np.ndarray:
     """Move the plane x = 0 of the unit ball to x = shift; ball to ball, planes to planes."""
     moved = ball * np.r_[1.0, np.full(ball.shape[1] - 1, np.sqrt(1 - shift**2))]
     moved[:, 0] += shift
-    return moved / (1 + shift * ball[:, :1])
+    return np.asarray(moved / (1 + shift * ball[:, :1]))
 
 
 def _body(grids: list[Lattice], points: list[np.ndarray], sides: list[int]) -> Body:

@@ -101,7 +101,7 @@ def enlarged_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     if thin.any():
         inside = np.where(thin, np.maximum(inside, _depth_inside(mask, _THIN_PX)), inside)
     # A ramp of one pixel of what people see.
-    return np.clip(resized(inside, size) * max(size[0] / mask.shape[0], 1.0) + 0.5, 0, 1)
+    return np.asarray(np.clip(resized(inside, size) * max(size[0] / mask.shape[0], 1.0) + 0.5, 0, 1))
 
 
 def enlarged(values: np.ndarray, known: np.ndarray, size: tuple[int, int], *, smooth_px: float) -> np.ndarray:
@@ -122,18 +122,18 @@ def enlarged(values: np.ndarray, known: np.ndarray, size: tuple[int, int], *, sm
     filled = cv2.GaussianBlur(
         values[tuple(nearest)].astype(np.float32), (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE
     )
-    return np.clip(resized(filled, size), filled.min(), filled.max())
+    return np.asarray(np.clip(resized(filled, size), filled.min(), filled.max()))
 
 
 def laid_over(picture: np.ndarray, upper: np.ndarray, cover: np.ndarray) -> np.ndarray:
     """Lay a colour or a picture [H, W, 3] over another, where and as far as `cover` [H, W], 0..1, says."""
-    return picture + cover[..., None] * (upper - picture)
+    return np.asarray(picture + cover[..., None] * (upper - picture))
 
 
 def resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Bring an image, float32 [h, w] or [h, w, C], to a size (height, width), smoothly."""
     smaller = size[0] < image.shape[0]
-    return cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC)
+    return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
 
 
 def _depth_inside(mask: np.ndarray, smooth_px: float) -> np.ndarray:
@@ -143,7 +143,7 @@ def _depth_inside(mask: np.ndarray, smooth_px: float) -> np.ndarray:
     )
     # Pixel centres lie half a pixel from the outline that runs between them.
     signed = np.clip(np.where(mask, inside - 0.5, 0.5 - outside), -3, 3).astype(np.float32)
-    return cv2.GaussianBlur(signed, (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.GaussianBlur(signed, (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE))
 
 
 def _box(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

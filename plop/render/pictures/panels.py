@@ -68,7 +68,7 @@ class Layout:
 def distance_colours(distance_mm: np.ndarray, end_mm: float) -> np.ndarray:
     """Give the colours of distances, shape [...] -> uint8 [..., 3]; what lies beyond the end has its colour."""
     shares = np.clip(np.nan_to_num(distance_mm) / end_mm, 0, 1)
-    return _colour_table()[np.round(255 * shares).astype(np.uint8)]
+    return np.asarray(_colour_table()[np.round(255 * shares).astype(np.uint8)])
 
 
 def write_png(path: Path, picture: np.ndarray) -> None:

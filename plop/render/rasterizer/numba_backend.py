@@ -138,7 +138,7 @@ def _list_splats(arrays: list[np.ndarray], views: np.ndarray, width: int, height
 
 def _starts(counts: np.ndarray) -> np.ndarray:
     """Give the sum of all counts before each, in row-major order, same shape."""
-    return (np.cumsum(counts.ravel()) - counts.ravel()).reshape(counts.shape)
+    return np.asarray((np.cumsum(counts.ravel()) - counts.ravel()).reshape(counts.shape))
 
 
 class _Rasterize(torch.autograd.Function):
@@ -148,7 +148,7 @@ class _Rasterize(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(  # type: ignore[override]
+    def forward(
         ctx: Any,
         means: Tensor,
         quats: Tensor,
@@ -173,7 +173,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
         """Bring the gradient of the images back to the Gaussians."""
         fields = [field.detach().numpy() for field in ctx.saved_tensors]
         means, quats, scales, _, sh = fields

@@ -62,7 +62,7 @@ def _drawn_by_depth(depths, boxes):  # type: ignore[no-untyped-def]
         if boxes[g, 1] > 0:
             order[count] = g
             bits = np.float64(depths[g]).view(np.int64) - nearest
-            keys[count] = min(max(bits, 0) >> 13, 2**44 - 1)
+            keys[count] = min(max(bits, 0) >> 13, 2**44 - 1)  # type: ignore[operator]
             count += 1
     order, keys = order[:count], keys[:count]
     other_order, other_keys = np.empty_like(order), np.empty_like(keys)

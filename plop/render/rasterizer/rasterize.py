@@ -154,7 +154,7 @@ def _check_finite(name: str, values: Tensor) -> None:
 
 def _array(gaussians: Gaussians, name: str) -> np.ndarray | Tensor:
     """Give a field without gradient; on the CPU as numpy, whose sums of a few thousand numbers need no threads."""
-    values = getattr(gaussians, name).detach()
+    values: Tensor = getattr(gaussians, name).detach()
     return values.numpy() if values.device.type == "cpu" else values
 
 

@@ -99,4 +99,4 @@ class SolidTexture:
         points = np.asarray(rest_points, np.float32)
         pattern = np.sin(points @ self.waves.T + self.phases) @ self.weights
         base = np.where(is_inside[:, None], self.inside, self.outside)
-        return np.clip(base + pattern, 0.02, 0.98)
+        return np.asarray(np.clip(base + pattern, 0.02, 0.98))

@@ -264,13 +264,13 @@ class _Search:
 
     def _best(self, moves: np.ndarray, *more: list[float]) -> np.ndarray:
         moves = np.concatenate([moves, np.array(more).reshape(-1, 3)])
-        return moves[int(np.argmax(self._values(moves)))]
+        return np.asarray(moves[int(np.argmax(self._values(moves)))])
 
     def _values(self, moves: np.ndarray, every: int = 1) -> np.ndarray:
         """Mean scores of moves; of equals, the smallest move is the best."""
         values = np.concatenate([_means(self.scores(moves[i : i + 500], every)) for i in range(0, len(moves), 500)])
         small = 1e-3 * np.abs(moves[:, :2]).sum(1) / self.width + 1e-3 * np.abs(moves[:, 2] - 1)
-        return np.where(np.isfinite(values), values, -1) - small
+        return np.asarray(np.where(np.isfinite(values), values, -1) - small)
 
     def _surer(self, none: np.ndarray, other: np.ndarray) -> float:
         """Mean gain of a move over another, in standard errors over the pieces."""
@@ -297,7 +297,9 @@ def _means(scores: np.ndarray) -> np.ndarray:
 
 def _sample(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     # rows of a map are limited by OpenCV to 32767, and so is the height of the image that it reads
-    return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"))
+    return np.asarray(
+        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"))
+    )
 
 
 def _pieces(points: np.ndarray) -> np.ndarray:

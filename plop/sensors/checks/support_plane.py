@@ -222,7 +222,7 @@ def _bend(rays: np.ndarray, depth: np.ndarray, pieces: np.ndarray) -> Bend:
 
 def _linear(rays: np.ndarray, depth: np.ndarray) -> np.ndarray:
     weight = depth**2
-    return np.linalg.lstsq(rays * weight[:, None], depth, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(rays * weight[:, None], depth, rcond=None)[0])
 
 
 def _extended(

@@ -117,4 +117,4 @@ def _covariance(information: np.ndarray, scores: np.ndarray, systematic: np.ndar
     sizes, axes = np.linalg.eigh(root @ meat @ root.T)
     shared = root @ systematic.T
     wide = (axes * np.maximum(sizes, 1.0)) @ axes.T + shared @ shared.T
-    return root.T @ wide @ root
+    return np.asarray(root.T @ wide @ root)

@@ -223,20 +223,20 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
 
 def _heights(camera: Camera, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray) -> np.ndarray:
     points = camera.directions(columns + 0.5, rows + 0.5) * depth[:, None]
-    return points @ camera.world_from_cam[2, :3] + camera.world_from_cam[2, 3]
+    return np.asarray(points @ camera.world_from_cam[2, :3] + camera.world_from_cam[2, 3])
 
 
 def _blur(image: np.ndarray, blur_px: float) -> np.ndarray:
-    return cv2.GaussianBlur(image, (0, 0), blur_px, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px, borderType=cv2.BORDER_REPLICATE))
 
 
 def _disc(reach: int) -> np.ndarray:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1)))
 
 
 def _few(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Choose about MOST_PIXELS pixels, always the same ones as far as they are there: so that a fit settles."""
-    return _lots(camera.height, camera.width)[rows, columns] * len(rows) <= MOST_PIXELS
+    return np.asarray(_lots(camera.height, camera.width)[rows, columns] * len(rows) <= MOST_PIXELS)
 
 
 @cache

@@ -28,4 +28,4 @@ class DepthBias(Fault):
     @staticmethod
     def _add(depth_m: np.ndarray, offset_m: float) -> np.ndarray:
         moved = depth_m + depth_m.dtype.type(offset_m)
-        return np.where((depth_m > 0) & (moved > 0), moved, depth_m.dtype.type(0))
+        return np.asarray(np.where((depth_m > 0) & (moved > 0), moved, depth_m.dtype.type(0)))

@@ -135,7 +135,7 @@ def _parse(text: str) -> tuple[type[Fault], str, float, str]:
     try:
         value = float(number)
     except ValueError:
-        value = None  # type: ignore[assignment]
+        value = None
     if not equals or value is None:
         raise PlopError(
             "A sensor fault cannot be read.",

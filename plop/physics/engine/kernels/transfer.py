@@ -312,7 +312,7 @@ def gather_filled(velocity, v, c, p, q, corner, plane, row, fx, fy, fz, dx):
 
 
 @kernel(parallel=True)
-def carry(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
+def advect(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
     """Move tracers with the material around them: `g2p` for particles that have not scattered themselves.
 
     A node that holds no material of the tracer's side moves as the tracer did in the step before, as if

@@ -173,7 +173,7 @@ class ZedDepth:
     needs_right = False
 
     def __init__(self, svo: Path) -> None:
-        import pyzed.sl as sl  # type: ignore[import-not-found]
+        import pyzed.sl as sl
 
         self.sl, self.camera, self.position = sl, sl.Camera(), -1
         options = sl.InitParameters(svo_real_time_mode=False, coordinate_units=sl.UNIT.METER)

@@ -82,7 +82,7 @@ def _check_filters(data: h5py.Dataset, where: str) -> None:
     used = [created.get_filter(index) for index in range(created.get_nfilters())]
     missing = [used_ for used_ in used if not h5py.h5z.filter_avail(used_[0])]
     if missing and find_spec("hdf5plugin") is not None:
-        import hdf5plugin  # type: ignore[import-not-found]  # noqa: F401  registers its filters
+        import hdf5plugin  # noqa: F401  registers its filters
 
         missing = [used_ for used_ in missing if not h5py.h5z.filter_avail(used_[0])]
     if missing and not _readable(data):
