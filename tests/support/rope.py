@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.gaussians.ply_vertices import read_vertices
 from plop.geometry.cameras import Camera
+from plop.geometry.ply import read_vertices
 from plop.recordings.recording import MaskLabel, View
 from stages.fit_init.shell import Surface
 
