@@ -13,7 +13,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from benchmarks.missing_physics.cameras import ROUGH, Cameras
 from benchmarks.missing_physics.compare import compared
@@ -80,7 +82,7 @@ def score(options: argparse.Namespace) -> None:
 
 def tables(options: argparse.Namespace) -> None:
     """Print the tables."""
-    found = {name: json.loads(result_of(name, options.results).read_text()) for name in PLANS}
+    found = {name: read(result_of(name, options.results)) for name in PLANS}
     cameras, points = found["cameras"], found["points"]
     fresh = points["sets_after_rules_were_fixed"]
     columns = {"through cameras": cameras["sets"], "followed points": points["sets"], "after the rules": fresh}
@@ -91,8 +93,24 @@ def tables(options: argparse.Namespace) -> None:
 
 def compare(options: argparse.Namespace) -> None:
     """Print the runs of two result files side by side."""
-    before, after = (list(stored_rows(path).values()) for path in (options.before, options.after))
+    before, after = (map(Row.from_json, read(path)["runs"]) for path in (options.before, options.after))
     sys.stdout.write(compared(before, after) + "\n")
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a result file.
+
+    Raises:
+        PlopError: It is not there, or not one.
+    """
+    try:
+        found = json.loads(path.read_text())
+        if isinstance(found, dict) and "runs" in found:
+            return found
+        reason = "no runs"
+    except (OSError, ValueError) as error:
+        reason = str(error)
+    raise PlopError("This is not a result with runs.", where=path, found=reason, fix=f"{COMMAND} run, and score")
 
 
 def parsed(words: list[str] | None = None) -> argparse.Namespace:
@@ -100,9 +118,8 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog=COMMAND, description=__doc__)
     commands = parser.add_subparsers(required=True)
 
-    def command(work: object, **more: str) -> argparse.ArgumentParser:
-        name = getattr(work, "__name__")  # noqa: B009
-        found = commands.add_parser(name, help=getattr(work, "__doc__"), **more)  # noqa: B009
+    def command(work: Callable[[argparse.Namespace], None]) -> argparse.ArgumentParser:
+        found = commands.add_parser(work.__name__, help=work.__doc__)
         found.set_defaults(command=work)
         found.add_argument("--work", type=Path, default=Path("artifacts"), help="where the folders of runs are")
         found.add_argument("--results", type=Path, default=RESULTS, help="folder of the result files")

@@ -37,7 +37,8 @@ class Cameras(Typed):
     def __init__(self, work: Path, plan: Sequence[Run] | None = None, recorded: tuple[str, ...] = ()) -> None:
         """Choose the workspace, the plan, and how recordings are made besides, as typed after `simulate`."""
         super().__init__(work, (importlib.resources.files("plop.pipeline") / "profiles" / PROFILE).read_text())
-        self.work, self.plan, self.recorded = work, cameras_plan() if plan is None else plan, recorded
+        self.work, self.recorded = work, recorded
+        self.plan: Sequence[Run] = cameras_plan() if plan is None else plan
 
     def prepare(self) -> None:
         """Film recordings in which nothing is hidden and fit the engine to them."""

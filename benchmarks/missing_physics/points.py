@@ -62,7 +62,8 @@ class Points:
 
     def __init__(self, work: Path, *, particles: int = PARTICLES, jobs: int = -1) -> None:
         """Choose where runs are kept, the particles of the diagnosing engine, and the number of processes."""
-        self.work, self.particles, self.jobs, self.plan = work, particles, jobs, points_plan()
+        self.work, self.particles, self.jobs = work, particles, jobs
+        self.plan: Sequence[Run] = points_plan()
 
     def prepare(self) -> None:
         """Fit the engine.
@@ -134,7 +135,7 @@ class Points:
             rms_mm=1000 * rms,
             baselines=methods,
             response=response,
-            next_verdict=later and later.verdict.kind,
+            next_verdict=later.verdict.kind if later else None,
             next_named=(later.verdict.named if later else []) if run.group is Group.PAIR else None,
             **judged(facts, told),
         )

@@ -7,6 +7,7 @@ with the version that gave it.
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +19,7 @@ from benchmarks.missing_physics.plan import Run
 from benchmarks.missing_physics.row import Group, Row
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.lock import locked
+from plop.errors import PlopError
 from stages.diagnose.stage import STAGE
 
 
@@ -65,7 +67,10 @@ def is_judged(name: str, folder: Path, stored: Mapping[str, Row]) -> bool:
 
 def shared(runs: Sequence[Run], share: str) -> list[Run]:
     """Give what the K-th of N processes takes: every N-th, for the share "K/N"."""
-    number, of = map(int, share.split("/"))
+    match = re.fullmatch(r"(\d+)/(\d+)", share)
+    number, of = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= number <= of:
+        raise PlopError("This is no share of the runs.", where="--share", expected="K/N, K from 1 to N", found=share)
     return list(runs[number - 1 :: of])
 
 

@@ -96,7 +96,8 @@ def verdict_rates(rows: Iterable[Row]) -> dict[str, Any]:
             "both": _rate(pairs, lambda r: {*r.hidden} <= {*r.named}),
             "one": _rate(pairs, lambda r: r.some_is_hidden),
             "both_in_turn": _rate(
-                [r for r in pairs if r.next_named is not None], lambda r: {*r.hidden} <= {*r.named, *r.next_named}
+                [r for r in pairs if r.next_named is not None],
+                lambda r: {*r.hidden} <= {*r.named, *(r.next_named or ())},
             ),
         },
         "decoys": {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from benchmarks.missing_physics.row import Group, Row
 from benchmarks.missing_physics.runner import go_on, is_judged, newest_rows, shared, stored_rows
 from benchmarks.missing_physics.score import Goal, confusion, other_rates, overview, verdict_rates, wilson
 from benchmarks.missing_physics.tables import rates_table, runs_table
+from plop.errors import PlopError
 from stages.diagnose.stage import STAGE
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
@@ -174,33 +174,41 @@ def test_a_folder_s_row_goes_before_the_stored_one_and_another_version_s_is_made
 def test_processes_share_the_plan_without_overlap():
     plan = points_plan()
     assert sorted(shared(plan, "1/2") + shared(plan, "2/2"), key=plan.index) == plan
+    for share in ("0/2", "3/2", "2", "a/b"):
+        with pytest.raises(PlopError, match="no share"):
+            shared(plan, share)
 
 
 class Noted:
-    """A benchmark that takes a while and notes what it was asked for."""
+    """A benchmark that notes what it was asked for, and may be stopped in a run."""
 
-    def __init__(self, work: Path, seconds: float = 0.0) -> None:
-        self.work, self.plan, self.seconds = work, points_plan()[:4], seconds
+    def __init__(self, work: Path, stopped_in: str = "") -> None:
+        self.work, self.plan, self.stopped_in = work, points_plan()[:4], stopped_in
         self.made: list[tuple[str, dict | None]] = []
 
     def prepare(self) -> None:
         (self.work / "prepared").touch()
 
     def carry_out(self, run, earlier):
-        time.sleep(self.seconds)
+        if run.name == self.stopped_in:
+            raise KeyboardInterrupt
         self.made.append((run.name, earlier and earlier.hidden))
         return Row(run.name, run.group, run.seed, {}, 1.0, "NOTHING DETECTABLE")
 
 
-def test_a_stopped_benchmark_goes_on(tmp_path: Path, capsys):
-    benchmark = Noted(tmp_path, seconds=0.2)
-    names = [run.name for run in benchmark.plan]
-    go_on(benchmark, benchmark.plan, {}, minutes=0.3 / 60)
-    assert [name for name, _ in benchmark.made] == names[:2] and (tmp_path / "prepared").is_file()
-    go_on(benchmark, benchmark.plan, {}, minutes=1)
-    assert [name for name, _ in benchmark.made] == names, "none twice"
+def test_a_stopped_benchmark_goes_on(tmp_path: Path):
+    names = [run.name for run in points_plan()[:4]]
+    stopped = Noted(tmp_path, stopped_in=names[2])
+    with pytest.raises(KeyboardInterrupt):
+        go_on(stopped, stopped.plan, {}, minutes=10)
+    assert [name for name, _ in stopped.made] == names[:2] and (tmp_path / "prepared").is_file()
+    going_on = Noted(tmp_path)
+    go_on(going_on, going_on.plan, {}, minutes=0)
+    assert going_on.made == [], "its time is over"
+    go_on(going_on, going_on.plan, {}, minutes=10)
+    assert [name for name, _ in going_on.made] == names[2:], "none twice"
     kept = newest_rows(names, tmp_path / "rows", {})
-    assert [each.judged_by for each in kept] == [STAGE.version] * 4 and all(each.seconds for each in kept)
+    assert [each.judged_by for each in kept] == [STAGE.version] * 4 and all(each.seconds is not None for each in kept)
 
 
 def test_what_an_earlier_version_hid_is_handed_on_and_what_was_unreachable_is_not_tried(tmp_path: Path):
@@ -211,7 +219,7 @@ def test_what_an_earlier_version_hid_is_handed_on_and_what_was_unreachable_is_no
         second: row(second, set="unreachable"),
         third: row(third, set="single", judged_by=STAGE.version),
     }
-    go_on(benchmark, benchmark.plan, stored, minutes=1)
+    go_on(benchmark, benchmark.plan, stored, minutes=10)
     assert benchmark.made == [(first, TILT), (fourth, None)]
 
 
@@ -219,6 +227,15 @@ def test_a_run_that_no_plan_holds_is_explained(tmp_path: Path, monkeypatch, caps
     monkeypatch.setattr("sys.argv", ["-", "run", "points", "--only", "snr5-tilt", "--work", str(tmp_path)])
     assert command.main() == 1
     assert "The plan has no such run." in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_a_file_without_runs_is_explained(tmp_path: Path, monkeypatch, capsys):
+    (tmp_path / "a.json").write_text("{}")
+    for name, found in (("a.json", "no runs"), ("b.json", "No such file")):
+        monkeypatch.setattr("sys.argv", ["-", "compare", str(tmp_path / name), str(tmp_path / "a.json")])
+        assert command.main() == 1
+        said = capsys.readouterr().err
+        assert "not a result" in said and found in said
 
 
 def test_stored_rows_of_no_file_are_none(tmp_path: Path):
