@@ -165,6 +165,8 @@ if __name__ == "__main__":
     parser.add_argument("names", nargs="*", metavar="NAME", help="these effects only")
     parser.add_argument("--tables", action="store_true", help="measure nothing; print the tables of docs/effects.md")
     options = parser.parse_args()
+    if unknown := {*options.names} - {*library()}:
+        parser.error(f"no effect is called {', '.join(sorted(unknown))}; there are {', '.join(library())}")
     if options.tables:
         figures = json.loads(RESULT.read_text(encoding="utf-8"))
         sys.stdout.write(f"{laws()}\n\n{measured(figures)}\n")
