@@ -9,10 +9,10 @@ import numpy as np
 import torch
 
 from plop.errors import PlopError
-from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians
 from plop.geometry.clouds.depth_planes import pixel_planes
 from plop.geometry.clouds.neighbours import nearest_distance
+from plop.geometry.ply import read_vertices
 from plop.geometry.rigid import matrix_to_quat
 from plop.geometry.view import View
 from plop.render.rasterizer.sh import C0

@@ -25,7 +25,7 @@ from plop.geometry.clouds.registration import register
 from plop.geometry.clouds.tsdf import fuse_tsdf
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.geometry.view import View
-from tests.geometry.scene import ellipsoid_distance, render, ring
+from tests.support.ellipsoid_scene import ellipsoid_distance, render, ring
 
 
 def random_cloud(count=500, seed=0):

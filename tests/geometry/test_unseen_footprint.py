@@ -14,7 +14,7 @@ from plop.geometry.cameras import Camera
 from plop.geometry.clouds.unseen_footprint import unseen_footprint
 from plop.geometry.meshes.convex import convex_surface
 from plop.geometry.view import MaskLabel, View
-from tests.geometry.scene import ring
+from tests.support.ellipsoid_scene import ring
 
 SIZE_M = np.array([0.08, 0.05, 0.04])
 

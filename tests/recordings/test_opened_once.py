@@ -13,7 +13,7 @@ from plop.recordings import recording as module
 from plop.recordings.opened_once import opened_once
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
-from tests.geometry.scene import ring, write_set
+from tests.support.ellipsoid_scene import ring, write_set
 
 
 @pytest.fixture

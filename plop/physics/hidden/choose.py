@@ -45,7 +45,8 @@ def choose(
         jobs: See Response.
 
     Raises:
-        PlopError: No amplitude in its range gives the wanted signal.
+        SignalTooWeakError: No amplitude in its range gives the wanted signal.
+        PlopError: No effect that is drawn can give one.
     """
     coarser = min(_COARSER, min(scene.shape.size_m) / 3 / scene.spacing_m)
     coarse = replace(scene, spacing_m=coarser * scene.spacing_m, dx_m=coarser * scene.dx_m)

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import cohesive_motions
-from benchmarks.effects_table import PAGE, RESULT, filled, keys, laws
+from benchmarks.speed.effects import RESULT, keys, laws, measured
 from plop.physics.effects.library import library
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
 from plop.physics.engine.solver import simulate
 
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "effects.md"
+
 
 def test_the_tables_are_those_of_the_library():
-    page = PAGE.read_text(encoding="utf-8")
-    assert page == filled(page, json.loads(RESULT.read_text(encoding="utf-8"))), (
-        "run `python -m benchmarks.effects_table`, with --measure where a step or a typical amplitude has changed"
+    page, figures = PAGE.read_text(encoding="utf-8"), json.loads(RESULT.read_text(encoding="utf-8"))
+    assert laws() in page and measured(figures) in page, (
+        "run `python -m benchmarks.speed.effects NAME` where a step or a typical amplitude has changed, and put what "
+        "--tables prints into the page"
     )
     assert all(f"| `{name}`:" in laws() for name in library())
 
@@ -41,17 +44,3 @@ def test_the_template_is_an_effect_that_obeys_its_law(tmp_path, block):
     run = simulate(body, Material(), None, np.array([0, 0.05]), config, effects=[draught(shear_per_s2=20)])
     moved = (run.positions[-1] - run.positions[0])[:, 0].mean()
     assert moved == pytest.approx(0.5 * 20 * 0.01 * 0.05**2, rel=0.05)
-
-
-def test_the_tables_of_cuts_are_those_of_their_result():
-    result = json.loads(cohesive_motions.RESULT.read_text(encoding="utf-8"))
-    assert cohesive_motions.table(result) in PAGE.read_text(encoding="utf-8"), (
-        "run `python -m benchmarks.cohesive_motions --table`"
-    )
-    assert set(result["motions"]) == set(cohesive_motions.CUTS) and len(result["seeds"]) >= 3
-
-
-def test_a_seed_makes_the_same_cut_in_every_motion():
-    plans = [cohesive_motions.plan_of(kind, 1) for kind in cohesive_motions.CUTS]
-    assert len({(plan.x_m, plan.yaw_rad, plan.speed_m_s) for plan in plans}) == 1
-    assert len({cohesive_motions.plan_of("cut", seed).x_m for seed in cohesive_motions.SEEDS}) == 3
