@@ -104,8 +104,8 @@ def unknown(text: str) -> list[str]:
     return [wrong for span in commands for wrong in faults(span)] + [option for option in alone if option not in known]
 
 
-NOT_OURS = {"blender.py", "blender_scene.py"}
-"""Modules that write command lines of another program."""
+NOT_OURS = {"blender.py", "blender_scene.py", "results_file.py"}
+"""Modules that write command lines of another program: Blender, git."""
 
 
 @pytest.mark.parametrize("floor", ["plop", "stages", "plop_cli"])
