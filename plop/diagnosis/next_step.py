@@ -25,7 +25,7 @@ def next_step(found: Diagnosis) -> str:
     if verdict.kind == "NONE OF THESE":
         return (
             "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
-            "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`."
+            "(docs/how-to/write-an-effect.md) and try it: `plop diagnose --effect-file FILE`."
         )
     if verdict.kind == "CONFOUNDED":
         return f"Record motions that tell {' and '.join(verdict.named)} apart."

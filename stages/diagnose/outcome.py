@@ -22,7 +22,7 @@ SCHEMA = 1
 def facts_of(
     found: Diagnosis, types: Mapping[str, EffectType], sensors: list[dict[str, Any]], left_out: dict[str, str]
 ) -> dict[str, Any]:
-    """Collect everything that was found; see docs/stages/diagnose.md for the keys."""
+    """Collect everything that was found; see docs/reference/outputs.md for the keys."""
     sizes = {score.candidate.effect: score.size_m for score in found.scores}
     ranking = [_row(finding, types, sizes.get(finding.name)) for finding in found.findings]
     alternatives = found.verdict.evidence.get("alternatives", [])

@@ -113,7 +113,7 @@ def _misused(effect: Effect, hook: str, expected: str, found: str) -> PlopError:
         where=_place(effect, hook),
         expected=expected,
         found=found,
-        fix="See the template in docs/effects.md.",
+        fix="See the template in docs/how-to/write-an-effect.md.",
     )
 
 

@@ -23,7 +23,7 @@ MATERIAL = Material(
     law=ElasticLaw.FIXED_COROTATED,
 )
 """What an object is made of where the scene does not say otherwise."""
-_WRITE = "Write the value as docs/stages/simulate.md shows it."
+_WRITE = "Write the value as docs/how-to/simulate.md shows it."
 
 
 def table_of(value: Any, key: str) -> Mapping[str, Any]:
@@ -34,7 +34,7 @@ def table_of(value: Any, key: str) -> Mapping[str, Any]:
             where=key,
             expected=f"[{key}] with keys",
             found=repr(value),
-            fix="docs/stages/simulate.md shows a scene.",
+            fix="docs/how-to/simulate.md shows a scene.",
         )
     return value
 
