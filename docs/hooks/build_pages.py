@@ -53,9 +53,14 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill a page."""
-    return filled(markdown)
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Fill a page; what it asks for and nobody makes is an error that names the page."""
+    from mkdocs.exceptions import PluginError
+
+    try:
+        return filled(markdown)
+    except KeyError as error:
+        raise PluginError(f"{page.file.src_uri} asks for {error}, or a result lacks this key") from error
 
 
 def on_page_content(html: str, **_: Any) -> str:
