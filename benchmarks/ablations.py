@@ -23,9 +23,9 @@ import torch
 from benchmarks.workspace import latest
 from plop.artifacts.store import Artifact, Store
 from plop.dynamics.episodes import Actions
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.model_io import load_model
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopModel
-from plop.dynamics.model_io import load_model
 from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -77,7 +77,7 @@ def train(trained: Artifact, inputs: Mapping[str, Input], kernel: str, folder: P
     if not out.is_done("trained"):
         shutil.copytree(trained.path / "tracks", out.path / "tracks", dirs_exist_ok=True)
         for track in (out.path / "tracks").glob("*.h5"):
-            out.mark_done(f"track-{track.stem}")
+            out.mark_done(f"track-{track.stem}", json.loads(track.with_suffix(".json").read_text()))
         config: dict[str, Any] = {**trained.manifest.config, "kernel": kernel}
         TRAIN.run(inputs, TrainConfig(**config), out)
         out.mark_done("trained")

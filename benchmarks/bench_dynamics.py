@@ -9,13 +9,13 @@ from collections.abc import Callable
 import torch
 
 from benchmarks.measure import median_ms, median_ratio
-from plop.dynamics.grid import fit_grid
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.interface import ToolStep, at_rest
-from plop.dynamics.kernels import build_stencil
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.transfer import g2p, p2g
+from plop.dynamics.particle_grid.grid import fit_grid
+from plop.dynamics.particle_grid.kernels import build_stencil
+from plop.dynamics.particle_grid.transfer import g2p, p2g
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.physics.scenes.tools import blade_mesh
 
 _CHANNELS = 32

@@ -26,7 +26,7 @@ def fit_s() -> float:
     """One episode: 6 views of 128 x 128 px, 3,000 Gaussians, from 200 steps timed and scaled to 2,000."""
     from benchmarks.recorded_block import recorded_block
     from plop.recordings.recording import Recording
-    from plop.render.rasterize import render
+    from plop.render.rasterizer.rasterize import render
     from stages.fit_init.episode import fit_object, usable_views
     from stages.fit_init.shell import surface_from_views
     from stages.fit_init.stage import FitInitConfig
@@ -51,14 +51,16 @@ def loss_ms() -> float:
     import torch
 
     from benchmarks.measure import median_ms
-    from plop.render.interface import Rendering
+    from plop.geometry.cameras import Camera
     from plop.render.losses import Target, render_loss
+    from plop.render.rasterizer.interface import Rendering
 
     generator = torch.Generator().manual_seed(0)
     mask = torch.zeros(128, 128, dtype=torch.bool)
     mask[24:104, 24:104] = True
     rgb = torch.rand(128, 128, 3, generator=generator) * mask[..., None]
-    target = Target(rgb, 0.3 * mask, mask, torch.ones_like(mask))
+    camera = Camera("cam", 128, 128, np.eye(3), np.eye(4))
+    target = Target(camera, rgb, 0.3 * mask, mask, torch.ones_like(mask))
     image = (0.9 * rgb).requires_grad_()
     alpha = (0.98 * mask).requires_grad_()
 

@@ -10,7 +10,7 @@ from benchmarks.measure import median_ms
 if TYPE_CHECKING:
     from plop.gaussians.state import Gaussians
     from plop.geometry.cameras import Camera
-    from plop.render.rasterize import Backend
+    from plop.render.rasterizer.rasterize import Backend
 
 
 def cases() -> dict[str, Callable[[], float]]:
@@ -27,7 +27,7 @@ def raster_ms(count: int, size_px: int, *, backend: Backend = "numba", views: in
     """Measure the median time of one forward and backward pass [ms]."""
     import torch
 
-    from plop.render.rasterize import render_many
+    from plop.render.rasterizer.rasterize import render_many
 
     gaussians, cameras = scene(count), [camera(size_px, azimuth) for azimuth in range(views)]
     fields = [gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.sh]

@@ -19,8 +19,8 @@ def step_s() -> float:
     import torch
 
     from benchmarks.recorded_block import recorded_block
-    from plop.dynamics.filtering import UpdateConfig
-    from plop.dynamics.model import PlopModel
+    from plop.dynamics.filter.particle_filter import UpdateConfig
+    from plop.dynamics.i2n.model import PlopModel
     from plop.gaussians.splat_ply import write_splat
     from plop.recordings.recording import Recording
     from stages.fit_init.episode import fit_object, usable_views

@@ -19,8 +19,8 @@ import torch
 from benchmarks.ablations import COLUMNS, PAGE, Row, inputs_of, line, score, table
 from benchmarks.workspace import latest
 from plop.artifacts.store import Store
-from plop.dynamics.model import PlopConfig
-from plop.dynamics.model_io import load_model
+from plop.dynamics.i2n.model import PlopConfig
+from plop.dynamics.i2n.model_io import load_model
 from plop.metrics.table import replace_between_markers
 from plop.pipeline.execute import versions
 

@@ -21,9 +21,10 @@ import open3d as o3d
 import trimesh
 
 from plop.geometry.cameras import Camera, look_at
-from plop.recordings.recording import Mesh, Recording, View
+from plop.geometry.view import View
+from plop.recordings.recording import Mesh, Recording
 from plop.recordings.writer import RecordingWriter
-from plop.sensors.depth_edges import edge_alignment, tolerance_px
+from plop.sensors.checks.depth_edges import edge_alignment, tolerance_px
 from stages.calibrate.episode import calibrate_episode
 from stages.calibrate.stage import CalibrateConfig
 

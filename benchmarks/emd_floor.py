@@ -22,8 +22,7 @@ def main(path: Path) -> None:
     """Measure and print one line per shift."""
     with Recording(path) as recording:
         views = [recording.view(name, 0) for name in recording.camera_names]
-    parts = [view.camera for view in views], [view.depth_m for view in views], [view.object_mask for view in views]
-    first, other = (back_project_all(*parts, seed=seed) for seed in (0, 1))
+    first, other = (back_project_all(views, seed=seed) for seed in (0, 1))
     sys.stdout.write("shift [mm]  true EMD [mm]  common [mm]  independent [mm]\n")
     for shift_mm in SHIFTS_MM:
         moves = np.where(first.points[:, :1] > 0, [shift_mm / 1000, 0, 0], 0)

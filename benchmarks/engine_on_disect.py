@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,7 +124,7 @@ def summary(fit: Calibration) -> dict[str, object]:
         "rms_after_mm": fit.rms_after_m * 1e3,
         "rollouts": fit.rollouts,
         "iterations": fit.iterations,
-        "parameters": {k: asdict(v) for k, v in fit.estimates.items()},
+        "parameters": {k: v.to_json() for k, v in fit.estimates.items()},
     }
 
 

@@ -25,8 +25,8 @@ from plop.metrics.table import replace_between_markers
 from plop.recordings.readers.disect.episode import read_disect
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
-from plop.render.recorder import record
-from plop.render.settings import CameraSettings
+from plop.render.virtual_cameras.recorder import record
+from plop.render.virtual_cameras.settings import CameraSettings
 from stages.fit_init.episode import fit_episode
 from stages.fit_init.stage import FitInitConfig
 

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import plain_json
+from plop.artifacts.result_file import to_json
 from plop.diagnosis.candidates import Candidate, candidates_of
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.evidence import compared_frames
 from plop.diagnosis.responses import Answer, Job
@@ -91,18 +92,18 @@ def fitted_base(reference: list[Episode], work: Path, jobs: int) -> EngineBase:
     return base_from_dict(json.loads(path.read_text())["engine"])
 
 
-def named_candidate(found: Diagnosis) -> Candidate:
+def named_candidate(found: Conclusion) -> Candidate:
     """Give what was named, or else the best effect, with its response at the fitted amplitude."""
     name = found.verdict.named[0] if found.verdict.named else found.scores[0].candidate.effect
     if name == found.scores[0].candidate.effect:
         return found.scores[0].candidate
     parameters = next(f for f in found.findings if f.name == name).parameters
     candidate = next(c for c in candidates_of(library()) if c.effect == name)
-    columns = tuple(replace(c, value=parameters[c.amplitude]["value"]) for c in candidate.columns)
+    columns = tuple(replace(c, value=parameters[c.amplitude].value) for c in candidate.columns)
     return replace(candidate, columns=columns)
 
 
-def before_and_after(found: Diagnosis, measured: Measured, base: EngineBase, runs: Runs) -> dict[str, float]:
+def before_and_after(found: Conclusion, measured: Measured, base: EngineBase, runs: Runs) -> dict[str, float]:
     """Predict each episode with the best effect, at the amplitude with which the others are followed best.
 
     Returns:
@@ -165,14 +166,14 @@ def run_set(
                 "contrast": f.contrast and f.contrast.errors,
                 "contrast_p": f.contrast and f.contrast.p,
                 "alone": f.alone,
-                "parameters": f.parameters,
+                "parameters": to_json(f.parameters),
                 "reasons": f.reasons(),
             }
             for f in [*found.findings[:6], found.findings[-1]]
         ],
         "error": found.size.error,
         "floor": found.size.floor,
-        "left": found.verdict.evidence.get("left"),
+        "left": found.verdict.evidence.left,
         "excess": found.size.excess,
         "held_out_rms_mm": before_and_after(found, measured, base, runs),
         "seconds": time.perf_counter() - started,

@@ -19,7 +19,7 @@ from benchmarks.physics_tables import percent
 from benchmarks.workspace import Typed
 from plop.artifacts.store import Store
 from plop.metrics.table import replace_between_markers
-from plop.parameters import parameter_text
+from plop.parameters import Estimate, estimate_text
 from plop.pipeline.chain import read_profile
 from plop.pipeline.execute import versions
 
@@ -173,13 +173,14 @@ def verdicts_table(sets: dict[str, Any]) -> str:
 def _amplitudes(row: dict[str, Any]) -> str:
     """Write what was named, with amplitudes and intervals."""
     named = [law for law in row["ranking"] if law["effect"] in row["named"]]
-    known = [
-        [parameter_text(key, p) for key, p in law["parameters"].items() if None not in (p["low"], p["high"])]
-        for law in named
-    ]
+    known = [[estimate_text(key, p) for key, p in _estimates(law).items() if p.bounded] for law in named]
     return ", ".join(
         " ".join([law["effect"], ", ".join(texts)]).strip() for law, texts in zip(named, known, strict=True)
     )
+
+
+def _estimates(law: dict[str, Any]) -> dict[str, Estimate]:
+    return {name: Estimate.from_json(p) for name, p in law["parameters"].items()}
 
 
 def collected(store: Store, name: str) -> dict[str, Any]:

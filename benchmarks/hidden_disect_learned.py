@@ -22,7 +22,7 @@ from benchmarks.physics_learned import predicted, rms_m, track_of, train_once
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
-from plop.dynamics.model import PlopModel
+from plop.dynamics.i2n.model import PlopModel
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.tool_motion import ToolMotion

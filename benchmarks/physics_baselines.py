@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.evidence import whiten
 from plop.diagnosis.regression import Grams, solve
 
@@ -14,7 +14,7 @@ _THRESHOLD = 0.1
 """Share of the largest contribution below which sparse regression drops a column."""
 
 
-def baselines(found: Diagnosis) -> dict[str, Any]:
+def baselines(found: Conclusion) -> dict[str, Any]:
     """Forward selection by BIC, sparse regression (sequential thresholding, as in SINDy), and all columns at once.
 
     All work on the same whitened residuals and responses, in-sample, without shams, reference or held-out episodes;

@@ -24,15 +24,15 @@ from benchmarks.physics_plan import PLAN
 from benchmarks.physics_points import SCENE, Setting, fitted_engine, reference, run_missing, simulated
 from benchmarks.physics_tables import summary
 from plop.diagnosis.table import Measured
+from plop.dynamics.cut import advance_sides
 from plop.dynamics.episodes import Actions
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.model_io import load_model
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopModel
-from plop.dynamics.model_io import load_model
-from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.dynamics.rollout import predict
-from plop.dynamics.sides import advance_sides
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.pipeline.execute import versions
 from plop.pipeline.stage import Output
 from plop.tracking.episode import Episode

@@ -32,6 +32,7 @@ from benchmarks.physics_signal import at_signal
 from benchmarks.physics_sindy import sindy_ranking
 from benchmarks.physics_tables import RESULT, write_results
 from plop.artifacts.lock import locked
+from plop.artifacts.result_file import to_json
 from plop.comparison.discretisations import discretised
 from plop.diagnosis.amplitudes import SLOWER
 from plop.diagnosis.diagnose import diagnose
@@ -42,11 +43,11 @@ from plop.errors import PlopError
 from plop.identification.identify import NAMES, identify, spacing_for
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict
 from plop.physics.adapters.filled import EngineBase
-from plop.physics.adapters.response import slowdown
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import ElasticLaw
+from plop.physics.hidden.response import slowdown
 from plop.physics.scenes import find_scene
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.tracking.episode import Episode, episode_from_sequence
@@ -258,12 +259,14 @@ def run_plan(plan: Plan, setting: Setting, work: Path, jobs: int, earlier: Row |
         "ranks": [order.index(e.name) + 1 for e in hidden if e.name in order],
         "error": found.size.error,
         "floor": found.size.floor,
-        "left": found.verdict.evidence.get("left"),
-        "parameters": {f.name: f.parameters for f in found.findings[:3]},
+        "left": found.verdict.evidence.left,
+        "parameters": {f.name: to_json(f.parameters) for f in found.findings[:3]},
         "gains": {f.name: f.gain for f in found.findings[:3]},
-        "judged": [asdict(f) for f in (*found.findings[:4], found.findings[-1])],
+        "judged": [
+            asdict(f) | {"parameters": to_json(f.parameters)} for f in (*found.findings[:4], found.findings[-1])
+        ],
         "excess": found.size.excess,
-        "limits_mm": {k: v["displacement_m"] and 1000 * v["displacement_m"] for k, v in found.limits.items()},
+        "limits_mm": {k: v.displacement_m and 1000 * v.displacement_m for k, v in found.limits.items()},
         "baselines": baselines(found),
         "seconds": time.perf_counter() - started,
     }

@@ -8,21 +8,22 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plop.comparison.discretisations import predicted_by_each
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
+from plop.diagnosis.verdict import VerdictKind
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
 from plop.tracking.episode import Episode
 
-_ADDED = {"EFFECT": None, "PARTLY": 1, "CONFOUNDED": 1, "BASE PARAMETER": 1}
+_ADDED = {VerdictKind.EFFECT: None, VerdictKind.PARTLY: 1, VerdictKind.CONFOUNDED: 1, VerdictKind.BASE_PARAMETER: 1}
 """Verdict -> how many of the named are added (None: all; the others name alternatives, the likeliest first)."""
 
 
-def named_effects(found: Diagnosis, types: Mapping[str, EffectType]) -> list[Effect]:
+def named_effects(found: Conclusion, types: Mapping[str, EffectType]) -> list[Effect]:
     """Build what the verdict names, with the fitted parameters; empty when it names nothing to add."""
     if found.verdict.kind not in _ADDED:
         return []
@@ -32,20 +33,20 @@ def named_effects(found: Diagnosis, types: Mapping[str, EffectType]) -> list[Eff
 
 def _built(name: str, findings: list[Finding], types: Mapping[str, EffectType]) -> list[Effect]:
     parameters = next((f.parameters for f in findings if f.name == name), findings[-1].parameters)
-    values = {key: entry["value"] for key, entry in parameters.items()}
+    values = {key: found.value for key, found in parameters.items()}
     kind = types[name]
     own = {p.name: values[p.name] for p in kind.parameters() if p.name in values}
     return [kind(**own)] if own else []
 
 
 def next_round(
-    found: Diagnosis,
+    found: Conclusion,
     episodes: list[Episode],
     reference: list[Episode],
     base: EngineBase,
     types: Mapping[str, EffectType],
     runs: Runs,
-) -> Diagnosis | None:
+) -> Conclusion | None:
     """Diagnose again with what was named added to the base; None when nothing was named.
 
     The reference has nothing hidden, so that its episodes are predicted by the base alone.

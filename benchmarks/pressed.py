@@ -17,7 +17,7 @@ from pathlib import Path
 
 from benchmarks.physics_learned import TRAINING, predicted, rms_m, track_of, train_once
 from benchmarks.physics_points import SCENE, simulated
-from plop.dynamics.model import PlopModel
+from plop.dynamics.i2n.model import PlopModel
 from plop.pipeline.execute import versions
 
 SCENE_PRESS = replace(SCENE, motions=("hold", "push"))

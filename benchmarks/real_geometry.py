@@ -21,12 +21,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.geometry.cameras import Camera
-from plop.geometry.cloud_ply import read_cloud
-from plop.geometry.plane import find_plane
-from plop.geometry.pointcloud import cloud_from_depth, largest_clusters, surface_distance_m, voxel_average
-from plop.geometry.registration import register
+from plop.geometry.clouds.cloud_ply import read_cloud
+from plop.geometry.clouds.plane import find_plane
+from plop.geometry.clouds.pointcloud import cloud_from_depth, largest_clusters, surface_distance_m, voxel_average
+from plop.geometry.clouds.registration import register
+from plop.geometry.clouds.tsdf import fuse_tsdf
 from plop.geometry.rigid import pose_from_quat_wxyz
-from plop.geometry.tsdf import DepthFrame, fuse_tsdf
+from plop.geometry.view import MaskLabel, View
 
 LINK_FROM_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
@@ -64,7 +65,7 @@ def seven_scenes(folder: Path, step: int = 1, voxel_m: float = 0.01) -> dict:
     }
 
 
-def scene_frame(color: Path, folder: Path) -> DepthFrame:
+def scene_frame(color: Path, folder: Path) -> View:
     """Read one frame of 7-Scenes: depth in millimetres, 0 and 65535 not measured; pose made orthonormal."""
     stem = color.name.split(".")[0]
     raw = cv2.imread(str(folder / f"{stem}.depth.png"), cv2.IMREAD_UNCHANGED)
@@ -74,10 +75,11 @@ def scene_frame(color: Path, folder: Path) -> DepthFrame:
     pose[:3, :3] = left @ right
     matrix = np.loadtxt(folder / "camera-intrinsics.txt")
     rgb = cv2.cvtColor(cv2.imread(str(color)), cv2.COLOR_BGR2RGB)
-    return DepthFrame(Camera(stem, depth.shape[1], depth.shape[0], matrix, pose), depth, rgb)
+    camera = Camera(stem, depth.shape[1], depth.shape[0], matrix, pose)
+    return View(camera, rgb, depth, np.full(depth.shape, MaskLabel.UNKNOWN, np.uint8))
 
 
-def frame_to_model_mm(frames: list[DepthFrame], voxel_m: float, every: int = 5) -> dict:
+def frame_to_model_mm(frames: list[View], voxel_m: float, every: int = 5) -> dict:
     """Compare every fifth frame with the surface of all other frames: it takes no part in what it is compared with."""
     medians, means, seen = [], [], []
     for index in range(0, len(frames), every):

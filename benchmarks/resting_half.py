@@ -15,8 +15,8 @@ import torch
 
 from benchmarks.workspace import latest
 from plop.artifacts.store import Store
+from plop.dynamics.cut import advance_sides
 from plop.dynamics.episodes import Actions
-from plop.dynamics.sides import advance_sides
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
 from plop_cli.results_file import is_part

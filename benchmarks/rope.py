@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from plop.gaussians.ply_vertices import read_vertices
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
 from stages.fit_init.shell import Surface
 
 _NEIGHBOURS = 12

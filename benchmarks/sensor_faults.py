@@ -13,17 +13,17 @@ import numpy as np
 
 from plop.physics.scenes.demo import demo_episode, draw_plan
 from plop.recordings.readers.mesh.sequence import MeshSequence
-from plop.render.recorder import Disturbances, record
-from plop.render.settings import CameraSettings
-from plop.sensors.clock_offset import ClockOffset
-from plop.sensors.depth_bias import DepthBias
-from plop.sensors.depth_scale import DepthScale
-from plop.sensors.estimate import estimate_sensors
-from plop.sensors.fault import Fault
-from plop.sensors.faults import FAULTS, Faults
-from plop.sensors.finding import SensorFinding
-from plop.sensors.pose_drift import PoseDrift
-from plop.sensors.pose_error import PoseError
+from plop.render.virtual_cameras.recorder import Disturbances, record
+from plop.render.virtual_cameras.settings import CameraSettings
+from plop.sensors.estimation.estimate import estimate_sensors
+from plop.sensors.estimation.finding import SensorFinding
+from plop.sensors.faults.clock_offset import ClockOffset
+from plop.sensors.faults.depth_bias import DepthBias
+from plop.sensors.faults.depth_scale import DepthScale
+from plop.sensors.faults.fault import Fault
+from plop.sensors.faults.library import FAULTS, Faults
+from plop.sensors.faults.pose_drift import PoseDrift
+from plop.sensors.faults.pose_error import PoseError
 
 RESULT = Path(__file__).resolve().parent.parent / "docs" / "results" / "sensors.json"
 

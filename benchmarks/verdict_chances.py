@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.physics_tables import shown, wilson
 from benchmarks.synthetic_evidence import episodes, state
-from plop.diagnosis.conclusion import Diagnosis, conclusion
+from plop.diagnosis.conclusion import Conclusion, conclusion
 from plop.diagnosis.contrast import P_LARGEST, contrast_of
 from plop.diagnosis.regression import Grams
 from plop.metrics.table import replace_between_markers
@@ -125,7 +125,7 @@ def contrast_rows(runs: int) -> Iterator[dict[str, Any]]:
         yield row | {"seen": wilson(int((p <= P_LARGEST).sum()), runs // 3)}
 
 
-def concluded(seed: int, count: int, misfit: dict[str, Any], reference: bool, **more: Any) -> Diagnosis:
+def concluded(seed: int, count: int, misfit: dict[str, Any], reference: bool, **more: Any) -> Conclusion:
     """Judge a set of so many episodes; the reference is another set of as many, drawn alike."""
     control = episodes(seed + 100_000, count=count, **misfit) if reference else None
     return conclusion(state(episodes(seed, count=count, **misfit, **more), control), (), 99, seed)
@@ -150,7 +150,7 @@ def limit_rows(runs: int) -> Iterator[dict[str, Any]]:
     for (misfit, given), reference in product(MISFIT_M.items(), (False, True)):
         named: dict[float, list[bool]] = {1.0: [], 0.5: []}
         for seed, law in product(range(runs), LAWS):
-            limit = concluded(seed, 8, given, reference).limits[law]["amplitude"]
+            limit = concluded(seed, 8, given, reference).limits[law].amplitude
             for factor, found in named.items() if limit is not None else ():
                 again = concluded(seed, 8, given, reference, amplitudes={law: factor * limit}, take=1)
                 found.append(law in again.verdict.named)

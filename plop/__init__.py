@@ -42,6 +42,7 @@ _PUBLIC = {
     "simulate": "plop.physics.scenes.scene:simulate_episode",
     "Effect": "plop.physics.effects.effect",
     "Parameter": "plop.parameters",
+    "Estimate": "plop.parameters",
     "effect_type": "plop.physics.effects.library",
     "augment": "plop.models",
     "diagnose": "plop.pipeline.diagnose",

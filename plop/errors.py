@@ -99,6 +99,10 @@ class UserCodeError(PlopError):
     """The user's own code is at fault: no other run of it will do better."""
 
 
+class SignalTooWeakError(PlopError):
+    """No amplitude of a hidden effect, inside its range, moves the object as far as was asked for."""
+
+
 @contextmanager
 def remembering(warnings: Sequence[str]) -> Iterator[None]:
     """Let a PlopError that is raised inside take along the warnings that were gathered before it.

@@ -1,7 +1,7 @@
 """Any model from its folder: learned, engine, or either with effects added.
 
 model.json says the kind:
-    plop        {"config"}; weights beside it (plop.dynamics.model_io); folds/<k>/ may hold models of the same kind that
+    plop        {"config"}; weights beside it (plop.dynamics.i2n.model_io); folds/<k>/ may hold models of that kind that
                 learned without some of the episodes, {"training": {"left_out": [names]}}
     engine      {"engine": settings}; see plop.physics.adapters.base_io
     augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
@@ -17,9 +17,10 @@ from typing import Any
 
 import torch
 
+from plop.artifacts.layouts import Model
+from plop.dynamics.i2n.model_io import load_model as load_learned
+from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import DynamicsModel
-from plop.dynamics.model_io import load_model as load_learned
-from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.physics.adapters.augmented import AugmentedModel
 from plop.physics.adapters.base_io import base_from_dict
@@ -30,8 +31,6 @@ from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import trusted_copies
 
 KINDS = ("plop", "engine", "augmented")
-FOLDS = "folds"
-"""Folder of the models that learned without some of the episodes."""
 
 
 def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu") -> DynamicsModel:
@@ -58,7 +57,7 @@ def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu
         return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference
     raise PlopError(
         "The model is of an unknown kind.",
-        where=folder / "model.json",
+        where=Model(folder).facts,
         expected=", ".join(KINDS),
         found=str(kind),
         fix="Update plop.",
@@ -111,9 +110,9 @@ def effects_of(folder: Path) -> tuple[Effect, ...]:
     facts = read_facts(folder)
     if facts.get("kind") != "augmented":
         return ()
-    types = library(trusted_copies(sorted((folder / "effects").glob("*.py"))))
+    types = library(trusted_copies(sorted(Model(folder).effects.glob("*.py"))))
     own = tuple(_effect(types, entry) for entry in facts["effects"])
-    return (*effects_of(folder / "base"), *own)
+    return (*effects_of(Model(folder).base.folder), *own)
 
 
 def _effect(types: Mapping[str, type[Effect]], entry: Mapping[str, Any]) -> Effect:
@@ -130,13 +129,13 @@ def engine_of(folder: Path) -> EngineBase | None:
 def innermost(folder: Path) -> Path:
     """Give the folder of the model below all added effects."""
     while read_facts(folder).get("kind") == "augmented":
-        folder = folder / "base"
+        folder = Model(folder).base.folder
     return folder
 
 
 def trained_on(folder: Path) -> frozenset[str]:
     """Give the names of the recordings that a model was trained on (`train` keeps their tracks); none for an engine."""
-    return frozenset(path.stem for path in (innermost(folder) / "tracks").glob("*.h5"))
+    return frozenset(path.stem for path in Model(innermost(folder)).tracks.folder.glob("*.h5"))
 
 
 def seen_by(folder: Path, names: Collection[str], recordings: Sequence[str]) -> list[str]:
@@ -153,11 +152,11 @@ def seen_by(folder: Path, names: Collection[str], recordings: Sequence[str]) -> 
         same = set(told.get("recordings", ())) & set(recordings)
         if same or not (told.get("recordings") and recordings):
             found |= set(told.get("episodes", ())) & set(names)
-    below = seen_by(folder / "base", names, recordings) if facts.get("kind") == "augmented" else []
+    below = seen_by(Model(folder).base.folder, names, recordings) if facts.get("kind") == "augmented" else []
     return sorted(found | set(below))
 
 
 def judges_of(folder: Path) -> dict[str, Path]:
     """Give the models that have not seen a recording on which a model was trained (`train --folds`), by recording."""
-    folds = sorted((innermost(folder) / FOLDS).glob("*"))
+    folds = sorted(Model(innermost(folder)).folds.glob("*"))
     return {name: fold for fold in folds for name in read_facts(fold)["training"]["left_out"]}

@@ -13,7 +13,7 @@ import typer
 from plop.compute.malloc import keep_freed_memory
 from plop.errors import PlopError
 from plop.pipeline.registry import StageRef, pipeline
-from plop_cli.commands import add_commands
+from plop_cli.commands import WHOLE, add_commands
 from plop_cli.completion import completed_by
 from plop_cli.console import Console
 from plop_cli.help_option import HELP
@@ -29,6 +29,15 @@ app = typer.Typer(
 )
 ingest = typer.Typer(
     help="Turn raw data into recordings.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings=HELP,
+)
+
+stages = typer.Typer(
+    help="Run a stage, and before it whatever it needs; `plop STAGE` does the same.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -113,21 +122,38 @@ def _names_a_path(word: str) -> bool:
     )
 
 
-for _ref in pipeline():
-    if _ref.name == "ingest":
-        if not ingest.registered_commands:  # the first of them says where the group stands in the list
-            app.command(
+def _add_stages(owner: typer.Typer) -> None:
+    for ref in pipeline():
+        if ref.name != "ingest":
+            _add(owner, ref.command, ref)
+        elif not any(command.name == "ingest" for command in owner.registered_commands):
+            owner.command(  # the first of them says where the group stands in the list
                 "ingest",
                 cls=completed_by(lambda: ingest, group=True),
                 context_settings=PASS_ON,
                 add_help_option=False,
                 rich_help_panel=STAGES,
             )(_ingest)
+
+
+def _run(context: typer.Context) -> None:
+    """Run a stage, and before it whatever it needs: `plop run eval --model base`."""
+    code = stages(list(context.args), prog_name="plop run", standalone_mode=False)
+    raise typer.Exit(code if isinstance(code, int) else 0)
+
+
+for _ref in pipeline():
+    if _ref.name == "ingest":
         _add(ingest, _ref.command.split()[1], _ref)
-    else:
-        _add(app, _ref.command, _ref)
-
-
+_add_stages(stages)
+_add_stages(app)
+app.command(
+    "run",
+    cls=completed_by(lambda: stages, group=True),
+    context_settings=PASS_ON,
+    add_help_option=False,
+    rich_help_panel=WHOLE,
+)(_run)
 add_commands(app)
 
 

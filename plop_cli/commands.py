@@ -23,6 +23,9 @@ Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
 Assignments = Annotated[
     list[str] | None, typer.Option("--set", metavar="STAGE.KEY=VALUE", help="Override a setting of a stage.")
 ]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
+]
 Address = Annotated[str, typer.Argument(help="stage@prefix, stage@latest or a name.", show_default=False)]
 HERE = Path(".")
 
@@ -81,6 +84,7 @@ def reproduce(
     ] = None,
     workspace: Workspace = Path("reproduce"),
     set_: Assignments = None,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
     debug: Debug = False,
@@ -97,7 +101,46 @@ def reproduce(
         environments=env or [],
         assignments=set_ or [],
         out=out,
+        scheduler=scheduler,
     )
+
+
+def repro(
+    addresses: Annotated[
+        list[str] | None,
+        typer.Argument(help="What to make again, with what it is made from; all that `plop status` shows without."),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would run, and run nothing.")] = False,
+    scheduler: Scheduler = None,
+    trust_effects: Annotated[
+        bool, typer.Option("--trust-effects", help="Run the effect files that came inside a model, now and later.")
+    ] = False,
+    workspace: Workspace = HERE,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
+    """Make again what is stale or damaged, with the settings that it was made with."""
+    from plop.artifacts.store import Store
+    from plop_cli.repro import repro as run
+
+    console = Console(quiet=quiet, as_json=as_json)
+    store = Store(workspace, warn=console.warn)
+    run(store, console, addresses or [], dry_run=dry_run, scheduler=scheduler, trust_effects=trust_effects)
+
+
+def gc(
+    delete: Annotated[bool, typer.Option("--delete", help="Remove it; without, it is only listed.")] = False,
+    workspace: Workspace = HERE,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+    debug: Debug = False,
+) -> None:
+    """List what can go: older artifacts that nothing with a name needs, and what killed runs left."""
+    from plop.artifacts.store import Store
+    from plop_cli.repro import collect_garbage
+
+    collect_garbage(Store(workspace), Console(quiet=quiet, as_json=as_json), delete=delete)
 
 
 def status(
@@ -191,8 +234,8 @@ def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = 
 
 def add_commands(app: typer.Typer) -> None:
     """Add them to the front door."""
-    whole: list[Callable[..., None]] = [demo, demo_physics, reproduce]
-    around: list[Callable[..., None]] = [status, why, verify, export, view, doctor]
+    whole: list[Callable[..., None]] = [demo, demo_physics, reproduce, repro]
+    around: list[Callable[..., None]] = [status, why, verify, gc, export, view, doctor]
     for command in whole:
         app.command(rich_help_panel=WHOLE)(command)
     for command in around:

@@ -57,8 +57,8 @@ class Console:
         if self.as_json:
             sys.stdout.write(json.dumps(facts, indent=1, default=str) + "\n")
 
-    def table(self, rows: list[dict[str, Any]], title: str | None = None) -> None:
-        """Print rows of equal keys as a table, unless quiet."""
+    def table(self, rows: list[dict[str, Any]], title: str | None = None, *, unbroken: str = "") -> None:
+        """Print rows of equal keys as a table, unless quiet; cells of the column `unbroken` stay on one line."""
         if self.quiet or not rows:
             return
         from rich.table import Table
@@ -69,9 +69,8 @@ class Console:
             numeric = all(isinstance(row.get(key), (int, float)) for row in rows)
             longest = max(len(_cell(row.get(key))) for row in rows)
             heading = str(key).replace("_", "\n") if longest < len(str(key)) else str(key)
-            table.add_column(
-                heading, justify="right" if numeric else "left", overflow="fold", no_wrap=longest <= LONGEST_UNBROKEN
-            )
+            whole = key == unbroken or longest <= LONGEST_UNBROKEN
+            table.add_column(heading, justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
         for row in rows:
             table.add_row(*[_cell(row.get(key)) for key in keys])
         _rich(stderr=False).print(table, highlight=False)

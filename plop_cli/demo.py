@@ -6,34 +6,40 @@ import os
 import shutil
 from pathlib import Path
 
+from plop.artifacts.layouts import ScoreFiles
 from plop.artifacts.store import Store
-from plop.pipeline.chain import AFTER_INGEST, check_layers, layers_of, read_profile, run_step
+from plop.pipeline.chain import chain, check_layers, layers_of, read_profile
 from plop.pipeline.execute import Outcome
+from plop.pipeline.graph import Graph
+from plop.pipeline.tasks import Runner
+from plop.pipeline.upstream import Planner
 from plop_cli.console import Console
 from plop_cli.listener import Chained
 from plop_cli.outcome import show_times
 from plop_cli.pictures import say_videos, shown
 
+BEGIN, TARGET = "ingest mesh", "eval"
+
 
 def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str]) -> None:
     """Run the demo; what an earlier, stopped run finished is kept."""
     layers = layers_of(store, read_profile("demo"), assignments)
-    commands = ("ingest mesh", *AFTER_INGEST)
-    check_layers(layers, commands)
+    check_layers(layers, Graph().chain(TARGET, begin=BEGIN))
     raw = _simulate(store.workspace, console, seed)
-    made: dict[str, Outcome] = {}
+    listener = Chained(console)
+    tasks = chain(Planner(store, listener), layers, target=TARGET, begin=BEGIN, raw=raw)
     done: dict[str, Outcome] = {}
-    for command in commands:
-        outcome = run_step(command, store=store, listener=Chained(console), layers=layers, made=made, raw=raw)
-        made[outcome.artifact.manifest.stage] = outcome
-        done[command] = outcome
-    scores = made["eval"].artifact
+    for task, outcome in Runner(store, lambda _: listener).run([tasks[TARGET]]):
+        assert isinstance(outcome, Outcome)
+        done[task.ref.command] = outcome
+    scores = done[TARGET].artifact
     console.table(scores.manifest.summary.get("table", []), title="scores")
     show_times(console, done)
-    pictures = say_videos(console, made["rollout"].artifact)
-    for picture in sorted((scores.path / "pictures").glob("*.png")):
+    pictures = say_videos(console, done["rollout"].artifact)
+    files = ScoreFiles(scores.path)
+    for picture in files.pictures:
         console.say(f"  first, middle and last frame: {shown(picture)}")
-    console.say(f"scores: {shown(scores.path / 'scores.json')}, over time: {shown(scores.path / 'over_time.png')}")
+    console.say(f"scores: {shown(files.report)}, over time: {shown(files.over_time)}")
     seconds = {name: outcome.seconds for name, outcome in done.items()}
     console.result({"scores": scores.manifest.summary, **pictures, "seconds": seconds})
 

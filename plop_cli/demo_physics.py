@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib.resources
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.result_file import to_json
 from plop.artifacts.store import Store
+from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
 from plop.physics.scenes.sealed import open_answer
 from plop_cli.console import Console, format_seconds
@@ -45,13 +46,13 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     steps("compare", "--model", "base", "--recordings", "mystery")
     steps("diagnose", "--model", "base", "--recordings", "mystery", "--name", "verdict")
     store = Store(workspace)
-    found = json.loads((store.find("verdict").path / "diagnosis.json").read_text())
-    console.say(f"\nVERDICT  {found['verdict']['text']}")
+    verdict = Diagnosis.load(store.find("verdict").path).verdict
+    console.say(f"\nVERDICT  {verdict.text}")
     answer = open_answer(store.find("mystery").path)
     console.say(f"ANSWER   {_answer_text(answer)}\n")
     models = ["base"]
-    if found["verdict"]["kind"] in ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER"):
-        name = found["verdict"]["named"][0]
+    if verdict.kind.can_be_added:
+        name = verdict.named[0]
         models.append(f"base+{name}")
         steps("augment", "--model", "base", "--effect", name, "--diagnosis", "verdict", "--name", models[-1])
     for model in models:
@@ -60,7 +61,7 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     console.say(f"all in {format_seconds(time.perf_counter() - started)}")
     console.result(
         {
-            "verdict": found["verdict"],
+            "verdict": to_json(verdict),
             "answer": answer,
             "models": models,
             **_say_pictures(Store(workspace), console, models[-1]),

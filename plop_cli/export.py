@@ -8,22 +8,25 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from plop.artifacts.atomic_file import in_the_way
+from plop.artifacts.layouts import Clouds, Fits, Model, Recordings, Rollouts, ScoreFiles, Tracks
 from plop.artifacts.manifest import MANIFEST_NAME
 from plop.artifacts.store import Artifact, Store
 from plop.artifacts.verify import verify
 from plop.errors import PlopError
 from plop_cli.console import Console
 
-KINDS: dict[str, tuple[str, ...]] = {
+_HERE = Path()
+_FIT, _ROLLOUT = Fits(_HERE).episode("*"), Rollouts(_HERE).episode("*")
+KINDS: dict[str, tuple[str | Path, ...]] = {
     "all": ("*",),
-    "splats": ("*/object.ply", "*/tool.ply"),
-    "clouds": ("clouds/*.ply",),
+    "splats": (_FIT.object_splat, _FIT.tool_splat),
+    "clouds": (Clouds(_HERE).cloud("*"),),
     "video": ("*.mp4",),
-    "animation": ("*/animation/*.ply",),
-    "recordings": ("episodes/*.h5", "episodes.json"),
-    "states": ("*/states.h5", "*.h5"),
-    "model": ("model.safetensors", "model.json"),
-    "scores": ("scores.json", "scores.csv"),
+    "animation": (_ROLLOUT.frame(0).with_name("*.ply"),),
+    "recordings": (Recordings(_HERE).episode("*"), Recordings(_HERE).index),
+    "states": (_ROLLOUT.states, Tracks(_HERE).states("*")),
+    "model": (Model(_HERE).weights, Model(_HERE).facts),
+    "scores": (ScoreFiles(_HERE).report, ScoreFiles(_HERE).table),
     "pictures": ("*.png",),
 }
 """What `--kind` takes: patterns over the payload's relative paths."""
@@ -48,7 +51,7 @@ def export(store: Store, console: Console, address: str, folder: Path, *, kind: 
     artifact = store.find(address)
     verify(artifact, store.cache)
     store.cache.save()
-    names = [name for name in artifact.manifest.files if any(fnmatchcase(name, p) for p in KINDS[kind])]
+    names = [name for name in artifact.manifest.files if any(fnmatchcase(name, str(p)) for p in KINDS[kind])]
     if not names:
         raise PlopError(
             f"{artifact.address} holds no {kind}.",

@@ -58,3 +58,10 @@ class OnTheWay(Chained):
         if not outcome.skipped:
             self.console.say(f"made {outcome.artifact.address} on the way")
         self._warnings(command, outcome)
+
+
+class LastOne(Chained):
+    """Says nothing of what was asked for itself: it is reported in full."""
+
+    def finished(self, command: str, outcome: Outcome) -> None:
+        """Leave it to the report."""

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from plop.artifacts.fingerprint import plain
-from plop.artifacts.lineage import LEFT_OUT
-from plop.artifacts.store import Store
-from plop.pipeline.execute import Outcome, Plan
-from plop.pipeline.stage import Stage
+from plop.artifacts.store import Artifact, Store
+from plop.pipeline.execute import Outcome, Plan, plan
+from plop.pipeline.tasks import Need, Task, addresses, given, in_order, needs
 from plop_cli.console import Console, format_seconds
+
+IS_THERE = "is already there"
 
 
 def report(console: Console, store: Store, outcome: Outcome, name: str | None = None) -> None:
@@ -61,65 +61,60 @@ def begins(planned: Plan) -> str:
     return f"{planned.command}: {', '.join(sources)}{known}"
 
 
-def report_plan(console: Console, planned: Plan) -> None:
-    """Show what a run would do."""
-    address = f"{planned.stage.name}@{planned.fingerprint[:8]}"
-    inputs = {name: a.address for name, a in planned.inputs.artifacts.items()}
-    inputs |= {name: str(path) for name, path in planned.inputs.raw.items()}
-    known = planned.last_seconds
-    console.say(f"{address}  {'is already there' if planned.existing else f'would run; {_last(known)}'}")
-    console.table([{"input": name, "from": source} for name, source in inputs.items()])
+def report_plan(console: Console, store: Store, task: Task) -> None:
+    """Show what a run would do, and what would be made before it."""
+    before, known = in_order(task.before), store.journal.last_seconds(task.ref.name)
+    address, existing = _address(store, task)
+    console.say(f"{address or task.ref.command}  {IS_THERE if existing else f'would run; {_last(known)}'}")
+    sources = {name: _sources(value) for name, value in task.inputs.items() if value}
+    console.table([{"input": name, "from": source} for name, source in sources.items()])
+    console.table(planned_rows(store, before), title="before it")
     console.result(
         {
             "address": address,
-            "would_run": planned.existing is None,
+            "would_run": not existing,
             "last_seconds": known,
-            "inputs": inputs,
-            "config": plain(planned.config),
+            "inputs": sources,
+            "would_run_first": [one.ref.command for one in before if one.there is None],
+            "config": plain(task.config),
         }
     )
 
 
-def report_unplanned(
-    console: Console,
-    store: Store,
-    command: str,
-    stage: Stage,
-    inputs: Mapping[str, str | Path],
-    first: Mapping[str, str],
-    config: Any,
-) -> None:
-    """Show what a run would do for which something else would run first, so that its address is not known yet.
-
-    Args:
-        console: Where to show it.
-        store: The workspace.
-        command: The command of the stage.
-        stage: What would run.
-        inputs: What is there, by input name.
-        first: Input -> command that would make it.
-        config: The settings.
-    """
-    known = store.journal.last_seconds(stage.name)
-    there: dict[str, str] = {}
-    for name, source in inputs.items():
-        spec = stage.inputs.get(name)
-        if source != LEFT_OUT and spec is not None:
-            one = spec.stages and not spec.many
-            there[name] = store.find(str(source)).address if one else str(source)
-    console.say(f"{command}  would run, and what it needs first; {_last(known)}")
-    sources = there | {name: f"`plop {maker}` would run first" for name, maker in first.items()}
-    console.table([{"input": name, "from": sources[name]} for name in stage.inputs if name in sources])
-    console.result(
+def planned_rows(store: Store, tasks: Sequence[Task]) -> list[dict[str, str]]:
+    """Say of each run whether it would run, what it takes, and how long it took the last time."""
+    return [
         {
-            "address": None,
-            "would_run": True,
-            "last_seconds": known,
-            "inputs": there,
-            "would_run_first": dict(first),
-            "config": plain(config),
+            "run": _source(task) if task.there is not None else f"plop {task.ref.command}",
+            "from": ", ".join(_sources(value) for value in task.inputs.values() if value),
+            "state": IS_THERE
+            if task.there is not None and not task.force
+            else f"would run; {_last(store.journal.last_seconds(task.ref.name))}",
         }
-    )
+        for task in tasks
+    ]
+
+
+def _address(store: Store, task: Task) -> tuple[str | None, bool]:
+    """Give the address of what a run would make, unless something else runs first, and whether it is there."""
+    if task.waits:
+        return None, False
+    stage = task.ref.load()
+    made = {one: "@".join(one.there.key) for one in task.before if one.there is not None}
+    inputs = given(addresses(task, made))
+    planned = plan(stage, store=store, config=task.config, inputs=inputs, command=task.ref.command, force=task.force)
+    return f"{stage.name}@{planned.fingerprint[:8]}", planned.existing is not None
+
+
+def _sources(value: Need) -> str:
+    """Write what an input is: addresses, a path, or the commands that would make it."""
+    return ", ".join(_source(one) for one in needs(value)) or str(value)
+
+
+def _source(one: Task | Artifact) -> str:
+    if isinstance(one, Task):
+        return one.there.address if one.there is not None else f"`plop {one.ref.command}`"
+    return one.address
 
 
 def _last(seconds: float | None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from plop.artifacts.layouts import ComparisonFiles, Rollouts
 from plop.artifacts.store import Artifact, Store
 from plop_cli.console import Console
 
@@ -21,10 +22,10 @@ def say_videos(console: Console, rollout: Artifact) -> dict[str, list[str]]:
         {"videos": [...], "stills": [...]}, as paths.
     """
     found: dict[str, list[str]] = {"videos": [], "stills": []}
-    for video in sorted(rollout.path.glob("*/video.mp4")):
+    for each in Rollouts(rollout.path).all:
+        video, still = each.video, each.still
         console.say(f"video (measured | predicted | distance in mm): {shown(video)}")
         found["videos"].append(str(video))
-        still = video.with_name("still.png")
         if still.is_file():  # rollouts of earlier versions have none
             console.say(f"  a still of it, where they differ most: {shown(still)}")
             found["stills"].append(str(still))
@@ -41,7 +42,7 @@ def worst_picture(comparison: Artifact) -> Path | None:
     """Give the picture of the error on the object in the episode with the largest error; None where there is none."""
     rows = [row for row in comparison.manifest.summary.get("table", []) if row.get("over") == "episode"]
     for row in sorted(rows, key=lambda row: -(row.get("rms_mm") or 0.0)):
-        path = comparison.path / "pictures" / f"{row['where']}_object.png"
+        path = ComparisonFiles(comparison.path).on_object(row["where"])
         if path.is_file():
             return path
     return None

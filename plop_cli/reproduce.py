@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.layouts import ScoreFiles
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop.pipeline.chain import AFTER_INGEST, Layers, Profile, check_layers, layers_of, read_profile, run_step
+from plop.pipeline.chain import Layers, Profile, chain, check_layers, layers_of, read_profile
+from plop.pipeline.cluster import runner
 from plop.pipeline.execute import Outcome, versions
+from plop.pipeline.graph import Graph
 from plop.pipeline.settings_file import SETTINGS_FILE
+from plop.pipeline.tasks import Task
+from plop.pipeline.upstream import Planner
 from plop_cli.console import Console
 from plop_cli.listener import Chained
 from plop_cli.outcome import show_times
@@ -19,6 +24,9 @@ from plop_cli.outcome import show_times
 PROFILES = ("cpu", "cpu-recordings", "paper")
 """Which of the shipped profiles are for this; the others are of the demos."""
 
+BEGIN, TARGET = "ingest disect", "eval"
+SEEDED = ("train", "rollout")
+"""What is drawn anew for each seed of a profile; the scores of all seeds are drawn alike."""
 DOCS = Path("docs")
 """Where the results of all environments go."""
 
@@ -32,6 +40,7 @@ def reproduce(
     environments: list[str],
     assignments: list[str],
     out: Path | None,
+    scheduler: str | None = None,
 ) -> None:
     """Run all stages on every environment and seed, and write the table; what is finished is skipped.
 
@@ -46,6 +55,8 @@ def reproduce(
         assignments: `--set` options, `stage.key=value`.
         out: Folder of the documentation, see `results_file`; None takes `docs` for all environments with the
             profile's own settings, and otherwise leaves the results in the workspace.
+        scheduler: Address of a Dask scheduler: environments, seeds and stages that do not wait for each other run
+            side by side on its workers.
 
     Raises:
         PlopError: No recordings, an unknown environment or profile, or whatever a stage reports. One environment
@@ -57,24 +68,25 @@ def reproduce(
     chosen = read_profile(profile, PROFILES)
     layers = layers_of(store, chosen, assignments)
     names = _choose(data, environments)
-    check_layers(layers, commands_of(chosen))
-    from_file = any(layers[1][1].get(command) for command in commands_of(chosen))
+    every = Graph().chain(TARGET, begin=BEGIN, also=chosen.also)
+    check_layers(layers, every)
+    from_file = any(layers[1][1].get(command) for command in every)
     folder = DOCS if out is None and not (environments or assignments or from_file) else out
     command = _command(profile, environments, assignments, with_file=from_file)
     scores: dict[str, list[Path]] = {}
     pictures: dict[str, Path] = {}
     failed: dict[str, PlopError] = {}
-    for place, name in enumerate(names):
-        try:
-            console.say(f"environment {place + 1} of {len(names)}: {name}")
-            scores[name] = _one_environment(store, console, data, name, chosen, layers)
-            pictures |= _picture(name, scores[name][0].parent)
-        except PlopError as error:
-            console.warn(f"{name} is left out of the table: {error.problem}")
-            failed[name] = error
-        if scores:
-            results = gathered(scores, command=command, versions=versions(), seeds=chosen.seeds)
-            written = write_results(store.workspace, results, pictures, profile)
+    for name, found in _scored(store, console, data, names, chosen, layers, scheduler):
+        if isinstance(found, PlopError):
+            console.warn(f"{name} is left out of the table: {found.problem}")
+            failed[name] = found
+            continue
+        scores[name] = found
+        console.say(f"environment {len(scores) + len(failed)} of {len(names)} is done: {name}")
+        pictures |= _picture(name, found[0].parent)
+        in_order = {known: scores[known] for known in names if known in scores}
+        results = gathered(in_order, command=command, versions=versions(), seeds=chosen.seeds)
+        written = write_results(store.workspace, results, pictures, profile)
     if scores:
         if folder is not None and _may_replace(console, results, folder, profile):
             written = write_results(folder, results, pictures, profile)
@@ -91,13 +103,6 @@ def _failure(failed: Mapping[str, PlopError], count: int) -> PlopError:
         found=details,
         fix="Run the same command again once that is mended: what is finished is kept.",
     )
-
-
-def commands_of(profile: Profile) -> tuple[str, ...]:
-    """Give the commands that run on an environment, in order."""
-    until = AFTER_INGEST.index("train")
-    engine = ("filter", "identify") if profile.engine else ()
-    return ("ingest disect", *AFTER_INGEST[:until], *engine, *AFTER_INGEST[until:])
 
 
 def _command(profile: str, environments: list[str], assignments: list[str], *, with_file: bool) -> str:
@@ -127,7 +132,7 @@ def _picture(environment: str, folder: Path) -> dict[str, Path]:
     """Take the first picture of a part recording, which is the telling one, or the first of all."""
     from plop_cli.results_file import is_part
 
-    found = sorted(folder.glob("pictures/*.png"), key=lambda path: (not is_part(path.name), path.name))
+    found = sorted(ScoreFiles(folder).pictures, key=lambda path: (not is_part(path.name), path.name))
     return {environment: found[0]} if found else {}
 
 
@@ -149,41 +154,46 @@ def _choose(data: Path, wanted: list[str]) -> list[str]:
     return [name for name in known if not wanted or name in wanted]
 
 
-def _one_environment(
-    store: Store, console: Console, data: Path, name: str, profile: Profile, layers: Layers
-) -> list[Path]:
-    made: dict[str, Outcome] = {}
-    done: dict[str, Outcome] = {}
-    named: dict[str, Outcome] = {}
+def _scored(
+    store: Store,
+    console: Console,
+    data: Path,
+    names: list[str],
+    profile: Profile,
+    layers: Layers,
+    scheduler: str | None,
+) -> Iterator[tuple[str, list[Path] | PlopError]]:
+    """Run all stages on every environment and seed; give each environment's scores, or why it has none, once known."""
+    planner, listeners = Planner(store, Chained(console)), {name: Chained(console, name) for name in names}
+    wanted: dict[str, list[Task]] = {}
+    for name in names:
+        try:
+            wanted[name] = [_planned(planner, data, name, profile, layers, seed)[TARGET] for seed in profile.seeds]
+        except PlopError as error:
+            yield name, error
+    done: dict[str, dict[Task, Outcome]] = {name: {} for name in wanted}
+    failed: set[str] = set()
+    every = [task for tasks in wanted.values() for task in tasks]
+    with runner(store, lambda task: listeners[task.about], scheduler=scheduler, keep_going=True) as carries_out:
+        for task, outcome in carries_out.run(every):
+            name = task.about
+            if isinstance(outcome, PlopError):
+                if name not in failed:
+                    failed.add(name)
+                    yield name, outcome
+                continue
+            done[name][task] = outcome
+            if task in wanted[name] and all(one in done[name] for one in wanted[name]):
+                show_times(console, {_label(one, profile): each for one, each in done[name].items()})
+                yield name, [ScoreFiles(done[name][one].artifact.path).report for one in wanted[name]]
 
-    def step(command: str, label: str, **extra: object) -> Outcome:
-        outcome = run_step(
-            command,
-            store=store,
-            listener=Chained(console, name),
-            layers=layers,
-            made=made,
-            raw=data,
-            named=named if command == "train" else {},
-            extra=extra,
-        )
-        made[outcome.artifact.manifest.stage] = outcome
-        done[label] = outcome
-        return outcome
 
-    commands = commands_of(profile)
-    step(commands[0], "ingest", environment=name)
-    found = []
-    for command in commands[1 : commands.index("train")]:
-        step(command, command)
-    if profile.engine:
-        # an engine is a model, too, and its tracks are of no use to the learned one: both are left out from here on
-        named["engine"] = made.pop("identify")
-        del made["filter"]
-    for seed in profile.seeds:
-        label = f" seed {seed}" if len(profile.seeds) > 1 else ""
-        step("train", f"train{label}", seed=seed)
-        step("rollout", f"rollout{label}", seed=seed)
-        found.append(step("eval", f"eval{label}").artifact.path / "scores.json")
-    show_times(console, done)
-    return found
+def _planned(planner: Planner, data: Path, name: str, profile: Profile, layers: Layers, seed: int) -> dict[str, Task]:
+    extra: dict[str, dict[str, Any]] = {BEGIN: {"environment": name}, **{command: {"seed": seed} for command in SEEDED}}
+    return chain(planner, layers, target=TARGET, begin=BEGIN, raw=data, also=profile.also, extra=extra, about=name)
+
+
+def _label(task: Task, profile: Profile) -> str:
+    """Write what a run is: its command, and its seed where there are several."""
+    one_of_several = len(profile.seeds) > 1 and task.ref.command in SEEDED
+    return f"{task.ref.command} seed {task.config.seed}" if one_of_several else task.ref.command

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_text
-from plop.metrics.table import Scores, collect
+from plop.metrics.table import ScoreFiles, collect
 
 MAIN = "cpu"
 """The profile whose results bear no profile's name."""
@@ -31,7 +31,7 @@ def is_part(episode: str) -> bool:
     return "_part_" in episode
 
 
-def gathered(scores: Scores, *, command: str, versions: Mapping[str, str], seeds: Sequence[int]) -> dict[str, Any]:
+def gathered(scores: ScoreFiles, *, command: str, versions: Mapping[str, str], seeds: Sequence[int]) -> dict[str, Any]:
     """Gather the scores: of the part recordings, and under "plain" and "all" those of plain cuts and of both kinds.
 
     Args:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import typing
 from collections.abc import Callable
 from pathlib import Path
@@ -13,20 +14,22 @@ from rich.markup import escape
 
 from plop.artifacts.fingerprint import plain
 from plop.artifacts.store import Store
+from plop.errors import PlopError
 from plop.physics.effects.trust import trusting
-from plop.pipeline.augment_inputs import FIT
-from plop.pipeline.execute import execute, is_first_process, plan
-from plop.pipeline.preparation import MODELS, RECORDINGS, Preparation, takes_model_instead
+from plop.pipeline.cluster import runner
+from plop.pipeline.execute import is_first_process
 from plop.pipeline.registry import StageRef, commands
-from plop.pipeline.run import check_workspace, completed
+from plop.pipeline.run import finished, planned
 from plop.pipeline.setting_values import describe
 from plop.pipeline.settings import Setting, resolve, settings_of
 from plop.pipeline.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
-from plop.pipeline.stage import InputSpec, Stage
+from plop.pipeline.stage import Choice, InputSpec, Origin, Stage
+from plop.pipeline.tasks import Task
+from plop.pipeline.upstream import Planner
 from plop_cli.console import Console
 from plop_cli.help_option import HELP
-from plop_cli.listener import OnTheWay
-from plop_cli.outcome import begins, report, report_plan, report_unplanned
+from plop_cli.listener import LastOne, OnTheWay
+from plop_cli.outcome import report, report_plan
 
 
 def _common(kind: Any, *names: str, help: str, **more: Any) -> Any:
@@ -43,6 +46,10 @@ COMMON: dict[str, tuple[Any, Any]] = {
     "set_": (_common(list[str] | None, "--set", help="Override a setting.", metavar="KEY=VALUE"), None),
     "dry_run": (_common(bool, "--dry-run", help="Say what would run, and run nothing."), False),
     "force": (_common(bool, "--force", help="Run although the artifact is there."), False),
+    "scheduler": (
+        _common(str | None, "--scheduler", help="Run on the workers of this Dask scheduler.", metavar="ADDRESS"),
+        None,
+    ),
     "trust_effects": (
         _common(bool, "--trust-effects", help="Run the effect files that came inside a model, now and later."),
         False,
@@ -54,6 +61,11 @@ COMMON: dict[str, tuple[Any, Any]] = {
 """Options of every stage's command: parameter -> (annotation, default)."""
 
 
+CHOICES: dict[Choice | Origin, str] = {
+    Choice.MADE: "made on the way",
+    Choice.MATCHING: "the latest made from the others",
+}
+"""What --help says of inputs that are not named; of all others, that the latest that fits is taken."""
 PLAIN = {int: "<int>", float: "<float>"}
 """What --help shows for numbers, which are read as text, in the way Typer shows what it reads itself."""
 
@@ -80,12 +92,6 @@ def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
     parameters: list[inspect.Parameter] = []
     for name, spec in stage.inputs.items():
         parameters.append(_parameter(f"input_{name}", *_input_option(name, spec)))
-    if takes_model_instead(stage):
-        spec = InputSpec(MODELS, "Instead of rollouts: roll this model out first.", optional=True)
-        parameters.append(_parameter("input_model", *_input_option("model", spec)))
-    if stage.name == "augment":
-        spec = InputSpec(RECORDINGS, "Recordings to fit the effect to, by their diagnosis.", True, only_named=True)
-        parameters.append(_parameter(f"input_{FIT}", *_input_option(FIT, spec)))
     taken = {option for name in stage.inputs for option in [_option(name)]}
     taken |= {f"--{name.replace('_', '-').strip('-')}" for name in COMMON} | {"--json", "--set", "--help"}
     for setting in settings:
@@ -107,37 +113,42 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
     first = is_first_process()
     console = Console(quiet=values["quiet"] or not first, as_json=values["as_json"] and first)
     store = Store(values["workspace"], warn=console.warn if first else None)
-    check_workspace(store, stage)
     config = _config(ref, stage, settings, values, store)
     names = [name.removeprefix("input_") for name in values if name.startswith("input_")]
     inputs = {name: values[f"input_{name}"] for name in names if values[f"input_{name}"] is not None}
-    preparation = Preparation(
-        store, OnTheWay(console), tuple(getattr(config, "exclude", ())), may_run=not values["dry_run"]
+    listener = OnTheWay(console)
+    task = planned(
+        Planner(store, listener),
+        ref,
+        config,
+        inputs,
+        environment=values["env"],
+        name=values["name"],
+        force=values["force"],
     )
-    config, inputs = completed(stage, config, inputs, preparation, values["env"])
     if values["dry_run"]:
-        if preparation.would_run:
-            report_unplanned(console, store, ref.command, stage, inputs, preparation.would_run, config)
-            return
-        planned = plan(
-            stage, store=store, config=config, inputs=inputs, environment=values["env"], force=values["force"]
-        )
-        report_plan(console, planned)
+        report_plan(console, store, task)
         return
-    with console.progress(ref.command) as progress:
-        outcome = execute(
-            stage,
-            store=store,
-            config=config,
-            inputs=inputs,
-            environment=values["env"],
-            name=values["name"],
-            force=values["force"],
-            progress=progress,
-            on_wait=lambda pid: console.warn(f"another run (process {pid}) is making this artifact; waiting for it"),
-            on_start=lambda planned: console.note(begins(planned)),
+    _check_processes(task)
+    last = LastOne(console)
+    with runner(
+        store,
+        lambda one: last if one is task else listener,
+        scheduler=values["scheduler"],
+        trust_effects=values["trust_effects"],
+    ) as carries_out:
+        report(console, store, finished(carries_out, task), values["name"])
+
+
+def _check_processes(task: Task) -> None:
+    """Refuse to make something on the way in several processes at once: torchrun is for one stage."""
+    missing = [one.ref.command for one in task.before if one.there is None]
+    if missing and os.environ.get("WORLD_SIZE", "1") != "1":
+        raise PlopError(
+            "Under torchrun everything that a stage needs has to be there.",
+            found=f"{', '.join(missing)} would run first",
+            fix=f"Run `plop {missing[0]}` without torchrun first.",
         )
-    report(console, store, outcome, values["name"])
 
 
 def _config(ref: StageRef, stage: Stage, settings: list[Setting], values: dict[str, Any], store: Store) -> Any:
@@ -172,9 +183,8 @@ def _option(key: str) -> str:
 def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
     if spec.stages:
         source = " or ".join(spec.stages)
-        default = "the latest that fits, or none" if spec.optional else "the latest that fits"
-        default = f"made on the way{', or none' if spec.optional else ''}" if spec.along else default
-        default = "none" if spec.only_named else default
+        default = "none" if spec.choice is Choice.NAMED else CHOICES.get(spec.choice, "the latest that fits")
+        default += ", or none" if spec.optional and spec.choice is not Choice.NAMED else ""
         text = escape(f"{spec.help.rstrip('.')}. Address of an artifact of {source}.")
         metavar = "ADDRESS,..." if spec.many else "ADDRESS"
         option = typer.Option(_option(name), metavar=metavar, help=text, show_default=default, rich_help_panel="Inputs")

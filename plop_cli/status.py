@@ -6,22 +6,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.lineage import Key, first_difference, parents, stale_reasons
+from plop.artifacts.lineage import Key, Stale, check_lineage, first_difference, latest_lines, parents
 from plop.artifacts.store import Artifact, Store
 from plop.artifacts.suggestions import workspaces_near
 from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError
-from plop.pipeline.execute import raw_content
-from plop.pipeline.registry import places, stage_ref
-from plop.pipeline.settings import resolve
-from plop.pipeline.settings_file import flat_values
-from plop.pipeline.stage import Stage
+from plop.pipeline.registry import places
+from plop.pipeline.staleness import stale
 from plop_cli.console import Console, format_seconds
 from plop_cli.next_step import next_step
 
 
 def show_status(store: Store, console: Console, *, everything: bool) -> None:
-    """Print a table for each environment, one row an artifact in the order of the pipeline, then what is amiss.
+    """Print a tree for each environment, each artifact below what it was made from, then what is amiss.
 
     Older artifacts are shown only with `everything`. Last comes the next sensible command.
 
@@ -30,62 +27,54 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     """
     if not store.workspace.is_dir():
         store.check_begun()
-    artifacts = store.artifacts()
-    reasons = _stale(store, artifacts)
-    shown = artifacts if everything else _latest_lines(artifacts)
+    artifacts, circle = _sound(store.artifacts())
+    reasons = stale(store, artifacts)
+    shown = artifacts if everything else latest_lines(artifacts, store.names())
     damage = {artifact.key: error for artifact in shown if (error := obvious_damage(artifact)) is not None}
-    rows = [_row(store, artifact, reasons, damage) for artifact in sorted(shown, key=_place)]
+    rows = [_row(store, artifact, reasons, damage) | {"branch": branch} for branch, artifact in _tree(shown)]
     for environment, group in groupby(rows, key=lambda row: row["environment"]):
-        console.table(
-            [{**row, "environment": "", "state": row["state"].partition(":")[0]} for row in group], title=environment
-        )
+        console.table([_shown(row) for row in group], title=environment, unbroken="artifact")
         console.say("")
     for artifact in sorted(shown, key=_place):
-        reason = reasons.get(artifact.key, "is stale")
-        if not reason.endswith("is stale"):  # what only follows from another one is said there
-            console.say(f"stale: {artifact.address}: {reason}")
-    for error in damage.values():
+        reason = reasons.get(artifact.key)
+        if reason is not None and not reason.follows:  # what only follows from another one is said there
+            console.say(f"stale: {artifact.address}: {reason.text}")
+    problems = [*damage.values(), *store.unreadable().values(), *circle]
+    for error in problems:
         console.warn(error.render())
     if len(shown) < len(artifacts):
-        console.say(f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them")
+        console.say(
+            f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them, `plop gc` removes them"
+        )
     for stage, fingerprint in unfinished(store):
         console.say(f"unfinished: {stage}@{fingerprint[:8]}; the same command goes on with it")
-    problems = store.unreadable()
-    for error in problems.values():
-        console.warn(error.render())
     if not artifacts and not problems:
         near = ", ".join(f"-w {path}" for path in workspaces_near(store.workspace)[:3])
         console.say(f"no artifacts in {store.root}" + (f"; perhaps {near}" if near else ""))
-    step = next_step(
-        shown, stale=reasons, unfinished=unfinished(store), damaged=list(damage), workspace=store.workspace
-    )
+    step = next_step(shown, stale=reasons, unfinished=unfinished(store), damaged=damage, workspace=store.workspace)
     console.say(f"next: {step.command}   ({step.why})")
     console.result(
         {
             "next": {"command": step.command, "why": step.why},
-            "artifacts": rows,
+            "artifacts": [{key: value for key, value in row.items() if key != "branch"} for row in rows],
             "unfinished": ["@".join(key) for key in unfinished(store)],
-            "unreadable": [error.as_dict() for error in problems.values()],
+            "unreadable": [error.as_dict() for error in problems[len(damage) :]],
         }
     )
 
 
-def _stale(store: Store, artifacts: list[Artifact]) -> dict[Key, str]:
-    """Say why artifacts are stale, as far as their stages can be imported here."""
-    stages = _imported_stages(artifacts)
-    versions = {name: stage.version for name, stage in stages.items()}
-
-    def raw_digest(artifact: Artifact, name: str, path: Path) -> str | None:
-        command = _command(artifact)
-        stage = stages.get(command)
-        if stage is None:
-            return None
-        config = resolve(stage.config, command, ("manifest", dict(flat_values(artifact.manifest.config))))
-        return raw_content(store, stage, path, config)
-
-    reasons = stale_reasons(store, artifacts, versions, raw_digest)
-    store.cache.save()
-    return reasons
+def _sound(artifacts: list[Artifact]) -> tuple[list[Artifact], list[PlopError]]:
+    """Leave out artifacts that come from themselves; gives the rest, and what is wrong with these."""
+    wrong = []
+    while True:
+        known = {artifact.key: artifact for artifact in artifacts}
+        try:
+            check_lineage(known)
+        except PlopError as error:
+            wrong.append(error)
+            artifacts = [a for a in artifacts if a.path != Path(str(error.where)).parent]
+        else:
+            return artifacts, wrong
 
 
 def unfinished(store: Store) -> list[Key]:
@@ -94,33 +83,40 @@ def unfinished(store: Store) -> list[Key]:
     return [(path.parent.name, path.name.removeprefix(".partial-")) for path in found]
 
 
-def _latest_lines(artifacts: list[Artifact]) -> list[Artifact]:
-    latest: dict[Any, Artifact] = {}
-    for artifact in artifacts:
-        latest[artifact.manifest.stage, artifact.manifest.environment, artifact.manifest.config.get("seed")] = artifact
-    keep = {artifact.key for artifact in latest.values()}
+def _tree(artifacts: list[Artifact]) -> list[tuple[str, Artifact]]:
+    """Order artifacts so that each follows on the most advanced one that it was made from; with its branch drawn."""
     by_key = {artifact.key: artifact for artifact in artifacts}
-    todo = list(keep)
-    while todo:
-        key = todo.pop()
-        for parent in parents(by_key[key]).values():
-            if parent in by_key and parent not in keep:
-                keep.add(parent)
-                todo.append(parent)
-    return [artifact for artifact in artifacts if artifact.key in keep]
+    below: dict[Key | None, list[Artifact]] = {}
+    for artifact in sorted(artifacts, key=_place):
+        same = [by_key[key] for key in parents(artifact).values() if key in by_key]
+        same = [one for one in same if one.manifest.environment == artifact.manifest.environment]
+        above = max(same, key=_place).key if same else None
+        below.setdefault(above, []).append(artifact)
+    found: list[tuple[str, Artifact]] = []
+
+    def visit(artifact: Artifact, branch: str, indent: str) -> None:
+        found.append((branch, artifact))
+        children = below.get(artifact.key, [])
+        for child in children:
+            last = child is children[-1]
+            visit(child, indent + ("└ " if last else "├ "), indent + ("  " if last else "│ "))
+
+    for root in below.get(None, []):
+        visit(root, "", "")
+    return found
 
 
 def _place(artifact: Artifact) -> tuple[str, int]:
     return artifact.manifest.environment, places().get(artifact.manifest.stage, len(places()))
 
 
-def _row(store: Store, artifact: Artifact, reasons: dict[Key, str], damage: dict[Key, PlopError]) -> dict[str, Any]:
+def _row(store: Store, artifact: Artifact, reasons: dict[Key, Stale], damage: dict[Key, PlopError]) -> dict[str, Any]:
     manifest = artifact.manifest
     full = "@".join(artifact.key)
     names = [name for name, address in store.names().items() if address == full]
     sources = [f"{stage}@{mark[:6]}" for stage, mark in parents(artifact).values()]
     sources += [str(facts["name"]) for facts in manifest.inputs.values() if "name" in facts]
-    state = f"stale: {reasons[artifact.key]}" if artifact.key in reasons else "current"
+    state = f"stale: {reasons[artifact.key].text}" if artifact.key in reasons else "current"
     if artifact.key in damage:
         state = f"damaged: {damage[artifact.key].where}"
     return {
@@ -134,22 +130,11 @@ def _row(store: Store, artifact: Artifact, reasons: dict[Key, str], damage: dict
     }
 
 
-def _command(artifact: Artifact) -> str:
-    return str(artifact.manifest.provenance.get("command", artifact.manifest.stage))
-
-
-def _imported_stages(artifacts: list[Artifact]) -> dict[str, Stage]:
-    """Import the stages of the artifacts, by command and by name; one that cannot be imported is left out."""
-    found: dict[str, Stage] = {}
-    for artifact in artifacts:
-        command = _command(artifact)
-        if command not in found:
-            try:
-                found[command] = stage_ref(command).load()
-            except (ImportError, KeyError, OSError):
-                continue
-            found.setdefault(artifact.manifest.stage, found[command])
-    return found
+def _shown(row: dict[str, Any]) -> dict[str, Any]:
+    """Give the columns of the tree; what an artifact is made from is drawn, and raw data is named at the root."""
+    name = row["name"] if row["branch"] else f"{row['name']} ({row['from']})".strip()
+    figures = {"took": row["took"], "MB": row["MB"], "state": row["state"].partition(":")[0]}
+    return {"artifact": row["branch"] + row["artifact"], "name": name, **figures}
 
 
 def show_difference(store: Store, console: Console, one: str, two: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from plop.artifacts.layouts import Clouds, ComparisonFiles, Fits, Recordings, Rollouts, Tracks
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop_cli.console import Console
@@ -30,19 +31,20 @@ def view(store: Store, console: Console, address: str, *, episode: str | None, s
     if name not in names:
         raise PlopError("There is no such episode.", where=folder, expected=", ".join(names), found=name)
     rr = rerun_log.open_rerun("-".join(["plop", *artifact.key, name]), save)
-    if (folder / "episodes" / f"{name}.h5").exists():
-        rerun_log.log_recording(rr, folder / "episodes" / f"{name}.h5")
-    if (folder / "clouds" / f"{name}.ply").exists():
-        rerun_log.log_cloud(rr, folder / "clouds" / f"{name}.ply")
-    for part in ("object", "tool"):
-        if (folder / name / f"{part}.ply").exists():
-            rerun_log.log_splat(rr, folder / name / f"{part}.ply", f"world/{part}")
-    if (folder / "fields" / f"{name}.npz").exists():
+    if (path := Recordings(folder).episode(name)).exists():
+        rerun_log.log_recording(rr, path)
+    if (path := Clouds(folder).cloud(name)).exists():
+        rerun_log.log_cloud(rr, path)
+    fit = Fits(folder).episode(name)
+    for part, path in (("object", fit.object_splat), ("tool", fit.tool_splat)):
+        if path.exists():
+            rerun_log.log_splat(rr, path, f"world/{part}")
+    if (field := ComparisonFiles(folder).field(name)).exists():
         recording = _recording_of(store, artifact, name)
         if recording is not None:
             rerun_log.log_recording(rr, recording)
-        rerun_log.log_field(rr, folder / "fields" / f"{name}.npz")
-    for path in (folder / f"{name}.h5", folder / name / "states.h5"):
+        rerun_log.log_field(rr, field)
+    for path in (Tracks(folder).states(name), Rollouts(folder).episode(name).states):
         if path.exists():
             rerun_log.log_trajectory(rr, path)
     console.say(f"{artifact.address} {name}: {'written to ' + str(save) if save else 'shown in the viewer'}")
@@ -52,12 +54,13 @@ def _recording_of(store: Store, artifact: Artifact, name: str) -> Path | None:
     """Find the recording that a comparison was made with; None when it is gone."""
     source = artifact.manifest.inputs.get("recordings", {})
     recordings = store.get(source["stage"], source["fingerprint"]) if "fingerprint" in source else None
-    path = recordings.path / "episodes" / f"{name}.h5" if recordings is not None else None
+    path = Recordings(recordings.path).episode(name) if recordings is not None else None
     return path if path is not None and path.is_file() else None
 
 
 def _episodes(folder: Path) -> list[str]:
-    patterns = ("episodes/*.h5", "*.h5", "clouds/*.ply", "fields/*.npz")
-    files = [path.stem for pattern in patterns for path in folder.glob(pattern)]
-    folders = [path.parent.name for pattern in ("*/object.ply", "*/states.h5") for path in folder.glob(pattern)]
-    return sorted({*files, *folders})
+    here, each = Path(), "*"
+    files = Recordings(here).episode(each), Tracks(here).states(each), Clouds(here).cloud(each)
+    folders = Fits(here).episode(each).object_splat, Rollouts(here).episode(each).states
+    names = {path.stem for file in (*files, ComparisonFiles(here).field(each)) for path in folder.glob(str(file))}
+    return sorted(names | {path.parent.name for file in folders for path in folder.glob(str(file))})

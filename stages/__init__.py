@@ -1,7 +1,8 @@
 """The pipeline, in order: what a newcomer reads first.
 
 Each line is a command, where its stage lives, and what it does. A stage is imported when
-it is run, so that `plop --help` answers at once. `plop.pipeline` runs what is listed here.
+it is run, so that `plop --help` answers at once. What a stage needs is declared with it, in its `inputs`:
+`plop.pipeline` reads the graph from there, and runs what is listed here.
 """
 
 from __future__ import annotations
@@ -26,3 +27,24 @@ PIPELINE = (
     StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
     StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with everything that was found."),
 )
+
+RECORDINGS = ("calibrate", "ingest", "simulate")
+"""Stages whose artifacts are recordings, the most advanced first."""
+MODELS = ("train", "identify", "augment")
+"""Stages whose artifacts are models."""
+NEXT = {
+    "simulate": "fuse",  # simulated cameras are right
+    "ingest": "calibrate",
+    "calibrate": "fuse",
+    "fuse": "fit-init",
+    "fit-init": "train",
+    "train": "rollout",
+    "filter": "identify",
+    "identify": "compare",
+    "rollout": "eval",
+    "eval": "compare",
+    "compare": "diagnose",
+    "diagnose": "augment",
+    "augment": "report",
+}
+"""Advice, not the graph: what most people want after a stage. Each takes what the one before makes, or scores it."""

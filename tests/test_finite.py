@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from plop.finite import json_ready, readable
-from plop.parameters import parameter_text, short_number
+from plop.parameters import Estimate, estimate_text, short_number
 from plop.pipeline.stage import Summary
 from plop_cli.console import format_figure
 
@@ -50,4 +50,4 @@ def test_numbers_of_numpy_become_pythons():
 
 def test_numbers_for_people():
     assert format_figure(nan) == format_figure(-inf) == short_number(nan) == short_number(None) == "unknown"
-    assert parameter_text("k", {"value": 2.0, "low": None, "high": 3.0, "unit": "Pa"}) == "k = 2 Pa"
+    assert estimate_text("k", Estimate(2.0, high=3.0, unit="Pa")) == "k = 2 Pa"

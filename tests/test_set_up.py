@@ -147,7 +147,7 @@ def test_versions_and_licence_agree():
 def test_blenders_picture_is_read_without_its_alpha(tmp_path):
     from PIL import Image
 
-    from plop.render.blender import read_picture
+    from plop.render.virtual_cameras.blender import read_picture
 
     colours = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
     Image.fromarray(np.dstack([colours, np.full((4, 4), 7, np.uint8)])).save(tmp_path / "a.png")

@@ -138,7 +138,7 @@ def settings_page() -> str:
 def effects_page() -> str:
     """List the laws of the library and the sensor faults."""
     from plop.physics.effects.library import library
-    from plop.sensors.faults import FAULTS
+    from plop.sensors.faults.library import FAULTS
 
     parts = [
         "# Effects and sensor faults",

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from plop.artifacts.digest import content_digest
-from plop.artifacts.manifest import Manifest, content_files
+from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 
 Key = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Stale:
+    """Why an artifact no longer shows the present state of the workspace."""
+
+    text: str
+    follows: bool = False
+    """Only because one of its inputs is stale."""
+
+
 RawDigest = Callable[[Artifact, str, Path], str | None]
 """(artifact, input name, raw path) -> digest of the content that is there now; None when nobody can tell."""
 LEFT_OUT = "none"
@@ -69,6 +81,33 @@ def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:
     return seen
 
 
+def check_lineage(known: Mapping[Key, Artifact]) -> None:
+    """Refuse artifacts that come from themselves: no run makes such, so that a manifest was changed by hand.
+
+    Raises:
+        PlopError: One of them does; the manifests that say so are named.
+    """
+    whole: set[Key] = set()
+
+    def visit(key: Key, above: tuple[Key, ...]) -> None:
+        if key in above:
+            line = [known[each].address for each in (*above[above.index(key) :], key)]
+            raise PlopError(
+                "An artifact comes from itself: a manifest was changed by hand.",
+                where=known[key].path / MANIFEST_NAME,
+                expected="inputs that were there before",
+                found=" <- ".join(reversed(line)),
+                fix=f"Remove {known[key].path} and make it again.",
+            )
+        if key not in whole and key in known:
+            for parent in parents(known[key]).values():
+                visit(parent, (*above, key))
+            whole.add(key)
+
+    for key in known:
+        visit(key, ())
+
+
 def raw_path(store: Store, artifact: Artifact, name: str) -> Path | None:
     """Tell where a raw input was when the artifact was made."""
     where = artifact.manifest.provenance.get("raw_paths", {}).get(name)
@@ -77,12 +116,13 @@ def raw_path(store: Store, artifact: Artifact, name: str) -> Path | None:
 
 def stale_reasons(
     store: Store, artifacts: list[Artifact], versions: Mapping[str, int], raw_digest: RawDigest
-) -> dict[Key, str]:
+) -> dict[Key, Stale]:
     """Say why artifacts no longer show the present state of the workspace; current ones are left out.
 
     An artifact is stale when its stage has a new version, a raw input has changed or gone, an input is
-    gone, was made again with another content, is stale itself (unless another one that is not holds the same, as after
-    an update that changed nothing there), or was replaced by a more recent artifact (see `_Succession`).
+    gone, was made again with another content, is stale itself (unless another one that is not holds the same), or was
+    replaced by a more recent artifact (see `_Succession`). One of an older version is as good as one of the present
+    version with the same content, as after an update that changed nothing there.
 
     Args:
         store: The workspace.
@@ -91,11 +131,12 @@ def stale_reasons(
         raw_digest: Digest of a raw input as it is now.
     """
     by_key = {a.key: a for a in artifacts}
-    successors = _Succession(by_key, store.names()).latest()
+    check_lineage(by_key)
+    successors = replacements(by_key, store.names())
     alike: dict[tuple[str, str], list[Artifact]] = {}
     for one in artifacts:
         alike.setdefault((one.key[0], one.content), []).append(one)
-    reasons: dict[Key, str] = {}
+    reasons: dict[Key, Stale] = {}
     visited: set[Key] = set()
 
     def is_stale(source: Artifact) -> bool:
@@ -114,11 +155,11 @@ def stale_reasons(
         if reason:
             reasons[artifact.key] = reason
 
-    def own_reason(artifact: Artifact) -> str | None:
+    def own_reason(artifact: Artifact) -> Stale | None:
         manifest = artifact.manifest
-        version = versions.get(manifest.stage)
-        if version is not None and version != manifest.stage_version:
-            return f"the stage is now version {version}, this is of version {manifest.stage_version}"
+        version = versions.get(manifest.stage, manifest.stage_version)
+        if all(version != twin.manifest.stage_version for twin in alike[artifact.key[0], artifact.content]):
+            return Stale(f"the stage is now version {version}, this is of version {manifest.stage_version}")
         for name, facts in manifest.inputs.items():
             if "fingerprint" in facts:
                 reason = _input_reason(name, facts, by_key, successors, is_stale)
@@ -139,19 +180,46 @@ def _input_reason(
     by_key: Mapping[Key, Artifact],
     successors: Mapping[Key, Artifact],
     is_stale: Callable[[Artifact], bool],
-) -> str | None:
+) -> Stale | None:
     key = (str(facts["stage"]), str(facts["fingerprint"]))
     source = by_key.get(key)
     if source is None:
-        return f"its {name} {key[0]}@{key[1][:8]} is gone"
+        return Stale(f"its {name} {key[0]}@{key[1][:8]} is gone")
     if source.content != facts["content"]:
-        return f"its {name} {source.address} was made again and differs"
+        return Stale(f"its {name} {source.address} was made again and differs")
     if is_stale(source):
-        return f"its {name} {source.address} is stale"
+        return Stale(f"its {name} {source.address} is stale", follows=True)
     latest = successors[key]
-    if latest.content != source.content and not _differ_in_seed_only(latest, source):
-        return f"its {name} {source.address} was replaced by {latest.address}"
-    return None
+    return None if latest is source else Stale(f"its {name} {source.address} was replaced by {latest.address}")
+
+
+def replacements(known: Mapping[Key, Artifact], names: Mapping[str, str]) -> dict[Key, Artifact]:
+    """Give what took the place of each artifact: a later one of another content; itself where none did.
+
+    Args:
+        known: All artifacts, least recently used first.
+        names: Name -> full address.
+    """
+    latest = _Succession(known, names).latest()
+    return {
+        key: old if new.content == old.content or _differ_in_seed_only(new, old) else new
+        for key, old in known.items()
+        for new in [latest[key]]
+    }
+
+
+def latest_lines(artifacts: list[Artifact], names: Mapping[str, str]) -> list[Artifact]:
+    """Leave out what is neither the latest of its stage, environment and seed, nor named, nor what such are made from.
+
+    Args:
+        artifacts: All artifacts, least recently used first.
+        names: Name -> full address.
+    """
+    by_key = {artifact.key: artifact for artifact in artifacts}
+    latest = {(a.manifest.stage, a.manifest.environment, a.manifest.config.get("seed")): a for a in artifacts}
+    named = [a for a in artifacts if "@".join(a.key) in set(names.values())]
+    keep = set().union(*(closure(by_key, a) for a in [*latest.values(), *named]))
+    return [artifact for artifact in artifacts if artifact.key in keep]
 
 
 class _Succession:
@@ -214,7 +282,7 @@ def _differ_in_seed_only(one: Artifact, two: Artifact) -> bool:
 
 def _raw_reason(
     store: Store, artifact: Artifact, name: str, facts: Mapping[str, Any], raw_digest: RawDigest
-) -> str | None:
+) -> Stale | None:
     path = raw_path(store, artifact, name)
     if path is None:
         return None
@@ -223,8 +291,8 @@ def _raw_reason(
     try:
         now = raw_digest(artifact, name, path)
     except (PlopError, OSError) as error:
-        return f"its {name} folder cannot be read: {error}"
-    return None if now in (None, facts["content"]) else f"the files in its {name} folder have changed"
+        return Stale(f"its {name} folder cannot be read: {error}")
+    return None if now in (None, facts["content"]) else Stale(f"the files in its {name} folder have changed")
 
 
 def first_difference(store: Store, one: Artifact, two: Artifact) -> str | None:

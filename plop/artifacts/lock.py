@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,22 +13,38 @@ POLL_S = 0.2
 
 
 @contextmanager
-def locked(path: Path, on_wait: Callable[[str], None] | None = None) -> Iterator[None]:
+def locked(path: Path, on_wait: Callable[[str], None] | None = None, *, note: Sequence[str] = ()) -> Iterator[None]:
     """Hold a lock file while the block runs; the system drops it when the process dies.
 
     Args:
         path: The lock file; made here and removed at the end.
         on_wait: Called once with the holder's process id when another run holds the lock.
+        note: Lines that others can read while it is held, see `note_of`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle = _acquire(path, on_wait)
     try:
         os.ftruncate(handle, 0)
-        os.write(handle, str(os.getpid()).encode())
+        os.write(handle, "\n".join([str(os.getpid()), *note]).encode())
         yield
     finally:
         path.unlink(missing_ok=True)
         os.close(handle)
+
+
+def note_of(path: Path) -> list[str] | None:
+    """Read what the holder of a lock wrote; None where nobody holds it."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return os.pread(handle, os.fstat(handle).st_size, 0).decode(errors="replace").split("\n")[1:]
+    finally:
+        os.close(handle)
+    return None
 
 
 def _acquire(path: Path, on_wait: Callable[[str], None] | None) -> int:
@@ -38,7 +54,7 @@ def _acquire(path: Path, on_wait: Callable[[str], None] | None) -> int:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.pread(handle, 32, 0).decode(errors="replace")
+            holder = os.pread(handle, 32, 0).decode(errors="replace").partition("\n")[0]
             os.close(handle)
             if on_wait is not None and not told:
                 on_wait(holder)

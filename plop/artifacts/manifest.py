@@ -14,8 +14,8 @@ MANIFEST_SCHEMA = 1
 
 MANIFEST_NAME = "manifest.json"
 
-LOGS = ("tensorboard/", "logs/")
-"""Folders of a payload that hold clocks and hosts: kept and verified, but no part of the content."""
+LOGS = ("tensorboard", "logs")
+"""Folders of a payload, at any depth, that hold clocks and hosts: kept and verified, but no part of the content."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Manifest:
 
 def content_files(manifest: Manifest) -> dict[str, str]:
     """Give the files that make up the content: all but the logs."""
-    return {name: digest for name, digest in manifest.files.items() if not name.startswith(LOGS)}
+    logs = set(LOGS)
+    return {name: digest for name, digest in manifest.files.items() if logs.isdisjoint(PurePosixPath(name).parts[:-1])}
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

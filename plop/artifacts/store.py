@@ -13,14 +13,15 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from plop.artifacts.atomic_file import in_the_way, write_json
 from plop.artifacts.digest import DigestCache, content_digest, file_digest
 from plop.artifacts.journal import Event, Journal
-from plop.artifacts.lock import locked
+from plop.artifacts.lock import locked, note_of
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
 from plop.artifacts.suggestions import nearest, workspaces_near
 from plop.errors import PlopError
@@ -115,6 +116,44 @@ class Store:
     def lock_path(self, stage: str, fingerprint: str) -> Path:
         """Give the lock file of one fingerprint."""
         return self.root / ".locks" / f"{stage}-{fingerprint}"
+
+    @contextmanager
+    def making(
+        self, stage: str, fingerprint: str, reads: Sequence[Artifact], on_wait: Callable[[str], None] | None = None
+    ) -> Iterator[None]:
+        """Hold the lock of an artifact while it is made; nobody removes what it reads meanwhile.
+
+        Args:
+            stage: Its stage.
+            fingerprint: Its fingerprint.
+            reads: Its inputs.
+            on_wait: Called once with the holder's process id when another run is making it.
+
+        Raises:
+            PlopError: An input was removed since it was found.
+        """
+        with locked(self.lock_path(stage, fingerprint), on_wait, note=["@".join(a.key) for a in reads]):
+            with self.removing():  # from here on the note is seen by whoever removes
+                gone = [a.address for a in reads if not a.path.is_dir()]
+            if gone:
+                raise PlopError(
+                    "An input was removed while the run began.",
+                    where=self.root,
+                    found=", ".join(gone),
+                    fix="Run the same command again.",
+                )
+            yield
+
+    @contextmanager
+    def removing(self) -> Iterator[None]:
+        """Hold the lock under which artifacts are taken away; kept for moments only."""
+        with locked(self.root / ".locks" / "removing"):
+            yield
+
+    def read_by_others(self) -> set[tuple[str, str]]:
+        """Give what runs that go on now read, by stage and fingerprint."""
+        notes = [note_of(path) or [] for path in (self.root / ".locks").glob("*")]
+        return {(stage, mark) for note in notes for stage, _, mark in [line.partition("@") for line in note]}
 
     def final_path(self, stage: str, fingerprint: str) -> Path:
         """Give the folder where an artifact lives once it is whole."""

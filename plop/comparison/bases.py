@@ -8,10 +8,10 @@ import numpy as np
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
+from plop.comparison.gaussian_lineage import followed
 from plop.dynamics.episodes import Actions
-from plop.dynamics.followed import followed
+from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model_io import read_facts
 from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.models import effects_of, engine_of, innermost, load_model
@@ -41,7 +41,7 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
         run = predict_points(engine, episode, start_particles(engine, episode, effects), effects)
         return episode.points[0] + run - run[0]  # a settled object stands a little deeper in the grid than it was seen
     model, first = load_model(model_folder), read_splat(splat_path)
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         actions = Actions.of(recording)
     states = predict(model, at_rest(first, (episode.vertices, episode.faces)), actions.steps(), episode.name, seed=0)
     return np.stack([followed(first, state.gaussians, episode.points[0]) for state, _ in states])

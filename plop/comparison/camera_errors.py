@@ -13,10 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit
 from plop.comparison.error_fields import ErrorField
+from plop.comparison.result import CameraRow
 from plop.gaussians.splat_ply import read_splat
 from plop.geometry.rigid import kabsch, transform_points
-from plop.recordings.recording import MaskLabel, Recording, View
+from plop.geometry.view import MaskLabel, View
+from plop.recordings.recording import Recording
 from plop.render.scene import render_scene, tool_above_table
 from plop.tracking.carrier import Carrier
 
@@ -34,7 +37,7 @@ class CarriedScene:
     """
 
     def __init__(self, init: Path, points: np.ndarray, patch: np.ndarray) -> None:
-        self._first, self._tool = read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+        self._first, self._tool = read_splat(Fit(init).object_splat), read_splat(Fit(init).tool_splat)
         self._carrier = Carrier(points, patch, self._first.means.double().numpy())
 
     def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:
@@ -62,7 +65,7 @@ def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Seq
     points = field.episode.points
     scene = CarriedScene(init, points[0], field.episode.patch)
     rows = []
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         names = recording.camera_names
         for frame in frames:
             body = transform_points(kabsch(points[0], points[frame]), points[0])
@@ -95,14 +98,14 @@ def image_errors(ours: View, measured: View) -> dict[str, float | None]:
     }
 
 
-def camera_table(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def camera_table(rows: Sequence[dict[str, Any]]) -> tuple[CameraRow, ...]:
     """Average over episodes and frames: one row per camera, n = pixels."""
     table = []
     for name in dict.fromkeys(row["camera"] for row in rows):
         mine = [row for row in rows if row["camera"] == name]
-        row: dict[str, Any] = {"camera": name, "n": sum(r["n"] for r in mine), "images": len(mine)}
+        found: dict[str, float | None] = {}
         for key in (f"{kind}{end}" for kind in ("depth_mm", "colour", "outline") for end in _ENDS):
             known = [r[key] for r in mine if r[key] is not None]
-            row[key] = round(float(np.mean(known)), 4) if known else None
-        table.append(row)
-    return table
+            found[key] = round(float(np.mean(known)), 4) if known else None
+        table.append(CameraRow(name, sum(r["n"] for r in mine), len(mine), found))
+    return tuple(table)

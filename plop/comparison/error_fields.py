@@ -7,12 +7,12 @@ each frame: an oracle), and the noise floor: the error that the measurement's no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from plop.comparison.result import ErrorRow, ErrorTables
 from plop.errors import PlopError
 from plop.geometry.rigid import kabsch, transform_points
 from plop.tracking.episode import Episode
@@ -124,7 +124,7 @@ def _distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(one - other, axis=-1))
 
 
-def tables(fields: Sequence[ErrorField]) -> dict[str, list[dict[str, Any]]]:
+def tables(fields: Sequence[ErrorField]) -> ErrorTables:
     """Condense the errors by episode, phase, phase of each episode, distance to the tool, and height.
 
     The first frame, which is given, counts nowhere, nor do points that the tool hides. Rows without a point are
@@ -134,23 +134,23 @@ def tables(fields: Sequence[ErrorField]) -> dict[str, list[dict[str, Any]]]:
     phases = [np.broadcast_to(f.tool.phase[:, None], f.error_m.shape) for f in fields]
     distance = [f.tool.distance_m for f in fields]
     height = [f.height_m for f in fields]
-    return {
-        "all": [row_of(fields, everywhere, {"over": "all"})],
-        "episode": [row_of([f], [e], {"episode": f.name}) for f, e in zip(fields, everywhere, strict=True)],
-        "phase": _present(row_of(fields, [p == k for p in phases], {"phase": PHASES[k]}) for k in range(len(PHASES))),
-        "episode_phase": _present(
+    return ErrorTables(
+        all=_present([row_of(fields, everywhere, {"over": "all"})]),
+        episode=_present(row_of([f], [e], {"episode": f.name}) for f, e in zip(fields, everywhere, strict=True)),
+        phase=_present(row_of(fields, [p == k for p in phases], {"phase": PHASES[k]}) for k in range(len(PHASES))),
+        episode_phase=_present(
             row_of([f], [p == k], {"episode": f.name, "phase": PHASES[k]})
             for f, p in zip(fields, phases, strict=True)
             for k in range(len(PHASES))
         ),
-        "distance": _bands(fields, distance, DISTANCE_EDGES_M, "distance_to_tool_mm"),
-        "height": _bands(fields, height, HEIGHT_EDGES_M, "height_mm"),
-    }
+        distance=_bands(fields, distance, DISTANCE_EDGES_M, "distance_to_tool_mm"),
+        height=_bands(fields, height, HEIGHT_EDGES_M, "height_mm"),
+    )
 
 
 def _bands(
     fields: Sequence[ErrorField], values: list[np.ndarray], edges: Sequence[float], name: str
-) -> list[dict[str, Any]]:
+) -> tuple[ErrorRow, ...]:
     return _present(
         row_of(fields, [(v >= low) & (v < high) for v in values], {name: band_text(low, high)})
         for low, high in zip(edges[:-1], edges[1:], strict=True)
@@ -164,45 +164,44 @@ def band_text(low: float, high: float) -> str:
     return f"{1000 * low:g}-{1000 * high:g}" if np.isfinite(low) and low > 0 else f"< {1000 * high:g}"
 
 
-def _present(rows: Any) -> list[dict[str, Any]]:
-    return [row for row in rows if row["n"]]
+def _present(rows: Iterable[ErrorRow | None]) -> tuple[ErrorRow, ...]:
+    return tuple(row for row in rows if row is not None)
 
 
-def row_of(fields: Sequence[ErrorField], chosen: Sequence[np.ndarray], label: dict[str, Any]) -> dict[str, Any]:
+def row_of(fields: Sequence[ErrorField], chosen: Sequence[np.ndarray], labels: dict[str, str]) -> ErrorRow | None:
     """Condense the chosen points of several episodes into one row.
 
     Args:
         fields: Errors of the episodes.
         chosen: Which points of which frames, bool [T, M] each.
-        label: What the row is about.
+        labels: What the row is about.
 
     Returns:
-        The label with n (points times frames), episodes, rms_mm, median_mm, p95_mm, persistence_mm, rigid_mm,
-        floor_mm and in_noise (RMS error over the floor; 1 is noise alone); only the label and n = 0 without points.
+        None without points.
     """
     after = [mask & f.seen & (np.arange(len(mask)) > 0)[:, None] for f, mask in zip(fields, chosen, strict=True)]
     count = int(sum(mask.sum() for mask in after))
     if not count:
-        return {**label, "n": 0}
+        return None
     errors = _chosen(fields, after, "error_m")
     # The floor of a row is that of its episodes, each as often as it has points.
     floor = np.sqrt(np.average([f.floor_m**2 for f in fields], weights=[mask.sum() for mask in after]))
-    values = {
-        "rms_mm": rms(errors),
-        "median_mm": np.median(errors),
-        "p95_mm": np.quantile(errors, 0.95),
-        "persistence_mm": rms(_chosen(fields, after, "persistence_m")),
-        "rigid_mm": rms(_chosen(fields, after, "rigid_m")),
-        "floor_mm": floor,
-    }
-    row = {name: round(1000 * float(value), 4) for name, value in values.items()}
-    return {
-        **label,
-        "n": count,
-        "episodes": sum(bool(mask.any()) for mask in after),
-        **row,
-        "in_noise": round(float(rms(errors) / floor), 3),
-    }
+
+    def mm(value: np.ndarray | np.floating) -> float:
+        return round(1000 * float(value), 4)
+
+    return ErrorRow(
+        labels,
+        n=count,
+        episodes=sum(bool(mask.any()) for mask in after),
+        rms_mm=mm(rms(errors)),
+        median_mm=mm(np.median(errors)),
+        p95_mm=mm(np.quantile(errors, 0.95)),
+        persistence_mm=mm(rms(_chosen(fields, after, "persistence_m"))),
+        rigid_mm=mm(rms(_chosen(fields, after, "rigid_m"))),
+        floor_mm=mm(floor),
+        in_noise=round(float(rms(errors) / floor), 3),
+    )
 
 
 def _chosen(fields: Sequence[ErrorField], masks: Sequence[np.ndarray], name: str) -> np.ndarray:

@@ -13,7 +13,7 @@ from plop.dynamics.interface import ParticleState
 from plop.errors import PlopError
 from plop.metrics.frame import CONVENTIONS, FrameOptions, score_frame
 from plop.recordings.recording import Recording
-from plop.render.rasterize import Backend
+from plop.render.rasterizer.rasterize import Backend
 from plop.render.scene import render_scene, tool_above_table
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def compare(
         states: Every frame of the rollout, the first included.
         scene: Where it started; its tool is rendered with the object and hides what it hid from the cameras.
         recording: The episode.
-        backend: See `plop.render.rasterize.render`.
+        backend: See `plop.render.rasterizer.rasterize.render`.
 
     Raises:
         PlopError: There are not as many states as frames.

@@ -14,6 +14,7 @@ import torch
 
 from plop.compute.kernel_cache import watch_sources
 from plop.compute.openmp import run_on_torch_threads
+from plop.compute.plain import plain
 
 FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
 """Allowed floating-point freedoms; NaN and infinity keep their meaning."""
@@ -34,7 +35,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
     It calls only functions and uses only constants of its own folder: that is what the cache watches.
     """
-    return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=True, nogil=True)(function))
+    return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=not plain(), nogil=True)(function))
 
 
 def array_of(tensor: torch.Tensor) -> np.ndarray:
@@ -45,7 +46,7 @@ def array_of(tensor: torch.Tensor) -> np.ndarray:
 def _threads() -> int:
     """Give torch's number of threads, or 1 where other programs keep the cores busy; results do not depend on it."""
     crowded = os.getloadavg()[0] > CROWDED * (os.cpu_count() or 1)
-    return 1 if crowded else torch.get_num_threads()
+    return 1 if crowded or plain() else torch.get_num_threads()
 
 
 def run_parallel(steps: Sequence[Step], *, parts: int | None = None, lent: bool = False) -> None:

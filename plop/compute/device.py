@@ -9,6 +9,11 @@ import torch
 from plop.errors import PlopError
 
 
+def jobs_on(wanted: str, jobs: int) -> int:
+    """Give the number of processes that share a device: a GPU, given as in `chosen_device`, is for one at a time."""
+    return jobs if chosen_device(wanted).type == "cpu" else 1
+
+
 def chosen_device(wanted: str) -> torch.device:
     """Give the device of a setting; under `torchrun` each process of a machine takes a CUDA device of its own.
 

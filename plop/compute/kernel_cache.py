@@ -14,9 +14,9 @@ from typing import Any
 
 @lru_cache
 def sources_digest(folder: Path) -> str:
-    """Hash all Python sources of one folder."""
+    """Hash all Python sources of a folder and those below it."""
     total = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
+    for path in sorted(folder.rglob("*.py")):
         total.update(path.read_bytes())
     return total.hexdigest()
 

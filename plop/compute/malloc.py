@@ -10,6 +10,8 @@ from __future__ import annotations
 import ctypes
 import os
 
+from plop.compute.plain import plain
+
 _KEPT_BYTES = 256 << 20
 """Freed memory at the heap's end that a process keeps."""
 _MAPPED_BYTES = 32 << 20
@@ -24,7 +26,7 @@ def keep_freed_memory() -> None:
     Does nothing where the C library is not glibc.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
-    if mallopt is None:
+    if mallopt is None or plain():
         return
     for name, (number, value) in _OPTIONS.items():
         if name not in os.environ:

@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import os
 
+from plop.compute.plain import plain
+
 POLICY = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")
 """Names in the environment that say how OpenMP threads wait: the standard's, GNU's (turns of a loop), LLVM's and
 Intel's [ms]."""
@@ -24,5 +26,5 @@ SPIN = {"GOMP_SPINCOUNT": "1000", "KMP_BLOCKTIME": "1"}
 
 def wait_briefly() -> None:
     """Let OpenMP threads of this process and of those it starts spin briefly; what the user has set stays."""
-    if not any(name in os.environ for name in POLICY):
+    if not plain() and not any(name in os.environ for name in POLICY):
         os.environ.update(SPIN)

@@ -10,7 +10,6 @@ for a response that is proportional.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -18,6 +17,7 @@ from scipy.stats import t as student
 
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.profile import Profile
+from plop.parameters import Estimate
 from plop.statistics.cluster_robust import Clusters
 
 RESPONSE_ERROR = 0.25
@@ -30,7 +30,7 @@ STRONGEST_RESPONSE = 1 + float(norm.ppf(0.975)) * RESPONSE_ERROR
 
 def amplitude_of(
     column: Column, value: float, error: float, freedom: float, profile: Profile | None = None
-) -> dict[str, Any]:
+) -> Estimate:
     """Give a fitted amplitude with its 95 % interval, kept inside the range of the parameter.
 
     Args:
@@ -41,7 +41,7 @@ def amplitude_of(
         profile: Response over amplitude; proportional when absent.
 
     Returns:
-        {"value", "low", "high", "unit", "at_bound"}; an amplitude that cannot be told has an infinite interval.
+        An amplitude that cannot be told has an infinite interval.
     """
     at_bound = value >= column.high or value <= column.low and column.low != 0
     by_chance = student.ppf(0.975, max(freedom, 1.0)) * error
@@ -53,13 +53,8 @@ def amplitude_of(
         ends = [_at(value, factor, profile) for factor in (1 - width, 1 + width)]
         ends += [value * (1 - wrong), value * (1 + wrong)]
         low, high = (float(np.clip(end, column.low, column.high)) for end in (min(ends), max(ends)))
-    return {
-        "value": float(np.clip(value, column.low, column.high)),
-        "low": float(low),
-        "high": float(high),
-        "unit": column.unit,
-        "at_bound": bool(at_bound or value < column.low),
-    }
+    inside = float(np.clip(value, column.low, column.high))
+    return Estimate(inside, float(low), float(high), column.unit, bool(at_bound or value < column.low))
 
 
 def _at(value: float, factor: float, profile: Profile | None) -> float:
@@ -72,7 +67,7 @@ def _at(value: float, factor: float, profile: Profile | None) -> float:
 
 def parameters_of(
     columns: tuple[Column, ...], fitted: Clusters, profiles: Mapping[str, Profile], alone: bool = True
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Estimate]:
     """Give the last values with their intervals; a law alone has the amplitude of its least error where it is known."""
     (variances, freedom), own = fitted.steadied(), slice(-len(columns), None)
     errors, found = np.sqrt(variances), {}

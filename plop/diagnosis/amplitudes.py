@@ -16,8 +16,8 @@ from plop.diagnosis.table import Table
 from plop.diagnosis.together import least_together
 from plop.diagnosis.variants import others_of
 from plop.physics.adapters.filled import EngineBase
-from plop.physics.adapters.response import slowdown
 from plop.physics.effects.library import EffectType
+from plop.physics.hidden.response import slowdown
 
 REFITTED = 4
 """Effects whose response is computed anew at the amplitude found."""

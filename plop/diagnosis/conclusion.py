@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,16 +12,17 @@ from plop.diagnosis.evidence import Evidence, MisfitModel
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.findings import base_finding, beyond, finding_of
 from plop.diagnosis.judge import first_of, judge
-from plop.diagnosis.limits import detection_limits
+from plop.diagnosis.limits import Limit, detection_limits
 from plop.diagnosis.screen import Score, confounded
 from plop.diagnosis.shams import sham_gains
 from plop.diagnosis.state import State
 from plop.diagnosis.verdict import Verdict
+from plop.parameters import Estimate
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """All that was found."""
+class Conclusion:
+    """All that was found, with the arrays behind it; a `Diagnosis` is what is kept of it."""
 
     verdict: Verdict
     scores: list[Score]
@@ -31,7 +31,7 @@ class Diagnosis:
     """The same with parameters, p and contrast; the base's own parameters come last."""
     shams: np.ndarray
     """Best gain over the library under each sham."""
-    limits: dict[str, dict[str, Any]]
+    limits: dict[str, Limit]
     """Effect -> smallest detectable amplitude and displacement."""
     size: ErrorSize
     """How large the base's error is, here and in the reference."""
@@ -40,13 +40,13 @@ class Diagnosis:
     evidence: list[Evidence]
     control: list[Evidence]
     misfit: MisfitModel
-    settings: list[tuple[Score, dict[str, dict[str, Any]]]]
+    settings: list[tuple[Score, dict[str, Estimate]]]
     """Other settings of the best law that do as well, with their amplitudes."""
     screen_s: float = 0.0
     """Seconds until every law had been tried and ranked, before any was fitted again."""
 
 
-def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> Diagnosis:
+def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> Conclusion:
     """Judge by what has been computed.
 
     Args:
@@ -69,7 +69,7 @@ def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> D
     where = ("", "reference ")  # both sets may have an episode of the same name
     dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
     settings = [] if first is None else [(score, state.amplitudes(score)) for score in state.settings(first)]
-    return Diagnosis(
+    return Conclusion(
         verdict,
         scores,
         [*findings, base],

@@ -8,20 +8,21 @@ from dataclasses import replace
 
 from plop.diagnosis.amplitudes import begun_everywhere, of_least_error
 from plop.diagnosis.candidates import BASE_COLUMNS, Candidate, candidates_of
-from plop.diagnosis.conclusion import Diagnosis, conclusion
+from plop.diagnosis.conclusion import Conclusion, conclusion
 from plop.diagnosis.judge import judge_pair
 from plop.diagnosis.limits import unseen
 from plop.diagnosis.pairs import Pair, find_pair
 from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.state import State
 from plop.diagnosis.table import Measured, RunJobs, Table
-from plop.diagnosis.verdict import Verdict, among
+from plop.diagnosis.unnamed import among
+from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
 
 LEAST_EPISODES = 4
-UNSETTLED = ("NONE OF THESE", "PARTLY")
+UNSETTLED = (VerdictKind.NONE_OF_THESE, VerdictKind.PARTLY)
 """Verdicts after which two laws at once are tried, where there is a reference: they take many more engine runs."""
 
 
@@ -37,7 +38,7 @@ def diagnose(
     shams: int = SHAMS,
     seed: int = 0,
     told: Callable[[str], None] = lambda step: None,
-) -> Diagnosis:
+) -> Conclusion:
     """Find which effect the base is missing.
 
     Args:
@@ -79,7 +80,7 @@ def diagnose(
     return _with_unheard(found, tables, candidates, whole={*types} <= {c.effect for c in candidates})
 
 
-def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candidate], *, whole: bool) -> Diagnosis:
+def _with_unheard(found: Conclusion, tables: list[Table], candidates: list[Candidate], *, whole: bool) -> Conclusion:
     """Tell of laws that have no place in the ranking: those that move nothing here, and those that could not be run.
 
     Args:
@@ -95,7 +96,7 @@ def _with_unheard(found: Diagnosis, tables: list[Table], candidates: list[Candid
     silent = "it moves nothing that was followed in these recordings"
     return replace(
         found,
-        verdict=found.verdict if whole and not failed else among(found.verdict, tried),
+        verdict=found.verdict if whole and not failed else among(found.verdict, tried, found.size),
         dropped=found.dropped | {name: failed.get(name, silent) for name in unheard},
         limits=found.limits | {name: unseen(c.columns[0]) for name, c in unheard.items()},
     )
@@ -130,11 +131,11 @@ def _check_laws(tables: list[Table], candidates: list[Candidate]) -> None:
 
 def _two_are_tried(verdict: Verdict) -> bool:
     """Tell whether two laws shall be fitted together: none settles it, or two do, each of which was fitted alone."""
-    two = verdict.kind == "EFFECT" and len(verdict.named) > 1
+    two = verdict.kind == VerdictKind.EFFECT and len(verdict.named) > 1
     return two or verdict.kind in UNSETTLED
 
 
-def _with_pair(found: Diagnosis, pair: Pair | None) -> Diagnosis:
+def _with_pair(found: Conclusion, pair: Pair | None) -> Conclusion:
     """Let two laws that were fitted together stand in place of a verdict that leaves much open."""
     if pair is None:
         return found

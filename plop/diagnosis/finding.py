@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from plop.diagnosis.contrast import P_LARGEST, Contrast
+from plop.diagnosis.verdict import Reason
+from plop.parameters import Estimate
 
 GAIN_LEAST = 0.05
 """Least share of the held-out error that a named effect takes away."""
@@ -13,10 +15,6 @@ STEADY_LEAST = GAIN_LEAST / 2
 """Least share that it takes away of the error of the episodes but for the one that it helps most."""
 ERRORS_LEAST = 2.0
 """Least gain in standard errors over episodes."""
-AT_BOUND = "a parameter is at its bound"
-"""Why a law is named only as a part whose fitted amplitude is at the end of its range."""
-CARRIED = "one episode alone carries it"
-"""Why a law is not named that says nothing about the other episodes."""
 PARTLY_SHARE = 0.6
 """Share of the explainable gap below which an effect is named only as a part: most of what a law that is not in the
 library does, a neighbour can do as well."""
@@ -46,8 +44,7 @@ class Finding:
     name: str
     kind: str
     """physics, decoy, base or sensor."""
-    parameters: dict[str, dict[str, Any]]
-    """Name -> {"value", "low", "high", "unit", "at_bound"}."""
+    parameters: Mapping[str, Estimate]
     gain: float
     gain_error: float
     p: float | None
@@ -70,7 +67,7 @@ class Finding:
     @property
     def at_bound(self) -> bool:
         """Tell whether a parameter ran into its range."""
-        return any(p["at_bound"] for p in self.parameters.values())
+        return any(p.at_bound for p in self.parameters.values())
 
     @property
     def differs(self) -> bool:
@@ -92,24 +89,18 @@ class Finding:
 
     def ends(self) -> bool:
         """Tell whether only the end of its range is against it."""
-        return self.reasons() == [AT_BOUND]
+        return self.reasons() == [Reason.AT_BOUND]
 
-    def reasons(self) -> list[str]:
+    def reasons(self) -> list[Reason]:
         """Say which conditions fail."""
-        found = []
-        if self.p is None or self.p > P_LARGEST:
-            found.append(f"p = {self.p:.3f} > {P_LARGEST}" if self.p is not None else "no shams")
-        if self.gain <= 0:
-            found.append(f"{NO_HELP}: fitted to the other episodes, it does not make the held-out ones better")
-        elif self.gain <= GAIN_LEAST:
-            found.append(f"gain {100 * self.gain:.1f} % <= {100 * GAIN_LEAST:g} %")
-        if self.gain <= ERRORS_LEAST * self.gain_error:
-            found.append(f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)")
-        if self.at_bound:
-            found.append(AT_BOUND)
-        if self.carried:
-            found.append(CARRIED)
-        if self.contrast is not None and not self.differs:
-            distance = f"{self.contrast.errors:.1f} standard errors, p = {self.contrast.p:.2f}"
-            found.append(f"the same amplitude as in the reference recordings ({distance})")
-        return found
+        failed = {
+            Reason.NO_SHAMS: self.p is None,
+            Reason.CHANCE: self.p is not None and self.p > P_LARGEST,
+            Reason.NO_HELP: self.gain <= 0,
+            Reason.SMALL_GAIN: 0 < self.gain <= GAIN_LEAST,
+            Reason.UNSURE_GAIN: self.gain <= ERRORS_LEAST * self.gain_error,
+            Reason.AT_BOUND: self.at_bound,
+            Reason.ONE_EPISODE: self.carried,
+            Reason.SAME_IN_REFERENCE: not self.differs,
+        }
+        return [reason for reason, holds in failed.items() if holds]

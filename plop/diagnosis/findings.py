@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from plop.diagnosis.regression import fit, gain, most_helped, steady_gain
 from plop.diagnosis.screen import Score
 from plop.diagnosis.shams import p_value
 from plop.diagnosis.state import State
+from plop.parameters import Estimate
 
 
 def finding_of(state: State, score: Score, shams: np.ndarray, beside: bool = False) -> Finding:
@@ -33,15 +34,7 @@ def finding_of(state: State, score: Score, shams: np.ndarray, beside: bool = Fal
     units = dict(score.candidate.shape_units)
     for name, value in columns[0].shapes:
         also = sorted({dict(other.candidate.columns[0].shapes)[name] for other in others} - {value})
-        parameters[name] = {
-            "value": value,
-            "low": float("-inf"),
-            "high": float("inf"),
-            "unit": units.get(name, ""),
-            "at_bound": False,
-            "chosen": True,
-            "also": also,
-        }
+        parameters[name] = Estimate(value, unit=units.get(name, ""), alternatives=tuple(also), fitted=False)
     contrast = _contrast(state, score.rows, len(columns), whole_library=beside)
     return Finding(
         score.candidate.effect,
@@ -100,7 +93,7 @@ def base_finding(state: State, shams: np.ndarray) -> Finding:
     )
 
 
-def _widen(state: State, parameters: dict[str, dict[str, Any]], settings: Sequence[Score]) -> None:
+def _widen(state: State, parameters: dict[str, Estimate], settings: Sequence[Score]) -> None:
     """Let intervals hold what the amplitude is in other settings of the law that do as well."""
     for other in settings:
         columns = other.candidate.columns
@@ -108,7 +101,7 @@ def _widen(state: State, parameters: dict[str, dict[str, Any]], settings: Sequen
             continue
         for name, given in state.amplitudes(other).items():
             own = parameters[name]
-            own["low"], own["high"] = min(own["low"], given["low"]), max(own["high"], given["high"])
+            parameters[name] = replace(own, low=min(own.low, given.low), high=max(own.high, given.high))
 
 
 def _shown_by(state: State, shown: np.ndarray) -> str:

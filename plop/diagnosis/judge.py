@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.finding import PARTLY_SHARE, Finding
 from plop.diagnosis.judge_base import by_base
-from plop.diagnosis.verdict import Verdict, may_be_chance, nothing, unnamed
-from plop.diagnosis.verdict_text import base_text, both_text, effect_text, nearly_text, parameters_text
+from plop.diagnosis.unnamed import may_be_chance, nothing, unnamed
+from plop.diagnosis.verdict import Earlier, Grounds, Verdict, VerdictKind
+from plop.diagnosis.verdict_text import base_text, both_text, effect_text, parameters_text
 
 SECOND_LEAST = 0.1
 """Least share of what the first law leaves that a second one takes away: the first is never exactly right, and what
@@ -52,22 +53,13 @@ def judge(
     """
     named = [f for f in findings if f.passes() and f.kind != "decoy"]
     decoys = [f.name for f in findings[:1] if f.passes() and f.kind == "decoy"]
-    facts = {
-        "sensors": sensors,
-        "error": size.error,
-        "floor": size.floor,
-        "left": left,
-        "excess": size.excess,
-        "excess_p": size.excess_p,
-        "decoys": decoys,
-        "alternatives": [],
-    }
+    facts = Grounds(tuple(sensors), size.error, size.floor, left, size.excess, size.excess_p, tuple(decoys))
     if sensors:
         text = (
             f"A sensor is off: {'; '.join(sensors)}. The tracks used it, so that physics cannot be judged: mend "
             "it, or leave the camera out (--exclude), and diagnose again."
         )
-        return Verdict("SENSOR", sensors, text, facts)
+        return Verdict(VerdictKind.SENSOR, tuple(sensors), text, facts)
     from_base = by_base(base, findings, named[0] if named else None, size, facts)
     if from_base is not None:
         return from_base
@@ -83,8 +75,8 @@ def judge(
         others = [f for f in findings if f is not first]  # a law that is refused does not hide the base's parameter
         return by_base(base, others, None, size, facts) or verdict
     if decoys or size.stands_out:
-        return unnamed("NONE OF THESE", findings, facts)
-    return unnamed("NOTHING DETECTABLE", findings, facts, nearly_text(size))
+        return unnamed(VerdictKind.NONE_OF_THESE, findings, facts, size)
+    return unnamed(VerdictKind.NOTHING_DETECTABLE, findings, facts, size)
 
 
 def _law(
@@ -93,7 +85,7 @@ def _law(
     second: tuple[Finding, float] | None,
     left: float | None,
     size: ErrorSize,
-    facts: dict[str, Any],
+    facts: Grounds,
 ) -> Verdict:
     """Name the best law: alone, with the one beside it, or with those that cannot be told from it.
 
@@ -102,22 +94,23 @@ def _law(
     more = second[0] if second is not None and second[0].passes() and second[0].gain > SECOND_LEAST else None
     if more is not None and second is not None:
         left = second[1]
-        facts = {**facts, "left": left}
+        facts = replace(facts, left=left)
     share = size.closed(left)
     partly = best.at_bound or (share is not None and share < PARTLY_SHARE)
     others = [name for name in alike if name not in (best.name, more and more.name)]
     if partly and (may_be_chance(size) or (best.kind == "base" and not size.beyond_chance)):
         return nothing(facts, size)
-    facts = {**facts, "share": best.gain}
+    facts = replace(facts, share=best.gain)
     if more is not None and not others:
-        facts["share"] = 1 - (1 - best.gain) * (1 - more.gain)
+        facts = replace(facts, share=1 - (1 - best.gain) * (1 - more.gain))
         text = both_text(best, more, partly, share)
-        return Verdict("PARTLY" if partly else "EFFECT", [best.name, more.name], text, facts)
-    kind = "PARTLY" if partly else "CONFOUNDED" if others else "EFFECT"
+        kind = VerdictKind.PARTLY if partly else VerdictKind.EFFECT
+        return Verdict(kind, (best.name, more.name), text, facts)
+    kind = VerdictKind.PARTLY if partly else VerdictKind.CONFOUNDED if others else VerdictKind.EFFECT
     if best.kind == "base" and not others and not partly:
-        return Verdict("BASE PARAMETER", [best.name], base_text(best), facts)
-    facts = {**facts, "alternatives": others}
-    return Verdict(kind, [best.name, *others], effect_text(kind, best, others, share), facts)
+        return Verdict(VerdictKind.BASE_PARAMETER, (best.name,), base_text(best), facts)
+    facts = replace(facts, alternatives=tuple(others))
+    return Verdict(kind, (best.name, *others), effect_text(kind, best, others, share), facts)
 
 
 def judge_pair(alone: Verdict, first: Finding, second: Finding, left: float, size: ErrorSize) -> Verdict:
@@ -149,13 +142,14 @@ def judge_pair(alone: Verdict, first: Finding, second: Finding, left: float, siz
         f"{parameters_text(first)}; {parameters_text(second)}; {each}; both close {100 * min(share, 1):.0f} % "
         f"of the explainable gap. Add {first.name}, then diagnose again."
     )
-    facts = {
-        **alone.evidence,
-        "left": left,
-        "error": size.error,
-        "floor": size.floor,
-        "alternatives": [],
-        "share": 1 - left / size.error,
-        "alone": {"kind": alone.kind, "named": alone.named},
-    }
-    return Verdict("PARTLY" if partly else "EFFECT", [first.name, second.name], text, facts)
+    facts = replace(
+        alone.evidence,
+        left=left,
+        error=size.error,
+        floor=size.floor,
+        alternatives=(),
+        share=1 - left / size.error,
+        alone=Earlier(alone.kind, alone.named),
+    )
+    kind = VerdictKind.PARTLY if partly else VerdictKind.EFFECT
+    return Verdict(kind, (first.name, second.name), text, facts)

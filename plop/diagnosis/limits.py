@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +17,18 @@ _STEPS = 24
 StandsOut = Callable[[np.ndarray], bool]
 
 
+@dataclass(frozen=True)
+class Limit:
+    """Smallest amplitude of a law that would have been named."""
+
+    amplitude: float | None
+    """None where none in its range would be."""
+    unit: str
+    parameter: str
+    displacement_m: float | None
+    """RMS displacement that it makes [m]."""
+
+
 def detection_limits(
     screen: Screen,
     scores: list[Score],
@@ -24,7 +36,7 @@ def detection_limits(
     response_rms_m: Callable[[str], float],
     contrasts: Mapping[str, Contrast],
     stands_out: StandsOut = lambda _: False,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Limit]:
     """Inject each effect into the residuals that are left without it, and find the least amplitude that passes.
 
     It passes by as much as chance takes away in one of ten cases.
@@ -38,7 +50,7 @@ def detection_limits(
         stands_out: Held-out sums of squares [E] -> whether something is missing, whatever that is.
 
     Returns:
-        Effect -> {"amplitude", "unit", "parameter", "displacement_m"}; see `unseen`.
+        By effect; see `unseen`.
     """
     threshold = float(np.quantile(shams, 1 - P_LARGEST))
     limits = {}
@@ -55,22 +67,16 @@ def _limit(
     response_rms_m: Callable[[str], float],
     contrast: Contrast | None,
     stands_out: StandsOut,
-) -> dict[str, Any]:
+) -> Limit:
     """Give the limit of the amplitude that moves least at its own: of a pull, the direction that is seen best."""
     found = []
     for k, column in enumerate(score.candidate.columns):
         clear = (0.0, 0.0) if contrast is None else (float(contrast.least[k]), float(contrast.least_alone[k]))
         amplitude = _least_seen(screen, score, column, threshold, clear, stands_out)
         if amplitude is not None:
-            found.append(
-                {
-                    "amplitude": amplitude,
-                    "unit": column.unit,
-                    "parameter": column.amplitude,
-                    "displacement_m": amplitude * response_rms_m(column.key),
-                }
-            )
-    return min(found, key=lambda limit: limit["displacement_m"], default=unseen(score.candidate.columns[0]))
+            moved_m = amplitude * response_rms_m(column.key)
+            found.append((moved_m, Limit(amplitude, column.unit, column.amplitude, moved_m)))
+    return min(found, key=lambda pair: pair[0])[1] if found else unseen(score.candidate.columns[0])
 
 
 def _least_seen(
@@ -113,6 +119,6 @@ def _least_seen(
     return high
 
 
-def unseen(column: Column) -> dict[str, Any]:
+def unseen(column: Column) -> Limit:
     """Give the limit of a law of which no amplitude in its range would be seen."""
-    return {"amplitude": None, "unit": column.unit, "parameter": column.amplitude, "displacement_m": None}
+    return Limit(None, column.unit, column.amplitude, None)

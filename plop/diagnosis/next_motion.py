@@ -7,39 +7,46 @@ effect that one episode alone shows, by more of its kind.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.screen import Score
-from plop.parameters import short_number, with_unit
+from plop.parameters import Estimate, short_number, with_unit
 
 
-def next_motion(found: Diagnosis) -> dict[str, Any] | None:
-    """Choose the motion to record next.
+@dataclass(frozen=True)
+class NextMotion:
+    """A motion to record."""
 
-    Returns:
-        {"episode", "separation" (per effect pair, standard deviations), "text"}; None where no motion would help.
-    """
-    lone = found.verdict.evidence.get("lone")
+    episode: str
+    """The recorded episode that is like it."""
+    separation: Mapping[str, float]
+    """From each rival, in standard deviations."""
+    text: str
+
+
+def next_motion(found: Conclusion) -> NextMotion | None:
+    """Choose the motion to record next; None where no motion would help."""
+    lone = found.verdict.evidence.lone
     if lone is not None:
         text = (
-            f"Only {lone['episode']} shows {lone['effect']}: record more motions like it, at other speeds and "
+            f"Only {lone.episode} shows {lone.effect}: record more motions like it, at other speeds and "
             "places, so that it can be told from chance."
         )
-        return {"episode": lone["episode"], "separation": {}, "text": text}
-    return _apart(found) if found.verdict.evidence.get("alternatives") else None
+        return NextMotion(lone.episode, {}, text)
+    return _apart(found) if found.verdict.evidence.alternatives else None
 
 
-def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
+def settling_motion(found: Conclusion) -> NextMotion | None:
     """Choose the motion that would tell the settings of a law, a time or a direction, that do as well now.
 
     Returns:
-        As `next_motion`; None where one effect is not all that is named, or its setting is known.
+        None where one effect is not all that is named, or its setting is known.
     """
-    best = next((s for s in found.scores if [s.candidate.effect] == found.verdict.named), None)
+    best = next((s for s in found.scores if (s.candidate.effect,) == found.verdict.named), None)
     if best is None or {score.candidate.effect for score, _ in found.settings} != {best.candidate.effect}:
         return None
     own = next(f.parameters for f in found.findings if f.name == best.candidate.effect)
@@ -53,7 +60,7 @@ def settling_motion(found: Diagnosis) -> dict[str, Any] | None:
         f"These motions do not tell its setting: {either}. They differ most in that of {episode}; "
         "record more like it, slower and faster."
     )
-    return {"episode": episode, "separation": pairs, "text": text}
+    return NextMotion(episode, pairs, text)
 
 
 def _setting(score: Score) -> str:
@@ -61,15 +68,15 @@ def _setting(score: Score) -> str:
     return _listed((name, value, units.get(name)) for name, value in score.candidate.columns[0].shapes)
 
 
-def _amplitudes(score: Score, parameters: Mapping[str, Mapping[str, Any]]) -> str:
-    return _listed((c.amplitude, parameters[c.amplitude]["value"], c.unit) for c in score.candidate.columns)
+def _amplitudes(score: Score, parameters: Mapping[str, Estimate]) -> str:
+    return _listed((c.amplitude, parameters[c.amplitude].value, c.unit) for c in score.candidate.columns)
 
 
 def _listed(numbers: Iterable[tuple[str, float, str | None]]) -> str:
     return ", ".join(with_unit(f"{name} = {short_number(value)}", unit) for name, value, unit in numbers)
 
 
-def _apart(found: Diagnosis) -> dict[str, Any] | None:
+def _apart(found: Conclusion) -> NextMotion | None:
     """Choose the motion that tells the best effect from its rivals."""
     named = [s for s in found.scores if s.candidate.effect in found.verdict.named]
     if len(named) < 2:
@@ -80,10 +87,10 @@ def _apart(found: Diagnosis) -> dict[str, Any] | None:
         f"The motion of {episode} tells {best.candidate.effect} from {', '.join(pairs)} best "
         f"({separation:.1f} standard deviations); record more like it, larger or slower and faster."
     )
-    return {"episode": episode, "separation": pairs, "text": text}
+    return NextMotion(episode, pairs, text)
 
 
-def _most_apart(found: Diagnosis, best: Score, rivals: Mapping[str, Score]) -> tuple[float, str, dict[str, float]]:
+def _most_apart(found: Conclusion, best: Score, rivals: Mapping[str, Score]) -> tuple[float, str, dict[str, float]]:
     """Compare a response with those of its rivals, by label, episode by episode.
 
     In an episode two effects are told apart by what is left of one response when the other's multiple is taken

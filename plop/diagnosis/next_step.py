@@ -2,60 +2,61 @@
 
 from __future__ import annotations
 
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.next_motion import next_motion, settling_motion
+from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.parameters import short_number, with_unit
 
 _EASIEST = 3
 """Effects whose limits are told where nothing was found."""
 
 
-def next_step(found: Diagnosis) -> str:
+def next_step(found: Conclusion) -> str:
     """Say what to do next; the commands are meant for the workspace in which this diagnosis is the latest."""
     verdict, motion = found.verdict, next_motion(found)
-    if verdict.kind == "SENSOR":
+    if verdict.kind == VerdictKind.SENSOR:
         return (
             "`plop calibrate` checks the cameras again and says how to mend them; to go on without one: "
             "`plop diagnose --exclude CAMERA`."
         )
     if motion is not None:
-        return str(motion["text"])
-    if verdict.kind == "NOTHING DETECTABLE":
+        return motion.text
+    if verdict.kind == VerdictKind.NOTHING_DETECTABLE:
         return _limits(found)
-    if verdict.kind == "NONE OF THESE":
+    if verdict.kind == VerdictKind.NONE_OF_THESE:
         return (
             "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
             "(docs/how-to/write-an-effect.md) and try it: `plop diagnose --effect-file FILE`."
         )
-    if verdict.kind == "CONFOUNDED":
+    if verdict.kind == VerdictKind.CONFOUNDED:
         return f"Record motions that tell {' and '.join(verdict.named)} apart."
     settling = settling_motion(found)
-    return _added(verdict.kind, verdict.named) + (f" {settling['text']}" if settling else "")
+    return _added(verdict) + (f" {settling.text}" if settling else "")
 
 
-def _added(kind: str, named: list[str]) -> str:
+def _added(verdict: Verdict) -> str:
     """Name the command that adds what was found."""
-    first = f"Add it: `plop augment --effect {named[0]} --diagnosis diagnose@latest --name better`"
-    if kind == "BASE PARAMETER":
+    first = f"Add it: `plop augment --effect {verdict.named[0]} --diagnosis diagnose@latest --name better`"
+    if verdict.kind == VerdictKind.BASE_PARAMETER:
         return f"{first}, or fit the base to these recordings (`plop identify`); then `plop compare --model better`."
-    if kind == "PARTLY" or len(named) > 1:
+    if verdict.kind == VerdictKind.PARTLY or len(verdict.named) > 1:
         return f"{first}; then diagnose again with `--model better`: more is missing than this."
     return f"{first}; then `plop compare --model better` shows how far the error has fallen."
 
 
-def _limits(found: Diagnosis) -> str:
+def _limits(found: Conclusion) -> str:
     """Say from where on effects would have been named, those that are seen most easily first."""
     laws = {score.candidate.effect for score in found.scores if score.candidate.kind == "physics"}
     known = [
-        (limit["displacement_m"], name, limit)
+        (limit.displacement_m, name, limit)
         for name, limit in found.limits.items()
-        if limit.get("displacement_m") is not None and name in laws
+        if limit.displacement_m is not None and name in laws
     ]
     ease = sorted(known, key=lambda entry: entry[:2])[:_EASIEST]
     if not ease:
         return "These motions show no effect of the library; record larger or faster ones."
     seen = ", ".join(
-        f"{name} from {with_unit(short_number(abs(limit['amplitude'])), limit.get('unit'))} on "
+        f"{name} from {with_unit(short_number(abs(limit.amplitude or 0.0)), limit.unit)} on "
         f"({short_number(1000 * size)} mm)"
         for size, name, limit in ease
     )

@@ -15,10 +15,9 @@ import numpy as np
 from joblib import Parallel, delayed, parallel_config
 
 from plop.artifacts.atomic_file import whole
+from plop.compute.cluster import connected
 from plop.compute.kernel_cache import sources_digest
 from plop.diagnosis.responses import Answer, Job, run_job
-from plop.errors import PlopError
-from plop.installed import install_extra
 from plop.physics.effects.library import library
 
 KEPT_BYTES = 2_000_000_000
@@ -77,30 +76,8 @@ class Runs:
             with parallel_config("loky"):
                 yield
             return
-        try:
-            from distributed import Client
-        except ImportError as error:
-            raise PlopError(
-                "A Dask scheduler needs the package distributed.",
-                expected="distributed",
-                found=str(error),
-                fix=f"{install_extra('cluster')}; or leave --scheduler out.",
-            ) from error
-        try:
-            client = Client(self.scheduler, timeout="20s", set_as_default=True)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise PlopError(
-                "The Dask scheduler cannot be reached.",
-                where=self.scheduler,
-                expected="an address such as tcp://host:8786",
-                found=str(error) or "no answer",
-                fix="Start `dask scheduler` and workers, or leave --scheduler out.",
-            ) from error
-        try:
-            with parallel_config("dask", wait_for_workers_timeout=60):
-                yield
-        finally:
-            client.close()
+        with connected(self.scheduler), parallel_config("dask", wait_for_workers_timeout=60):
+            yield
 
     def _remembered(self, job: Job) -> Answer | None:
         path = self._path(job)

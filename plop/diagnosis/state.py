@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from plop.diagnosis.screen import Score, Screen, one_per_effect
 from plop.diagnosis.table import Table
 from plop.diagnosis.variants import as_good
 from plop.errors import PlopError
+from plop.parameters import Estimate
 
 
 class State:
@@ -84,7 +84,7 @@ class State:
     def _inside(self, score: Score) -> Score:
         """Take away what a law gains from an amplitude beyond its range, unless the engine may respond too weakly."""
         columns = score.candidate.columns
-        if not any(parameter["at_bound"] for parameter in parameters_of(columns, score.fit, self.profiles).values()):
+        if not any(parameter.at_bound for parameter in parameters_of(columns, score.fit, self.profiles).values()):
             return score
         ends = STRONGEST_RESPONSE * np.array([(column.low, column.high) for column in columns]).T
         values = np.clip(score.values, *ends)
@@ -160,7 +160,7 @@ class State:
         """Give the other settings of a law, a time or a direction, that do as well as the one that was taken."""
         return as_good(score, self._all_inside)
 
-    def amplitudes(self, score: Score) -> dict[str, dict[str, Any]]:
+    def amplitudes(self, score: Score) -> dict[str, Estimate]:
         """Give a law's amplitudes with their intervals, as a finding has them."""
         return parameters_of(score.candidate.columns, score.fit, self.profiles)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from plop.diagnosis.error_size import EXCESS_LEAST, EXCESS_P, EXCESS_RATIO, ErrorSize
 from plop.diagnosis.finding import Finding
-from plop.parameters import parameter_text, short_number
-from plop.statistics.determined import CHANGED_LOGARITHM
+from plop.diagnosis.verdict import VerdictKind
+from plop.parameters import estimate_text, is_log_change, short_number
 
 NEARLY_P = 0.05
 """Chance up to which an error that does not stand out is told with what is asked for."""
@@ -15,14 +16,49 @@ NEARLY_P = 0.05
 
 def parameters_text(finding: Finding) -> str:
     """Write parameters with intervals and units."""
-    return ", ".join(parameter_text(name, p) for name, p in finding.parameters.items())
+    return ", ".join(estimate_text(name, p) for name, p in finding.parameters.items())
 
 
-def effect_text(kind: str, best: Finding, others: list[str], share: float | None) -> str:
+def nothing_text(kind: VerdictKind, tried: Sequence[str] | None = None) -> str:
+    """Say that no law is named; of those that were `tried` only where these are not the whole library."""
+    whole, some = {
+        VerdictKind.NOTHING_DETECTABLE: (
+            "No effect of the library can be detected in these recordings",
+            "None of the laws that were tried can be detected in these recordings",
+        ),
+        VerdictKind.NONE_OF_THESE: (
+            "Something is missing that the library does not hold",
+            "Something is missing that none of the laws that were tried explains",
+        ),
+    }[kind]
+    return f"{whole}." if tried is None else f"{some}: {', '.join(tried)}."
+
+
+def lone_text(lone: Finding, episode: str, *, missing: bool, held_out: bool) -> str:
+    """Say which law one episode alone shows.
+
+    Args:
+        lone: The law.
+        episode: The episode.
+        missing: Something is missing for sure.
+        held_out: The law helps where it is held out, too; else it was seen where it was fitted to all episodes.
+    """
+    start = "Something is missing" if missing else "No effect can be detected in more than one episode"
+    if held_out:
+        what = f"{lone.name} takes {100 * lone.gain:.0f} % of the held-out error away, but"
+    else:
+        what = (
+            f"fitted to all episodes, {lone.name} takes {100 * lone.shown:.0f} % of the error away "
+            f"({parameters_text(lone)}), but"
+        )
+    return f"{start}: {what} {episode} alone shows it, so that it is not named."
+
+
+def effect_text(kind: VerdictKind, best: Finding, others: list[str], share: float | None) -> str:
     """Name one effect, with those that cannot be told from it; `share` of the explainable gap is what it closes."""
     gained = f"it explains {100 * best.gain:.0f} % of the held-out error"
     closed = "" if share is None else f" and closes {100 * min(share, 1):.0f} % of the explainable gap"
-    start = {"EFFECT": "Missing: ", "PARTLY": "Partly ", "CONFOUNDED": ""}[kind]
+    start = {VerdictKind.EFFECT: "Missing: ", VerdictKind.PARTLY: "Partly ", VerdictKind.CONFOUNDED: ""}[kind]
     what = best.name + (f", or {' or '.join(others)}, which these motions cannot tell apart" if others else "")
     return f"{start}{what}; {parameters_text(best)}{_end_text(best)}; {gained}{closed}."
 
@@ -42,7 +78,7 @@ def both_text(best: Finding, more: Finding, partly: bool, share: float | None) -
     )
 
 
-def partly_base_text(base: Finding, others: list[str]) -> str:
+def partly_base_text(base: Finding, others: Sequence[str]) -> str:
     """Name a parameter of the base that leaves much of the gap, with those that cannot be told from it."""
     either = f" (or {' or '.join(others)}, which these motions cannot tell from it)" if others else ""
     return (
@@ -111,10 +147,9 @@ def _base_text(base: Finding) -> str:
     """Write a base parameter's change: that of a logarithm as a factor, too."""
     name, change = next(iter(base.parameters.items()))
     factor = ""
-    if name.startswith(CHANGED_LOGARITHM):
-        value, low, high = (math.exp(change[key]) for key in ("value", "low", "high"))
-        known = math.isfinite(change["low"]) and math.isfinite(change["high"])
-        interval = f" ({short_number(low)} to {short_number(high)})" if known else ""
+    if is_log_change(name):
+        value, low, high = map(math.exp, (change.value, change.low, change.high))
+        interval = f" ({short_number(low)} to {short_number(high)})" if change.bounded else ""
         factor = f" x {short_number(value)}{interval}"
     return f"{base.name}{factor}, {parameters_text(base)}"
 

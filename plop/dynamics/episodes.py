@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from plop.dynamics.interface import ToolStep
-from plop.geometry.cameras import Camera
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.recordings.recording import Recording
 from plop.render.losses import Target, target_from_view
 
@@ -48,17 +47,9 @@ class Actions:
         return [self.step(frame) for frame in range(len(self) - 1)]
 
 
-@dataclass(frozen=True)
-class MeasuredView:
-    """One measured view, ready for the rendering loss."""
-
-    camera: Camera
-    target: Target
-
-
 def measured_views(
     recording: Recording, frame: int, cameras: list[str] | None = None, device: torch.device | str = "cpu"
-) -> list[MeasuredView]:
+) -> list[Target]:
     """Read the views of one frame that show the object.
 
     Args:
@@ -74,5 +65,5 @@ def measured_views(
     for name in cameras or recording.camera_names:
         view = recording.view(name, frame)
         if view.object_mask.any():
-            found.append(MeasuredView(view.camera, target_from_view(view, device=device)))
+            found.append(target_from_view(view, device=device))
     return found

@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.dynamics.first_surface import first_surface
+from plop.artifacts.layouts import Fit
+from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import ToolStep
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.recordings.recording import Recording
 
 
@@ -49,7 +50,7 @@ class InitialScene:
             PlopError: The episode was not fitted, or a file is damaged.
         """
         folder = Path(fitted) / recording.name
-        gaussians, tool = (read_splat(folder / part).to(device) for part in ("object.ply", "tool.ply"))
+        gaussians, tool = (read_splat(path).to(device) for path in (Fit(folder).object_splat, Fit(folder).tool_splat))
         mesh = recording.tool_mesh
         return cls(
             gaussians,

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from plop.dynamics.rest import RestPlaces
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ParticleState:
     """False at the first frame, where the motion of the last step means nothing."""
     surface: tuple[np.ndarray, np.ndarray] | None = None
     """At the first frame, if it was measured: the object's closed surface, vertices [V, 3] [m] and triangles [F, 3],
-    for models that fill it themselves (`plop.dynamics.first_surface`)."""
+    for models that fill it themselves (`plop.dynamics.initial_surface`)."""
     rest: RestPlaces | None = None
     """Where the Gaussians lay at the first frame, if anything needs to know it (`plop.dynamics.cohesion`)."""
     inner: object | None = None

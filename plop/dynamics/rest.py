@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from torch import Tensor
 
-from plop.geometry.neighbours import nearest
+from plop.geometry.clouds.neighbours import nearest
 
 _NEIGHBOURS = 20
-"""As many as the physical terms of the loss look at (`plop.dynamics.physical_losses`)."""
+"""As many as the physical terms of the loss look at (`plop.dynamics.losses.physical`)."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from plop.gaussians.nearest import nearest_index
 from plop.gaussians.state import Gaussians
+from plop.geometry.clouds.neighbours import nearest_index
 from plop.geometry.rigid import quat_to_matrix
 
 _SAMPLES = 5

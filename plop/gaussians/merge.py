@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from plop.gaussians.covariance import scales_quats_from_covariance
-from plop.gaussians.nearest import nearest_index
 from plop.gaussians.state import Gaussians
+from plop.geometry.clouds.neighbours import nearest_index
 
 MergeForm = Literal["moments", "paper"]
 MAX_OPACITY = 0.999

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.geometry.cameras import Camera
+from plop.geometry.view import View
 
 
 @dataclass(frozen=True)
@@ -41,24 +41,23 @@ def pixel_priorities(camera_index: int, height: int, width: int, seed: int) -> n
     return np.random.default_rng([seed, camera_index]).random((height, width))
 
 
-def back_project_all(
-    cameras: Sequence[Camera], depths_m: Sequence[np.ndarray], masks: Sequence[np.ndarray], *, seed: int = 0
-) -> Cloud:
+def back_project_all(views: Sequence[View], known: Sequence[np.ndarray] | None = None, *, seed: int = 0) -> Cloud:
     """Collect the object's pixels of all cameras into one cloud.
 
     Args:
-        cameras: Cameras; their order fixes the priorities.
-        depths_m: Per camera, shape [H, W], metres; 0 or NaN is not measured.
-        masks: Per camera, bool, shape [H, W].
+        views: One of each camera; their order fixes the priorities. Depth that is 0 or NaN is not measured.
+        known: Pixels of each that count, bool, shape [H, W]; all when absent.
         seed: Seed of the priorities.
 
     Returns:
         The cloud; empty when no pixel is valid.
     """
     points, priority = [np.zeros((0, 3))], [np.zeros(0)]
-    for index, (camera, depth, mask) in enumerate(zip(cameras, depths_m, masks, strict=True)):
-        use = mask & np.isfinite(depth) & (depth > 0)
-        points.append(camera.back_project(depth, use))
+    for index, view in enumerate(views):
+        depth = view.depth_m
+        use = view.object_mask & np.isfinite(depth) & (depth > 0)
+        use = use if known is None else use & known[index]
+        points.append(view.camera.back_project(depth, use))
         priority.append(pixel_priorities(index, depth.shape[0], depth.shape[1], seed)[use])
     return Cloud(np.concatenate(points), np.concatenate(priority))
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.chamfer import cd_mm, cd_sq_mm2, nearest_distances
-from plop.metrics.clouds import Cloud, back_project_all, paired_samples
+from plop.metrics.clouds import back_project_all, paired_samples
 from plop.metrics.crop import union_box
 from plop.metrics.emd import EMD_POINTS, emd_mm
 from plop.metrics.hausdorff import hd_mm
 from plop.metrics.masks import f_score, j_score
 from plop.metrics.psnr import psnr_db
 from plop.metrics.ssim import WINDOW_PX, ssim
-from plop.recordings.recording import MaskLabel, View
 
 CONVENTIONS = {
     "cd_mm": "Chamfer distance [mm]: mean nearest distance, mean of both directions, not squared; all object pixels "
@@ -97,12 +97,7 @@ def mean_defined(values: Sequence[float | None]) -> float | None:
 def _cloud_scores(
     predicted: Sequence[View], measured: Sequence[View], known: list[np.ndarray], options: FrameOptions
 ) -> Scores:
-    def cloud(views: Sequence[View]) -> Cloud:
-        masks = [view.object_mask & use for view, use in zip(views, known, strict=True)]
-        cameras = [view.camera for view in measured]
-        return back_project_all(cameras, [view.depth_m for view in views], masks, seed=options.seed)
-
-    ours, theirs = cloud(predicted), cloud(measured)
+    ours, theirs = (back_project_all(views, known, seed=options.seed) for views in (predicted, measured))
     distances = nearest_distances(ours.points, theirs.points)
     emd = emd_mm(*paired_samples(ours, theirs, EMD_POINTS)) if options.emd else None
     return {"cd_mm": cd_mm(distances), "cd_sq_mm2": cd_sq_mm2(distances), "emd_mm": emd, "hd_mm": hd_mm(distances)}

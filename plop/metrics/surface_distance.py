@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
 
 MOST_POINTS = 40_000
 """Points of a cloud that are searched; of larger images only every second, third, ... row and column is taken."""

@@ -11,7 +11,6 @@ The scores right under a method are means over the predicted frames of the test 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 
 from plop.errors import PlopError
 from plop.metrics.frame import HIGHER_IS_BETTER, mean_defined
+from plop.metrics.scores import Scores
 from plop.statistics.bootstrap import bootstrap_interval
 
 COLUMNS = {
@@ -35,11 +35,11 @@ COLUMNS = {
 """Columns of a printed table: heading and digits."""
 _BEGIN, _END = "<!-- {name}:begin -->", "<!-- {name}:end -->"
 
-Scores = Mapping[str, Path | Sequence[Path]]
+ScoreFiles = Mapping[str, Path | Sequence[Path]]
 
 
 def collect(
-    scores: Scores,
+    scores: ScoreFiles,
     *,
     chosen: Callable[[str], bool] | None = None,
     command: str = "",
@@ -60,13 +60,13 @@ def collect(
         The content of docs/results/disect.json.
 
     Raises:
-        PlopError: A file is missing or is not scores.json.
+        PlopError: A file is missing, is not scores.json, or has another layout.
     """
     environments: dict[str, Any] = {}
     conventions: dict[str, str] = {}
     for environment, paths in scores.items():
-        reports = [_read(path) for path in ([paths] if isinstance(paths, Path) else paths)]
-        conventions |= reports[0]["conventions"]
+        reports = [Scores.load(path) for path in ([paths] if isinstance(paths, Path) else paths)]
+        conventions |= reports[0].conventions
         names = [name for name in _names(reports) if chosen is None or chosen(name)]
         if names:
             environments[environment] = _environment(reports, names)
@@ -131,26 +131,13 @@ def replace_between_markers(page: str, name: str, text: str) -> str:
     return page[: page.index(begin) + len(begin)] + f"\n{text}\n" + page[page.index(end) :]
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        report = json.loads(path.read_text())
-        if {"methods", "episodes", "conventions"} <= report.keys():
-            return report
-        found = f"keys {', '.join(report)}"
-    except (OSError, ValueError, AttributeError) as error:
-        found = str(error)
-    raise PlopError(
-        "These are not scores.", where=path, expected="scores.json of `plop eval`", found=found, fix="Run `plop eval`."
-    )
+def _names(reports: list[Scores]) -> list[str]:
+    return list(dict.fromkeys(name for report in reports for name in report.episodes))
 
 
-def _names(reports: list[dict[str, Any]]) -> list[str]:
-    return list(dict.fromkeys(name for report in reports for name in report["episodes"]))
-
-
-def _environment(reports: list[dict[str, Any]], names: list[str]) -> dict[str, Any]:
+def _environment(reports: list[Scores], names: list[str]) -> dict[str, Any]:
     table: dict[str, Any] = {}
-    for method, parts in reports[0]["methods"].items():
+    for method, parts in reports[0].methods.items():
         per_part = {
             part: {metric: _interval(reports, names, method, part, metric) for metric in metrics}
             for part, metrics in parts.items()
@@ -159,14 +146,14 @@ def _environment(reports: list[dict[str, Any]], names: list[str]) -> dict[str, A
     return table
 
 
-def _interval(reports: list[dict[str, Any]], names: list[str], method: str, part: str, metric: str) -> dict | None:
+def _interval(reports: list[Scores], names: list[str], method: str, part: str, metric: str) -> dict | None:
     values = [mean_defined([_score(report, name, method, part, metric) for report in reports]) for name in names]
-    found = bootstrap_interval(values, seed=reports[0].get("seed", 0))
+    found = bootstrap_interval(values, seed=reports[0].seed)
     return None if found is None else asdict(found)
 
 
-def _score(report: dict[str, Any], name: str, method: str, part: str, metric: str) -> float | None:
-    return report["episodes"].get(name, {}).get(method, {}).get(part, {}).get(metric)
+def _score(report: Scores, name: str, method: str, part: str, metric: str) -> float | None:
+    return report.episodes.get(name, {}).get(method, {}).get(part, {}).get(metric)
 
 
 def _mean_improvement(environments: Mapping[str, Any]) -> dict[str, Any]:

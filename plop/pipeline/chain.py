@@ -1,25 +1,22 @@
-"""Several stages in a row on one environment, each fed by those before it."""
+"""A whole chain, from raw data to scores, with settings that ship with plop."""
 
 from __future__ import annotations
 
 import importlib.resources
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.store import Store
 from plop.errors import PlopError
-from plop.pipeline.execute import Outcome, execute
-from plop.pipeline.listener import Listener
-from plop.pipeline.registry import commands, places, stage_ref
+from plop.pipeline.registry import commands, stage_ref
 from plop.pipeline.settings import resolve
 from plop.pipeline.settings_file import SETTINGS_FILE, parse_assignments, read_settings_file, settings_by_command
 from plop.pipeline.stage import Stage
-
-AFTER_INGEST = ("calibrate", "fuse", "fit-init", "train", "rollout", "eval")
+from plop.pipeline.tasks import Need, Task
+from plop.pipeline.upstream import Planner
 
 Layers = list[tuple[str, Mapping[str, Mapping[str, Any]]]]
 """(where the overrides come from, overrides by command), later ones winning."""
@@ -34,12 +31,12 @@ class Profile:
     """One training each."""
     settings: dict[str, dict[str, Any]]
     """By command."""
-    engine: bool = False
-    """Fit the engine to the tracks first, so that it makes up episodes to learn from, too."""
+    also: tuple[str, ...] = ()
+    """Optional inputs that are made, too, e.g. "train.engine"."""
 
 
 def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
-    """Read a profile: a TOML file with a table a command, `seeds`, `engine`, and `based_on`, another profile.
+    """Read a profile: a TOML file with a table a command, `seeds`, `also`, and `based_on`, another profile.
 
     Args:
         name: What it is called.
@@ -56,10 +53,10 @@ def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
     tables = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
     base = read_profile(tables.pop("based_on")) if "based_on" in tables else Profile(name, [0], {})
     seeds = [int(seed) for seed in tables.pop("seeds", base.seeds)]
-    engine = bool(tables.pop("engine", base.engine))
+    also = tuple(tables.pop("also", base.also))
     own = settings_by_command(tables, commands(), where=f"profile {name}")
     settings = {command: base.settings.get(command, {}) | own.get(command, {}) for command in {**base.settings, **own}}
-    return Profile(name, seeds, settings, engine)
+    return Profile(name, seeds, settings, also)
 
 
 def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
@@ -71,7 +68,7 @@ def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
     ]
 
 
-def check_layers(layers: Layers, chain: Sequence[str]) -> None:
+def check_layers(layers: Layers, chain: Collection[str]) -> None:
     """Refuse settings that no stage of a chain takes, before any of them runs.
 
     Args:
@@ -102,58 +99,42 @@ def _resolved(stage: Stage, command: str, layers: Layers, extra: Mapping[str, An
     return resolve(stage.config, command, *overrides, ("plop", dict(extra or {})))
 
 
-def run_step(
-    command: str,
-    *,
-    store: Store,
-    listener: Listener,
+def chain(
+    planner: Planner,
     layers: Layers,
-    made: Mapping[str, Outcome],
-    raw: Path | None = None,
-    named: Mapping[str, Outcome] | None = None,
-    extra: Mapping[str, Any] | None = None,
-) -> Outcome:
-    """Run one stage of a chain.
+    *,
+    target: str,
+    begin: str,
+    raw: Path,
+    also: Collection[str] = (),
+    extra: Mapping[str, Mapping[str, Any]] | None = None,
+    about: str = "",
+) -> dict[str, Task]:
+    """Plan everything from raw data to a target; what two chains have in common is planned once.
 
     Args:
-        command: The stage's command.
-        store: The workspace.
-        listener: Is told what happens.
+        planner: Plans the runs.
         layers: Settings.
-        made: Outcomes of the stages before, by stage name.
-        raw: The raw folder, for an ingest.
-        named: Outcomes that are taken for an input of that name whatever `made` holds.
-        extra: Settings that win over the layers.
+        target: Command of the last stage.
+        begin: Command that reads the raw data.
+        raw: The raw data.
+        also: Optional inputs that are made, too, e.g. "train.engine".
+        extra: Settings by command that win over the layers.
+        about: What the chain is for, e.g. an environment.
+
+    Returns:
+        By command, each after those that it needs.
+
+    Raises:
+        PlopError: The raw data cannot be read, or what an earlier run made is damaged.
     """
-    stage = stage_ref(command).load()
-    config = _resolved(stage, command, layers, extra)
-    with listener.progress(command) as progress:
-        outcome = execute(
-            stage,
-            store=store,
-            config=config,
-            inputs=_inputs(stage, made, raw) | {name: _address(one) for name, one in (named or {}).items()},
-            progress=progress,
-            on_wait=lambda pid: listener.waits(command, pid),
-            on_start=listener.starts,
-        )
-    listener.finished(command, outcome)
-    return outcome
-
-
-def _inputs(stage: Stage, made: Mapping[str, Outcome], raw: Path | None) -> dict[str, str | Path]:
-    found: dict[str, str | Path] = {}
-    for name, spec in stage.inputs.items():
-        fitting = [outcome for source, outcome in made.items() if source in spec.stages]
-        if not spec.stages and raw is not None and not spec.optional:
-            found[name] = raw
-        elif fitting and not spec.only_named:
-            latest = max(fitting, key=lambda outcome: places()[outcome.artifact.manifest.stage])
-            found[name] = _address(latest)
-        elif spec.stages and spec.optional:
-            found[name] = LEFT_OUT
-    return found
-
-
-def _address(outcome: Outcome) -> str:
-    return "@".join(outcome.artifact.key)
+    tasks: dict[str, Task] = {}
+    for command, sources in planner.graph.chain(target, begin=begin, also=also).items():
+        ref = stage_ref(command)
+        stage = ref.load()
+        inputs: dict[str, Need] = {name: None for name, spec in stage.inputs.items() if spec.read}
+        inputs |= {name: raw for name, spec in stage.inputs.items() if not spec.stages and not spec.optional}
+        inputs |= {name: tasks[maker] for name, maker in sources.items()}
+        config = _resolved(stage, command, layers, (extra or {}).get(command))
+        tasks[command] = planner.shared(Task(ref, config, inputs, about=about))
+    return tasks

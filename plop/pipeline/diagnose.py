@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from plop.artifacts.store import Store
+from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.verdict import Verdict
 from plop.pipeline.run import run
 
@@ -21,5 +21,4 @@ def diagnose(store: Store | str | Path, /, **options: Any) -> Verdict:
     Raises:
         PlopError: See `plop.pipeline.run.run`.
     """
-    facts = json.loads((run("diagnose", store, **options).path / "diagnosis.json").read_text())
-    return Verdict(**facts["verdict"])
+    return Diagnosis.load(run("diagnose", store, **options).path).verdict

@@ -15,14 +15,15 @@ from typing import Any
 
 from plop.artifacts.digest import files_below
 from plop.artifacts.fingerprint import deciding, fingerprint, plain
-from plop.artifacts.lock import locked
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store, check_name
 from plop.artifacts.verify import verify
 from plop.errors import PlopError
 from plop.pipeline.inputs import Resolved, resolve_inputs
+from plop.pipeline.mapping import Mapper
 from plop.pipeline.registry import command_of
 from plop.pipeline.stage import Input, Output, Progress, Stage, Summary, silent
+from plop.recordings.opened_once import opened_once
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,14 @@ def execute(
     store: Store,
     config: Any = None,
     inputs: Mapping[str, str | Path] | None = None,
+    command: str | None = None,
     environment: str | None = None,
     name: str | None = None,
     force: bool = False,
     progress: Progress = silent,
     on_wait: Callable[[str], None] | None = None,
     on_start: Callable[[Plan], None] | None = None,
+    mapper: Mapper | None = None,
 ) -> Outcome:
     """Run a stage unless its artifact is already there.
 
@@ -76,12 +79,14 @@ def execute(
         store: The workspace.
         config: Its configuration; None takes the defaults.
         inputs: Addresses and raw paths by input name; the rest is found.
+        command: The stage's command; looked up without.
         environment: Choose inputs of this environment where none is given.
         name: Name for the artifact.
         force: Make it again although it is there.
         progress: Called as the work goes on.
         on_wait: Called with a process id when another run is making the same artifact.
         on_start: Called with what is going to run, when it is not there already.
+        mapper: Carries out the stage's pieces (`Output.map`), on a cluster say; processes of this machine when None.
 
     Raises:
         PlopError: Bad input, a full disk, or whatever the stage reports.
@@ -89,19 +94,22 @@ def execute(
     if name is not None:
         check_name(name)
     settings = stage.config() if config is None else config
-    planned = plan(stage, store=store, config=settings, inputs=inputs or {}, environment=environment, force=force)
+    planned = plan(
+        stage, store=store, config=settings, inputs=inputs or {}, command=command, environment=environment, force=force
+    )
     try:
         if planned.existing is not None:
             return _already_there(store, planned.existing, name)
         if not is_first_process():
             return _run_beside(store, planned, progress)
-        with locked(store.lock_path(stage.name, planned.fingerprint), on_wait):
+        reads = list(planned.inputs.artifacts.values())
+        with store.making(stage.name, planned.fingerprint, reads, on_wait):
             there = None if force else store.get(stage.name, planned.fingerprint)
             if there is not None:
                 return _already_there(store, there, name)
             if on_start is not None:
                 on_start(planned)
-            return _run(store, planned, name, force, progress)
+            return _run(store, planned, name, force, progress, mapper)
     except (OSError, RuntimeError) as error:
         explained = _explained(error, store)
         if explained is None:
@@ -115,6 +123,7 @@ def plan(
     store: Store,
     config: Any,
     inputs: Mapping[str, str | Path],
+    command: str | None = None,
     environment: str | None = None,
     force: bool = False,
 ) -> Plan:
@@ -130,7 +139,7 @@ def plan(
     for key, path in resolved.raw.items():
         contents[key] = raw_content(store, stage, path, config)
     store.cache.save()
-    command = command_of(stage)  # not the name, which the ingest commands share
+    command = command or command_of(stage)  # not the name, which the ingest commands share
     mark = fingerprint(command, stage.version, deciding(config), contents)
     environments = dict.fromkeys(a.manifest.environment for a in resolved.artifacts.values())
     existing = None if force else store.get(stage.name, mark)
@@ -162,11 +171,13 @@ def _already_there(store: Store, artifact: Artifact, name: str | None) -> Outcom
     return Outcome(artifact, skipped=True, seconds=0.0, name_from=moved)
 
 
-def _run(store: Store, planned: Plan, name: str | None, force: bool, progress: Progress) -> Outcome:
+def _run(
+    store: Store, planned: Plan, name: str | None, force: bool, progress: Progress, mapper: Mapper | None
+) -> Outcome:
     stage = planned.stage
     scratch = store.scratch(stage.name, planned.fingerprint, fresh=force)
     started = time.perf_counter()
-    summary = _summary(store, planned, Output(scratch, progress, store.shared(stage.name)))
+    summary = _summary(store, planned, Output(scratch, progress, store.shared(stage.name), mapper))
     seconds = time.perf_counter() - started
     artifact = store.commit(scratch, _manifest(store, planned, summary, seconds))
     store.record(artifact, seconds)
@@ -187,7 +198,8 @@ def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:
 def _summary(store: Store, planned: Plan, out: Output) -> Summary:
     """Run the stage itself; a run that is refused before it wrote anything leaves nothing to go on with."""
     try:
-        return planned.stage.run(_stage_inputs(planned), planned.config, out)
+        with opened_once():
+            return planned.stage.run(_stage_inputs(planned), planned.config, out)
     except BaseException:
         store.drop_empty(out.path)
         raise

@@ -1,4 +1,4 @@
-"""Inputs of a stage: those the user names, and for the rest the latest that fit together.
+"""Inputs of a stage that are there: those the user names, and for the rest the latest that fit together.
 
 Without an address an input is taken from one line of descent: the most recent artifact of the most
 advanced stage is chosen first, and the other inputs from what it was made of. When artifacts of several
@@ -8,16 +8,23 @@ user names. An input that takes many artifacts is resolved to `<name>.0`, `<name
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from plop.artifacts.lineage import LEFT_OUT, Key, closure
-from plop.artifacts.store import Artifact, Store
+from plop.artifacts.store import BEGIN, Artifact, Store
 from plop.artifacts.suggestions import told
 from plop.errors import PlopError
 from plop.pipeline.registry import places
-from plop.pipeline.stage import InputSpec, Stage
+from plop.pipeline.stage import Choice, InputSpec, Stage
+
+Found = Artifact | Path | tuple[Artifact, ...] | None
+"""What an input is: an artifact, a raw path, several artifacts, or nothing where it is left out."""
+
+
+class AbsentError(PlopError):
+    """No artifact fits an input; one could be made."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +36,7 @@ class Resolved:
 
 
 def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], environment: str | None) -> Resolved:
-    """Find every input of a stage.
+    """Find every input of a stage among what is there.
 
     Args:
         store: The workspace.
@@ -40,90 +47,138 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
     Raises:
         PlopError: An input is missing, is of another stage, or several environments would fit.
     """
-    raw: dict[str, Path] = {}
-    chosen: dict[str, Artifact] = {}
-    open_specs: dict[str, InputSpec] = {}
+    found: dict[str, Found] = {
+        name: named_input(store, stage, name, given[name])
+        for name, spec in stage.inputs.items()
+        if name in given and spec.read
+    }
+    wanted = [
+        name
+        for name, spec in stage.inputs.items()
+        if name not in found and spec.stages and spec.read and spec.choice is not Choice.NAMED
+    ]
     for name, spec in stage.inputs.items():
-        if name in given and not spec.stages:
-            path = Path(given[name])
-            raw[name] = path if stage.find_raw is None else stage.find_raw(name, path)
-        elif given.get(name) == LEFT_OUT and spec.optional:
-            continue
-        elif name in given and spec.many:
-            addresses = [part.strip() for part in str(given[name]).split(",") if part.strip()]
-            chosen |= {f"{name}.{k}": fitting(store, stage, name, spec, a) for k, a in enumerate(addresses)}
-        elif name in given:
-            chosen[name] = fitting(store, stage, name, spec, str(given[name]))
-        elif spec.only_named:
-            continue
-        elif spec.stages:
-            open_specs[name] = spec
-        elif not spec.optional:
+        if name not in found and not spec.stages and not spec.optional:
             raise PlopError(f"`{stage.name}` needs the input {name!r}.", expected=spec.help)
-    advanced_first = sorted(open_specs, key=lambda name: -max(places().get(s, 0) for s in open_specs[name].stages))
-    for name in sorted(advanced_first, key=lambda name: open_specs[name].optional):
-        try:
-            key = f"{name}.0" if open_specs[name].many else name
-            found = _default(store, stage, name, open_specs[name], chosen, environment)
-        except PlopError:
-            if not open_specs[name].optional:
-                raise
-            store.warn_passed_over(*open_specs[name].stages, taken=None)
-        else:
-            store.warn_passed_over(*open_specs[name].stages, taken=found)
-            chosen[key] = found
-    order = list(stage.inputs)
-    return Resolved(dict(sorted(chosen.items(), key=lambda item: order.index(item[0].partition(".")[0]))), raw)
+    found |= latest_inputs(store, stage, wanted, found, environment)
+    artifacts: dict[str, Artifact] = {}
+    raw: dict[str, Path] = {}
+    for name in stage.inputs:
+        value = found.get(name)
+        if isinstance(value, Path):
+            raw[name] = value
+        elif isinstance(value, tuple):
+            artifacts |= {f"{name}.{k}": one for k, one in enumerate(value)}
+        elif value is not None:
+            artifacts[name] = value
+    return Resolved(artifacts, raw)
 
 
-def fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:
-    """Find an artifact that is named as an input of a stage.
+def named_input(store: Store, stage: Stage, name: str, address: str | Path) -> Found:
+    """Find what the user named as an input of a stage; None where it shall be left out.
 
     Raises:
-        PlopError: There is none, or it is of a stage that the input does not take.
+        PlopError: There is none, it is of a stage that the input does not take, or one is named twice.
     """
+    spec = stage.inputs[name]
+    if str(address) == LEFT_OUT and spec.optional:
+        return None
+    if not spec.stages:
+        return Path(address) if stage.find_raw is None else stage.find_raw(name, Path(address))
+    if not spec.many:
+        return _fitting(store, stage, name, spec, str(address))
+    several = tuple(
+        _fitting(store, stage, name, spec, text) for part in str(address).split(",") if (text := part.strip())
+    )
+    if len({one.key for one in several}) < len(several):
+        raise PlopError(
+            f"One of the {name} is named twice.",
+            where=f"--{name.replace('_', '-')}",
+            expected="different artifacts",
+            found=str(address),
+            fix="Name each once.",
+        )
+    return several
+
+
+def _fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:
     artifact = store.find(address)
     if artifact.manifest.stage not in spec.stages:
+        latest = [told(artifact) for artifact in store.artifacts(*spec.stages)[-3:]][::-1]
+        fits = f"Of those there are {'; '.join(latest)}. " if latest else "There is none yet. "
         raise PlopError(
             f"{address} cannot be the {name} of `{stage.name}`.",
             expected=f"an artifact of {' or '.join(spec.stages)} ({spec.help})",
             found=f"an artifact of {artifact.manifest.stage}",
-            fix=_instead(store, spec),
+            fix=fits + "`plop status` lists the artifacts.",
         )
     return artifact
 
 
-def _instead(store: Store, spec: InputSpec) -> str:
-    """Name the latest artifacts that an input takes."""
-    latest = [told(artifact) for artifact in store.artifacts(*spec.stages)[-3:]][::-1]
-    fits = f"Of those there are {'; '.join(latest)}. " if latest else "There is none yet. "
-    return fits + "`plop status` lists the artifacts."
+def latest_inputs(
+    store: Store,
+    stage: Stage,
+    wanted: Iterable[str],
+    found: Mapping[str, Found],
+    environment: str | None,
+    makeable: Collection[str] = (),
+) -> dict[str, Found]:
+    """Find the latest artifacts that fit together and to what was found; an optional input may stay open.
+
+    Args:
+        store: The workspace.
+        stage: The stage that will run.
+        wanted: Names of the inputs.
+        found: The inputs that are known.
+        environment: Take only artifacts of this environment.
+        makeable: Inputs that stay open where nothing fits: they can be made.
+
+    Raises:
+        PlopError: Nothing fits a required input, or what would fit is of several environments.
+    """
+    chosen = [one for value in found.values() for one in _artifacts(value)]
+    more: dict[str, Found] = {}
+    advanced_first = sorted(wanted, key=lambda name: -max(places().get(s, 0) for s in stage.inputs[name].stages))
+    for name in sorted(advanced_first, key=lambda name: stage.inputs[name].optional):
+        spec = stage.inputs[name]
+        try:
+            one = _latest(store, stage, name, chosen, environment)
+        except PlopError as error:
+            if not spec.optional and not (isinstance(error, AbsentError) and name in makeable):
+                raise
+            store.warn_passed_over(*spec.stages, taken=None)
+        else:
+            store.warn_passed_over(*spec.stages, taken=one)
+            chosen.append(one)
+            more[name] = (one,) if spec.many else one
+    return more
 
 
-def _default(
-    store: Store, stage: Stage, name: str, spec: InputSpec, chosen: Mapping[str, Artifact], environment: str | None
-) -> Artifact:
+def _artifacts(value: Found) -> tuple[Artifact, ...]:
+    return value if isinstance(value, tuple) else (value,) if isinstance(value, Artifact) else ()
+
+
+def _latest(store: Store, stage: Stage, name: str, chosen: list[Artifact], environment: str | None) -> Artifact:
+    spec = stage.inputs[name]
     pool = store.artifacts(*spec.stages)
-    wanted = {environment} if environment else {a.manifest.environment for a in chosen.values()}
+    wanted = {environment} if environment else {a.manifest.environment for a in chosen}
     fitting = [a for a in pool if not wanted or a.manifest.environment in wanted]
     if not fitting:
-        raise _nothing_fits(store, stage, name, spec, wanted)
-    lines = {a.manifest.environment for a in fitting}
-    if len(lines) > 1:
+        raise _nothing_fits(store, stage, name, wanted)
+    if len({a.manifest.environment for a in fitting}) > 1:
         raise _ambiguous(stage, name, fitting)
     known = {a.key: a for a in store.artifacts()}
-    closures = {a.key: closure(known, a) for a in [*fitting, *chosen.values()]}
-    for other in sorted(chosen.values(), key=lambda a: -places().get(a.manifest.stage, 0)):
+    closures = {a.key: closure(known, a) for a in [*fitting, *chosen]}
+    for other in sorted(chosen, key=lambda a: -places().get(a.manifest.stage, 0)):
         inside = [a for a in fitting if a.key in closures[other.key]]
         if inside:
             return max(inside, key=lambda a: places().get(a.manifest.stage, 0))
-    same_line = [a for a in fitting if all(_one_line(closures[a.key], closures[b.key]) for b in chosen.values())]
+    same_line = [a for a in fitting if all(_one_line(closures[a.key], closures[b.key]) for b in chosen)]
     if not same_line:
-        others = ", ".join(b.address for b in chosen.values())
         if (reason := store.passed_over(*spec.stages)) is not None:
             raise _cannot_be_used(stage, name, reason)
-        raise PlopError(
-            f"No {name} for `{stage.name}` comes from the same recordings as {others}.",
+        raise AbsentError(
+            f"No {name} for `{stage.name}` comes from the same recordings as {', '.join(b.address for b in chosen)}.",
             where=store.root,
             found=", ".join(a.address for a in fitting[-4:]),
             fix=f"Run {' or '.join(f'`plop {s}`' for s in spec.stages)} for these recordings, "
@@ -140,17 +195,44 @@ def _one_line(one: set[Key], two: set[Key]) -> bool:
     return all({key for key in one if key[0] == stage} == {key for key in two if key[0] == stage} for stage in shared)
 
 
-def _nothing_fits(store: Store, stage: Stage, name: str, spec: InputSpec, wanted: set[str]) -> PlopError:
+def undoubted(store: Store, stage: Stage, name: str, environment: str | None) -> Artifact:
+    """Take the latest artifact for an input, of whatever line, when there is no doubt which is meant.
+
+    Raises:
+        PlopError: There is none, or they are of several environments; or, where the choice is to be undoubted, there
+            are several and none is made from the other.
+    """
+    spec = stage.inputs[name]
+    pool = [a for a in store.artifacts(*spec.stages) if environment in (None, a.manifest.environment)]
+    if not pool:
+        raise _nothing_fits(store, stage, name, {environment} if environment else set())
+    if len({a.manifest.environment for a in pool}) > 1:
+        raise _ambiguous(stage, name, pool)
+    if spec.choice is Choice.UNDOUBTED and len(pool) > 1 and len({a.key[0] for a in pool}) == 1:
+        raise PlopError(
+            f"Which {name}?",
+            where=store.root,
+            expected=f"--{name.replace('_', '-')} NAME",
+            found=", ".join(a.address for a in pool),
+            fix="`plop status` lists what there is.",
+        )
+    store.warn_passed_over(*spec.stages, taken=pool[-1])
+    return pool[-1]
+
+
+def _nothing_fits(store: Store, stage: Stage, name: str, wanted: set[str]) -> PlopError:
+    spec = stage.inputs[name]
     if (reason := store.passed_over(*spec.stages)) is not None:
         return _cannot_be_used(stage, name, reason)
     about = f" of the environment {' or '.join(sorted(wanted))}" if wanted else ""
-    commands = " or ".join(f"`plop {name}`" for name in spec.stages)
-    return PlopError(
+    commands = " or ".join(f"`plop {maker}`" for maker in spec.stages)
+    first = f"Run {commands} first" if store.artifacts() else BEGIN
+    return AbsentError(
         f"`{stage.name}` needs the input {name!r}, and this workspace has none{about}.",
         where=store.root,
         expected=f"an artifact of {' or '.join(spec.stages)}: {spec.help}",
         found=None if store.root.is_dir() else "no workspace yet: no artifacts/ in this folder",
-        fix=f"Run {commands} first, or choose another workspace with -w.",
+        fix=f"{first}, or choose another workspace with -w.",
     )
 
 

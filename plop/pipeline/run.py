@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop.physics.effects.trust import trusting
-from plop.pipeline.augment_inputs import FIT, augment_inputs
-from plop.pipeline.execute import execute
+from plop.pipeline.cluster import runner
+from plop.pipeline.execute import Outcome
 from plop.pipeline.listener import Listener, Silent
-from plop.pipeline.preparation import Preparation, takes_model_instead, wants_preparation
-from plop.pipeline.registry import commands, stage_ref
-from plop.pipeline.report_inputs import labels_of_models, report_inputs
+from plop.pipeline.registry import StageRef, commands, stage_ref
 from plop.pipeline.settings import resolve, unknown_key
 from plop.pipeline.settings_file import SETTINGS_FILE, flat_values, read_settings_file
 from plop.pipeline.stage import Stage
+from plop.pipeline.tasks import Runner, Task
+from plop.pipeline.upstream import Planner
 
 
 def run(
@@ -30,6 +29,7 @@ def run(
     env: str | None = None,
     force: bool = False,
     trust_effects: bool = False,
+    scheduler: str | None = None,
     listener: Listener | None = None,
     **settings: Any,
 ) -> Artifact:
@@ -45,6 +45,7 @@ def run(
         env: Take inputs of this environment where none is named.
         force: Make the artifact again although it is there.
         trust_effects: Run the effect files that came inside a model, now and later.
+        scheduler: Address of a Dask scheduler whose workers run it, and what is made on the way.
         listener: Is told what happens.
         settings: The command's other options by name: inputs (addresses, artifacts or raw paths) and settings. Nested
             settings are dicts, `resampling={"max_count": 4000}`. An option that is None is left out.
@@ -54,42 +55,69 @@ def run(
     """
     if command not in commands():
         raise unknown_key(command, commands(), where="plop.run", owner="plop", lister="--help")
-    stage = stage_ref(command).load()
-    listener = listener or Silent()
+    ref, listener = stage_ref(command), listener or Silent()
+    stage = ref.load()
     store = store if isinstance(store, Store) else Store(store, warn=listener.warn)
-    check_workspace(store, stage)
     inputs, own = _parted(stage, {key: value for key, value in settings.items() if value is not None})
     written = read_settings_file(store.workspace / SETTINGS_FILE, commands()).get(command, {})
     config = resolve(stage.config, command, (SETTINGS_FILE, written), ("plop.run", own))
-    preparation = Preparation(store, listener, tuple(getattr(config, "exclude", ())))
     with trusting(trust_effects):
-        config, inputs = completed(stage, config, inputs, preparation, env)
-        with listener.progress(command) as progress:
-            outcome = execute(
-                stage,
-                store=store,
-                config=config,
-                inputs=inputs,
-                environment=env,
-                name=name,
-                force=force,
-                progress=progress,
-                on_start=listener.starts,
-                on_wait=lambda process: listener.waits(command, process),
-            )
-    listener.finished(command, outcome)
-    return outcome.artifact
+        planner = Planner(store, listener)
+        task = planned(planner, ref, config, inputs, environment=env, name=name, force=force)
+        told = listener
+        with runner(store, lambda _: told, scheduler=scheduler, trust_effects=trust_effects) as carries_out:
+            return finished(carries_out, task).artifact
+
+
+def planned(
+    planner: Planner,
+    ref: StageRef,
+    config: Any,
+    given: Mapping[str, str | Path],
+    *,
+    environment: str | None = None,
+    name: str | None = None,
+    force: bool = False,
+) -> Task:
+    """Check what was given, and plan a run with all that it needs.
+
+    Args:
+        planner: Finds what is there, and plans what is not.
+        ref: The stage.
+        config: Its settings.
+        given: What the user named: addresses and raw paths by input name.
+        environment: Take inputs of this environment where none is named.
+        name: Name for the artifact.
+        force: Make it again although it is there.
+
+    Raises:
+        PlopError: Bad settings or inputs, or one that is missing and cannot be made.
+    """
+    stage = ref.load()
+    _check_workspace(planner.store, stage)
+    if stage.check is not None:
+        stage.check(config, given)
+    if stage.complete is not None:
+        config = stage.complete(config, given)
+    return planner.task(ref, config, given, environment=environment, name=name, force=force)
+
+
+def finished(carries_out: Runner, task: Task) -> Outcome:
+    """Carry out a task with all that it needs, and give its outcome.
+
+    Raises:
+        PlopError: It fails, or something that it needs does.
+    """
+    outcome = dict(carries_out.run([task]))[task]
+    if isinstance(outcome, PlopError):
+        raise outcome
+    return outcome
 
 
 def _parted(stage: Stage, given: Mapping[str, Any]) -> tuple[dict[str, str | Path], dict[str, Any]]:
     """Part options into inputs of the stage, several artifacts with commas between, and flat settings."""
-    names = {
-        *stage.inputs,
-        *(["model"] if takes_model_instead(stage) else []),
-        *([FIT] if stage.name == "augment" else []),
-    }
-    inputs = {key: _address(value) for key, value in given.items() if key in names}
-    return inputs, dict(flat_values({key: value for key, value in given.items() if key not in names}))
+    inputs = {key: _address(value) for key, value in given.items() if key in stage.inputs}
+    return inputs, dict(flat_values({key: value for key, value in given.items() if key not in stage.inputs}))
 
 
 def _address(given: Any) -> str | Path:
@@ -108,7 +136,7 @@ def _address(given: Any) -> str | Path:
     )
 
 
-def check_workspace(store: Store, stage: Stage) -> None:
+def _check_workspace(store: Store, stage: Stage) -> None:
     """Refuse a folder that is not there to a stage that goes on with artifacts: a misspelt one must not come to be.
 
     Raises:
@@ -116,37 +144,3 @@ def check_workspace(store: Store, stage: Stage) -> None:
     """
     if any(spec.stages and not spec.optional for spec in stage.inputs.values()) and not store.workspace.exists():
         store.check_begun()
-
-
-def completed(
-    stage: Stage, config: Any, given: Mapping[str, str | Path], preparation: Preparation, environment: str | None
-) -> tuple[Any, dict[str, str | Path]]:
-    """Check what was given, and find or make what else the stage needs.
-
-    Args:
-        stage: The stage that will run.
-        config: Its settings.
-        given: What the user named: addresses and raw paths by input name.
-        preparation: Makes what is missing, or notes that it would.
-        environment: Take inputs of this environment where none is named.
-
-    Returns:
-        Settings (a report takes its labels from the names of its models) and inputs.
-
-    Raises:
-        PlopError: Bad settings or inputs, or a stage on the way fails.
-    """
-    inputs = dict(given)
-    if stage.check is not None:
-        stage.check(config, inputs)
-    if wants_preparation(stage, inputs):
-        if stage.name == "report" and "models" in inputs and not config.labels:
-            config = replace(config, labels=labels_of_models(str(inputs["models"])))
-        inputs = (
-            report_inputs(preparation, stage, inputs, config)
-            if stage.name == "report"
-            else preparation.inputs(stage, inputs, environment, config)
-        )
-    if stage.name == "augment":
-        inputs = augment_inputs(preparation, inputs, config, environment)
-    return config, inputs

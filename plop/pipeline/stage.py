@@ -6,30 +6,90 @@ where artifacts live, what they are called or who runs it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from plop.artifacts.atomic_file import write_text
 from plop.artifacts.manifest import Manifest
 from plop.finite import UNKNOWN, json_ready, readable
+from plop.pipeline.mapping import Mapped, Mapper, Progress, map_pieces, mark_of
+
+if TYPE_CHECKING:
+    from plop.artifacts.store import Artifact
+
+
+class Choice(Enum):
+    """How an input is found where the user names none."""
+
+    LATEST = auto()
+    """The latest that fits: of one line of descent with the other inputs."""
+    ANY_LINE = auto()
+    """The latest, whatever the other inputs come from: a model meets recordings that it was not made from."""
+    UNDOUBTED = auto()
+    """The latest, unless several could be meant: then the user is asked."""
+    MADE = auto()
+    """Made on the way by its recipe, with the settings of the workspace; what is there already is taken."""
+    MATCHING = auto()
+    """The latest that was made from the recipe's inputs, with whatever settings; made on the way when there is none."""
+    NAMED = auto()
+    """Not at all: it would change a result that does not need it."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The recordings that a model was made from; those of its base where effects were added to it."""
+
+    model: str = "model"
+    """Input that the model is."""
+    apart_from: str = ""
+    """Left out where they are this input, or what it was made from."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How an input is made on the way: by the first of its stages, from other inputs of the stage that needs it."""
+
+    inputs: Mapping[str, str | Origin]
+    """Input of the making stage -> input of this one. Its other inputs are made by their own recipes, or left out."""
+    settings: Callable[[Any], Mapping[str, Any]] | None = None
+    """`settings(config)`: settings of the making stage that follow from those of this one; they win over plop.toml."""
+    defaults: Callable[[Mapping[str, Artifact]], tuple[Mapping[str, Any], str]] | None = None
+    """`defaults(inputs)`: settings that follow from the making stage's inputs where plop.toml has none, and why."""
+    needed: Callable[[Any, Inputs], bool] | None = None
+    """`needed(config, inputs)`: whether the input is needed at all, by the settings and the inputs that are there."""
+    makes: bool = True
+    """False: only what is there already is taken."""
 
 
 @dataclass(frozen=True)
 class InputSpec:
-    """One named input of a stage."""
+    """One named input of a stage: who makes it, and how it is found or made where the user names none.
+
+    These declarations are the whole graph: `plop.pipeline.graph` reads chains, what is made on the way and what comes
+    next from them.
+    """
 
     stages: tuple[str, ...]
-    """Names of the stages whose artifacts fit; empty for a raw file or folder given by the user."""
+    """Names of the stages whose artifacts fit, the usual one first; empty for a raw file or folder given by the
+    user."""
     help: str
     optional: bool = False
-    only_named: bool = False
-    """Optional, and taken only where the user names it: it would change a result that does not need it."""
+    choice: Choice | Origin = Choice.LATEST
+    """How it is found."""
     many: bool = False
     """Takes any number of artifacts, addresses with commas between; the stage finds them as `<name>.0`,
     `<name>.1`, ... in the order given."""
-    along: str = ""
-    """Another input whose recordings this one is made from; the command makes it when it is not there."""
+    recipe: Recipe | None = None
+    """How it is made when it is not there; None: by the user alone."""
+    read: bool = True
+    """False: not read by the stage; other inputs are made from it."""
+    select: Callable[[Any, Sequence[Artifact], Mapping[str, Sequence[Artifact]]], Sequence[Artifact]] | None = None
+    """`select(config, found, inputs)`: which of those that match count (`Choice.MATCHING`), the latest last."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +105,6 @@ class Input:
 Inputs = Mapping[str, Input]
 """Resolved inputs by name. An optional input that was not given is absent."""
 
-Progress = Callable[..., None]
-"""`progress(done, total, label="", **figures)`: called by a stage as often as it likes."""
-
 
 def silent(done: float, total: float, label: str = "", **figures: Any) -> None:
     """Ignore progress."""
@@ -58,8 +115,8 @@ class Output:
     """Where a stage writes.
 
     The folder is a scratch folder that belongs to this fingerprint alone. After a killed
-    run the same folder comes back with what had been written: a stage keeps every finished
-    piece (`is_done`, `mark_done`) and writes each file under a temporary name first.
+    run the same folder comes back with what had been written: `map` carries out only the pieces
+    that are left. Each file is written under a temporary name first.
     Everything visible in the folder at the end is the payload; hidden entries (`.done`,
     checkpoints in `.checkpoints`) and `*.tmp` files are dropped when the artifact is made.
     """
@@ -69,20 +126,58 @@ class Output:
     cache: Path | None = None
     """Folder that all runs of the stage share, for pieces named by everything that decides them; it may vanish between
     runs. None: pieces stay in the scratch folder."""
+    mapper: Mapper | None = None
+    """Carries out the pieces of `map`; processes of this machine when None."""
 
-    def telling(self, progress: Progress) -> Output:
-        """Give the same place; somebody else is told about progress."""
-        return replace(self, progress=progress)
+    def map(
+        self,
+        pieces: Sequence[str],
+        work: Callable[[str, Output], Any],
+        *,
+        jobs: int = -1,
+        of: str = "",
+        keep_going: bool = False,
+    ) -> Mapped:
+        """Carry out pieces of the work, episodes say, in any order and several at a time; see `map_pieces`.
+
+        Args:
+            pieces: Their names.
+            work: `work(name, out)` carries out one and gives what is to be known of it, in JSON types: this is kept,
+                and a run that goes on after a kill reads it. Progress counts from 0 to `total` of that piece. It can
+                be pickled: a function of a module, perhaps `partial`.
+            jobs: Processes; -1 is one a core, as far as the memory goes.
+            of: What the pieces are, where a stage has several kinds.
+            keep_going: A piece that raises a PlopError does not stop the others.
+
+        Returns:
+            Values and errors by name, in the order of the names.
+
+        Raises:
+            PlopError: The first that a piece raised, unless `keep_going`.
+        """
+        there = replace(self, progress=silent, mapper=None)  # what reports or maps here need not reach another process
+        return map_pieces(
+            partial(_work_on_piece, work, there),
+            pieces,
+            self.path,
+            self.progress,
+            jobs=jobs,
+            mapper=self.mapper,
+            of=of,
+            keep_going=keep_going,
+        )
 
     def is_done(self, piece: str) -> bool:
-        """Tell whether a piece of the work (an episode, say) was finished by an earlier, killed run."""
-        return (self.path / ".done" / piece.replace("/", "_")).exists()
+        """Tell whether a piece of the work was finished by an earlier, killed run."""
+        return mark_of(self.path, piece).exists()
 
-    def mark_done(self, piece: str) -> None:
-        """Record that everything a piece writes is on the disk."""
-        marks = self.path / ".done"
-        marks.mkdir(exist_ok=True)
-        (marks / piece.replace("/", "_")).touch()
+    def mark_done(self, piece: str, value: Any = None) -> None:
+        """Record that everything a piece writes is on the disk, and what is to be known of it (JSON types)."""
+        write_text(mark_of(self.path, piece), json.dumps(value))
+
+
+def _work_on_piece(work: Callable[[str, Output], Any], out: Output, name: str, progress: Progress) -> Any:
+    return work(name, replace(out, progress=progress))
 
 
 @dataclass(frozen=True)
@@ -141,6 +236,8 @@ class Stage:
     raw_files: Callable[[Path, Any], list[Path]] | None = None
     """`raw_files(folder, config)`: which files of a raw input are read, when not all of them. Only their
     contents enter the fingerprint, so that files of another environment beside them change nothing."""
+    complete: Callable[[Any, Mapping[str, str | Path]], Any] | None = None
+    """`complete(config, given)`: settings with what follows from how the user wrote the inputs."""
     find_raw: Callable[[str, Path], Path] | None = None
     """`find_raw(input, path)`: the file that a raw input means, e.g. a shipped one by its bare name; it raises
     a PlopError when there is none. Without it the path itself."""

@@ -6,10 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.layouts import Recordings
 from plop.causes import Cause, Noticed
 
-VERDICTS = "calibration.json"
 BAD = "bad"
+
+
+def are_judged(folder: Path) -> bool:
+    """Tell whether a set of recordings is one of calibrate's."""
+    return Recordings(folder).verdicts.is_file()
 
 
 def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
@@ -44,7 +49,7 @@ def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
 
 def _verdicts(folder: Path) -> dict[str, list[dict[str, Any]]]:
     try:
-        episodes = json.loads((folder / VERDICTS).read_text(encoding="utf-8"))["episodes"]
+        episodes = json.loads(Recordings(folder).verdicts.read_text(encoding="utf-8"))["episodes"]
         return {name: list(row["cameras"]) for name, row in episodes.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from plop.recordings.recording import MaskLabel, Recording
+from plop.geometry.view import MaskLabel
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 
 
@@ -19,7 +20,7 @@ def overview(recordings: RecordingSet) -> tuple[dict[str, Any], list[dict[str, A
         if not kept:
             warnings.append(f"No episode is kept for {what}.")
     for name in recordings.names:
-        with Recording(recordings.path(name)) as recording:
+        with recordings.open(name) as recording:
             seen = {camera: _fewest_object_pixels(recording, camera) for camera in recording.camera_names}
             times = recording.time_s
         warnings += [f"{name}: {camera} loses sight of the object." for camera, pixels in seen.items() if not pixels]

@@ -20,8 +20,8 @@ Images are stored one frame a chunk, so that one frame is read without the rest.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 from pathlib import Path
 
 import h5py
@@ -30,47 +30,11 @@ import numpy as np
 from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
+from plop.geometry.view import View
+from plop.recordings.opened_once import of_this_run
 from plop.recordings.recording_checks import check_recording_file
 
 RECORDING_SCHEMA = 1
-
-
-class MaskLabel(IntEnum):
-    """What a pixel of a mask shows."""
-
-    BACKGROUND = 0
-    OBJECT = 1
-    TOOL = 2
-    UNKNOWN = 255
-    """Not decided: ignored by losses and scores."""
-
-
-@dataclass(frozen=True)
-class View:
-    """One frame of one camera."""
-
-    camera: Camera
-    rgb: np.ndarray
-    """[H, W, 3] uint8"""
-    depth_m: np.ndarray
-    """[H, W] float32, 0 = not measured"""
-    mask: np.ndarray
-    """[H, W] uint8, MaskLabel"""
-
-    @property
-    def object_mask(self) -> np.ndarray:
-        """Pixels that show the object, bool, shape [H, W]."""
-        return self.mask == MaskLabel.OBJECT
-
-    @property
-    def tool_mask(self) -> np.ndarray:
-        """Pixels that show the tool, bool, shape [H, W]."""
-        return self.mask == MaskLabel.TOOL
-
-    @property
-    def depth_without_tool_m(self) -> np.ndarray:
-        """Depth of what stands still, float32 [H, W] [m]; 0 where tool or something undecided (a hand) is seen."""
-        return np.where(self.tool_mask | (self.mask == MaskLabel.UNKNOWN), np.float32(0), self.depth_m)
 
 
 @dataclass(frozen=True)
@@ -88,12 +52,28 @@ class Recording(Hdf5Reader):
 
     noun, schema, maker = "recording", RECORDING_SCHEMA, "Run `plop ingest` for this episode"
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, checked: bool = False, on_close: Callable[[], None] | None = None) -> None:
         self._nodes: dict[tuple[str, str], dict[str, h5py.Dataset]] = {}
+        self._checked, self._on_close = checked, on_close
         super().__init__(path)
 
+    @classmethod
+    def open(cls, path: str | Path) -> Recording:
+        """Open a recording, or give the one that this run has open (`plop.recordings.opened_once`)."""
+        run = of_this_run()
+        return cls(path) if run is None or not Path(path).is_file() else run.lend(Path(path), cls)
+
+    def close(self) -> None:
+        """Close the file, or give it back to the run that keeps it open."""
+        (self._on_close or super().close)()
+
+    def close_file(self) -> None:
+        """Close the file whoever keeps it open."""
+        super().close()
+
     def _check(self) -> None:
-        check_recording_file(self._file, self.path, maker=self.maker)
+        if not self._checked:
+            check_recording_file(self._file, self.path, maker=self.maker)
 
     @property
     def name(self) -> str:

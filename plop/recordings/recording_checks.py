@@ -11,7 +11,7 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
-from plop.recordings.readers.mesh.npz_file import Part
+from plop.recordings.array_checks import Part
 
 FARTHEST_M = 100.0
 """Farthest distance of a camera from the world's origin along an axis that can be metres [m]."""

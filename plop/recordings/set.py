@@ -14,6 +14,7 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from plop.artifacts.layouts import Recordings
 from plop.errors import PlopError
 from plop.recordings.recording import Recording
 
@@ -35,23 +36,23 @@ class RecordingSet:
 
     def path(self, name: str) -> Path:
         """Path of one episode's recording."""
-        return self.folder / "episodes" / f"{name}.h5"
+        return Recordings(self.folder).episode(name)
 
     def open(self, name: str) -> Recording:
-        """Open one episode."""
-        return Recording(self.path(name))
+        """Open one episode; inside a run each is opened and checked once."""
+        return Recording.open(self.path(name))
 
     def save(self) -> None:
         """Write episodes.json."""
         facts = asdict(self)
         del facts["folder"]
-        (self.folder / "episodes.json").write_text(json.dumps(facts, indent=1, sort_keys=True))
+        Recordings(self.folder).index.write_text(json.dumps(facts, indent=1, sort_keys=True))
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> RecordingSet:
         """Read episodes.json of an artifact, or of its folder."""
         folder = Path(folder)
-        path = folder / "episodes.json"
+        path = Recordings(folder).index
         try:
             return cls(folder=folder, **json.loads(path.read_text()))
         except (OSError, ValueError, TypeError) as error:

@@ -1,1 +1,1 @@
-"""Rendering of Gaussians: one interface; numba on the CPU, gsplat on CUDA, plain torch as the reference."""
+"""Gaussians and what is seen of them: a rasterizer, scenes, losses, virtual cameras, pictures."""

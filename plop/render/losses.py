@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,8 +12,9 @@ from scipy.ndimage import binary_dilation, distance_transform_edt
 from torch import Tensor
 
 from plop.gaussians.state import Gaussians
-from plop.recordings.recording import MaskLabel, View
-from plop.render.interface import Rendering
+from plop.geometry.cameras import Camera
+from plop.geometry.view import MaskLabel, View
+from plop.render.rasterizer.interface import Rendering
 
 SSIM_WINDOW = 11
 """Edge of the Gaussian window [px]."""
@@ -45,6 +47,7 @@ class RenderWeights:
 class Target:
     """A measured view, ready to be compared with renderings of the object alone."""
 
+    camera: Camera
     rgb: Tensor
     """Colour of the object over the background that renderings use, shape [H, W, 3], 0..1."""
     depth_m: Tensor
@@ -82,7 +85,7 @@ def target_from_view(
     if ignore_tool:
         ignored = ignored | binary_dilation(view.tool_mask)
     target = (torch.where(mask[..., None], rgb, behind), depth.clamp_min(0), mask, torch.from_numpy(~ignored))
-    return Target(*(tensor.to(device) for tensor in target))
+    return Target(view.camera, *(tensor.to(device) for tensor in target))
 
 
 def target_over_measured(view: View, *, device: torch.device | str = "cpu") -> Target:
@@ -105,8 +108,8 @@ def target_over_measured(view: View, *, device: torch.device | str = "cpu") -> T
         rows, columns = distance_transform_edt(~pure, return_distances=False, return_indices=True)
         rgb = torch.from_numpy(view.rgb.astype(np.float32) / 255)
         target = replace(target, rgb=rgb, behind=rgb[torch.from_numpy(rows).long(), torch.from_numpy(columns).long()])
-    moved = {name: part.to(device) for name, part in vars(target).items() if part is not None}
-    return Target(**moved)
+    moved: dict[str, Any] = {name: part.to(device) for name, part in vars(target).items() if isinstance(part, Tensor)}
+    return replace(target, **moved)
 
 
 def lay_over(rendering: Rendering, target: Target) -> Tensor:

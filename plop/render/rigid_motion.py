@@ -8,7 +8,7 @@ from torch import Tensor
 
 from plop.gaussians.state import Gaussians
 from plop.geometry.rigid import matrix_to_quat, quat_multiply
-from plop.render.sh import sh_basis
+from plop.render.rasterizer.sh import sh_basis
 
 
 def moved_rigidly(gaussians: Gaussians, transform: Tensor | np.ndarray) -> Gaussians:

@@ -8,10 +8,10 @@ from torch import Tensor
 
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
-from plop.render.rasterize import Backend, render, render_many
+from plop.geometry.view import MaskLabel, View
+from plop.render.rasterizer.rasterize import Backend, render, render_many
+from plop.render.rasterizer.sh import C0
 from plop.render.rigid_motion import moved_rigidly
-from plop.render.sh import C0
 
 
 def tool_above_table(tool: Gaussians, world_from_tool: np.ndarray, table_z_m: float | None) -> Gaussians:
@@ -43,7 +43,7 @@ def render_scene(
         object_gaussians: The object, world frame.
         tool_gaussians: The tool, world frame (see `tool_above_table`); None for no tool.
         cameras: Views.
-        backend: See `plop.render.rasterize.render`.
+        backend: See `plop.render.rasterizer.rasterize.render`.
 
     Returns:
         One view per camera, comparable with a recording's views.

@@ -5,7 +5,7 @@ Layout (schema 1):
     /                      attributes: schema, name (of the episode), environment, units="m"
     /cameras/<id>/rgb      [T, H, W, 3] uint8, over black
     /cameras/<id>/depth_m  [T, H, W] float32 along the optical axis [m], 0 where nothing is
-    /cameras/<id>/mask     [T, H, W] uint8, see plop.recordings.recording.MaskLabel
+    /cameras/<id>/mask     [T, H, W] uint8, see plop.geometry.view.MaskLabel
 
 One frame a chunk, gzip level 1. Cameras themselves are those of the recording.
 """
@@ -21,7 +21,7 @@ from plop.artifacts.atomic_hdf5 import AtomicHdf5
 from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import View
+from plop.geometry.view import View
 
 VIEW_FILE_SCHEMA = 1
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from plop.reporting.colours import PERSISTENCE, RIGID
 from plop.reporting.compared import Compared, ReportFacts
@@ -61,15 +60,12 @@ def beaten(facts: ReportFacts) -> list[str]:
 
 def _scored(facts: ReportFacts, compared: Compared, baseline: Baseline) -> list[tuple[str, float, float]]:
     """Scores of a model and of a baseline by `plop eval`, both where they are known."""
-    scores: dict[str, Any] | None = next((s for label, s in facts.scores if label == compared.label), None)
+    scores = next((s for label, s in facts.scores if label == compared.label), None)
     if scores is None:
         return []
-    methods = scores["methods"]
-    both = [
-        (name, *(methods.get(key, {}).get("episode", {}).get(metric) for key in (scores["method"], baseline.key)))
-        for metric, name in _SCORES
-    ]
-    return [(name, float(ours["mean"]), float(theirs["mean"])) for name, ours, theirs in both if ours and theirs]
+    ours, theirs = (scores.methods.get(key, {}).get("episode", {}) for key in (scores.method, baseline.key))
+    both = [(name, ours.get(metric), theirs.get(metric)) for metric, name in _SCORES]
+    return [(name, mine.mean, other.mean) for name, mine, other in both if mine and other]
 
 
 def is_beaten(error: float | None, others: Sequence[float | None]) -> bool:

@@ -2,8 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
+
+from plop.comparison.result import Comparison
+from plop.diagnosis.result import Diagnosis
+from plop.metrics.scores import Scores
+from plop.parameters import Estimate
+
+
+@dataclass(frozen=True)
+class ModelNumbers:
+    """What is known of a model's parameters."""
+
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    """Those of an engine that were fitted."""
+    effects: tuple[tuple[str, Mapping[str, Estimate]], ...] = ()
+    """Effects that were added, with their parameters."""
+    given: Mapping[str, float] = field(default_factory=dict)
+    """Those of an engine that were not fitted."""
+
+    @classmethod
+    def of(cls, model: Mapping[str, Any]) -> Self:
+        """Take them from the content of model.json; raises KeyError or TypeError where it is damaged."""
+        fitted = {name: Estimate.from_json(found) for name, found in model.get("estimates", {}).items()}
+        material = model.get("engine", {}).get("material", {}) if model.get("kind") == "engine" else {}
+        return cls(
+            fitted,
+            tuple(
+                (added["effect"], {name: Estimate.from_json(found) for name, found in added["parameters"].items()})
+                for added in model.get("effects", ())
+            ),
+            {k: v for k, v in material.items() if isinstance(v, (int, float)) and k not in fitted},
+        )
 
 
 @dataclass(frozen=True)
@@ -12,15 +44,13 @@ class Compared:
 
     label: str
     colour: str
-    facts: dict[str, Any]
-    """Content of compare.json."""
-    model: dict[str, Any] | None = None
-    """Content of model.json, where it is known."""
+    errors: Comparison
+    model: ModelNumbers = ModelNumbers()
 
-    def row(self, table: str, **wanted: str) -> dict[str, Any] | None:
-        """Find a row of a table; None when there is none."""
-        rows: list[dict[str, Any]] = self.facts["tables"].get(table, [])
-        return next((r for r in rows if all(r.get(k) == v for k, v in wanted.items())), None)
+    @property
+    def episodes(self) -> list[str]:
+        """Episodes that it was compared on."""
+        return [row.label for row in self.errors.tables.episode]
 
 
 @dataclass(frozen=True)
@@ -47,10 +77,10 @@ class ReportFacts:
 
     title: str
     compared: list[Compared]
-    diagnoses: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    """(label, content of diagnosis.json); its "sensors" are None where they were not looked for."""
-    scores: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    """(label, content of scores.json)."""
+    diagnoses: list[tuple[str, Diagnosis]] = field(default_factory=list)
+    """With the label of the model that each is of."""
+    scores: list[tuple[str, Scores]] = field(default_factory=list)
+    """Likewise."""
     held_out: list[str] = field(default_factory=list)
     """Test episodes that neither a model nor an effect was fitted to."""
     fitted: list[str] = field(default_factory=list)

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
+from plop.comparison.result import CameraRow, ErrorRow
 from plop.reporting.baselines import BASELINES, ORACLE, is_beaten
 from plop.reporting.compared import ReportFacts
-from plop.reporting.errors_over import beside, closed_gap, error_over
+from plop.reporting.errors_over import closed_gap, error_over
 from plop.reporting.html import Series, bars, number, table, text
 from plop.reporting.verdict_section import gap_text
-
-_CHARTS = (
-    ("phase", "phase", "By phase: error"),
-    ("distance", "distance_to_tool_mm", "By distance to the tool in mm: error"),
-    ("height", "height_mm", "By height above the table in mm: error"),
-)
-
+from plop.statistics.bootstrap import Interval
 
 BEATEN = '<sup title="a baseline is better">▾</sup>'
 BEATEN_NOTE = "<p class='soft'>▾ a baseline is better than the model here.</p>"
@@ -33,9 +28,14 @@ def legend(facts: ReportFacts) -> str:
 
 def where_section(facts: ReportFacts) -> str:
     """Draw the error by phase, distance, height and camera."""
-    charts = [_chart(facts, key, label, title) for key, label, title in _CHARTS]
-    if facts.compared[0].facts["tables"].get("camera"):
-        charts.append(_chart(facts, "camera", "camera", "By camera: mean difference in depth", "depth_mm"))
+    tables = [c.errors.tables for c in facts.compared]
+    charts = [
+        _chart(facts, "By phase: error", [t.phase for t in tables]),
+        _chart(facts, "By distance to the tool in mm: error", [t.distance for t in tables]),
+        _chart(facts, "By height above the table in mm: error", [t.height for t in tables]),
+    ]
+    if tables[0].camera:
+        charts.append(_chart(facts, "By camera: mean difference in depth", [t.camera for t in tables]))
     return (
         f"<h2>Where and when it fails</h2>{legend(facts)}<div class='charts'>{''.join(charts)}</div>"
         "<p class='soft'>RMS distance between measured and predicted points; the first frame is given and counts "
@@ -44,27 +44,22 @@ def where_section(facts: ReportFacts) -> str:
     )
 
 
-def _chart(facts: ReportFacts, key: str, label: str, title: str, value: str = "rms_mm") -> str:
-    rows = facts.compared[0].facts["tables"][key]
-    labels = [str(row[label]) for row in rows]
-    models = [
-        Series(c.label, c.colour, [_value(c.row(key, **{label: name}), value) for name in labels])
-        for c in facts.compared
-    ]
+def _chart(facts: ReportFacts, title: str, tables: Sequence[Sequence[ErrorRow | CameraRow]]) -> str:
+    """Draw one table of every model; the rows of the first one say what is drawn."""
+    rows = tables[0]
+    labels = [row.label for row in rows]
+    models = []
+    for compared, own in zip(facts.compared, tables, strict=True):
+        errors = {row.label: row.error_mm() for row in own}
+        models.append(Series(compared.label, compared.colour, [errors.get(label) for label in labels]))
     # a comparison made before cameras had baselines has none to show
-    others = [
-        Series(b.label, b.colour, [_value(row, beside(value, b.key)) for row in rows], thin=True) for b in BASELINES
-    ]
-    return bars(title, labels, [*models, *others], [_value(row, beside(value, "floor")) for row in rows], "mm")
-
-
-def _value(row: dict[str, Any] | None, key: str) -> float | None:
-    return None if row is None else row.get(key)
+    others = [Series(b.label, b.colour, [row.error_mm(b.key) for row in rows], thin=True) for b in BASELINES]
+    return bars(title, labels, [*models, *others], [row.error_mm("floor") for row in rows], "mm")
 
 
 def before_after_section(facts: ReportFacts) -> str:
     """List every episode with every model, held-out episodes first, and their totals."""
-    names = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
+    names = facts.compared[0].episodes
     groups = [
         ("held out", [n for n in names if n in facts.held_out]),
         ("fitted to", [n for n in names if n in facts.fitted]),
@@ -127,15 +122,14 @@ def _scores(facts: ReportFacts) -> str:
     rows = []
     metrics = ("cd_mm", "emd_mm", "hd_mm", "psnr_db", "ssim", "j_score")
     for label, scores in facts.scores:
-        methods: dict[str, Any] = scores["methods"]
-        for method in methods if label == facts.scores[0][0] else [scores["method"]]:
-            name = label if method == scores["method"] else _BASELINE_LABELS.get(method, f"baseline: {method}")
-            found = [methods[method]["episode"].get(metric) for metric in metrics]
+        for method in scores.methods if label == facts.scores[0][0] else [scores.method]:
+            name = label if method == scores.method else _BASELINE_LABELS.get(method, f"baseline: {method}")
+            found = [scores.methods[method]["episode"].get(metric) for metric in metrics]
             rows.append([text(name), *("–" if f is None else _mean(f) for f in found)])
     if not rows:
         return ""
     head = ["", "CD [mm]", "EMD [mm]", "HD [mm]", "PSNR [dB]", "SSIM", "J"]
-    scored: list[str] = facts.scores[0][1]["episodes"]
+    scored = facts.scores[0][1].episodes
     seen = sum(name in facts.fitted for name in scored)
     count = f"{len(scored)} episode{'s' if len(scored) > 1 else ''}"
     where = f"mean over {count}" + (f", fitted to: {seen}" if seen else "")
@@ -144,7 +138,7 @@ def _scores(facts: ReportFacts) -> str:
     )
 
 
-def _mean(entry: dict[str, Any]) -> str:
-    low, high = entry.get("low"), entry.get("high")
-    span = "" if low is None or high is None else f" <span class='soft'>({low:.2f} to {high:.2f})</span>"
-    return f"{entry['mean']:.2f}{span}"
+def _mean(found: Interval) -> str:
+    known = found.low is not None and found.high is not None
+    span = f" <span class='soft'>({found.low:.2f} to {found.high:.2f})</span>" if known else ""
+    return f"{found.mean:.2f}{span}"

@@ -9,15 +9,15 @@ from plop.reporting.compared import Compared, ReportFacts
 
 def error_over(compared: Compared, episodes: list[str]) -> dict[str, float] | None:
     """RMS error, floor and baselines over some episodes, each with the weight of its points [mm]; None without any."""
-    rows = [row for row in compared.facts["tables"]["episode"] if row["episode"] in episodes]
+    rows = [row for row in compared.errors.tables.episode if row.label in episodes]
     if not rows:
         return None
-    count = sum(row["n"] for row in rows)
+    count = sum(row.n for row in rows)
 
-    def pooled(key: str) -> float:
-        return math.sqrt(sum(row["n"] * row[key] ** 2 for row in rows) / count)
+    def pooled(of: str) -> float:
+        return math.sqrt(sum(row.n * row.error_mm(of) ** 2 for row in rows) / count)
 
-    return {key: pooled(f"{key}_mm") for key in ("rms", "floor", "persistence", "rigid")}
+    return {of: pooled(of) for of in ("rms", "floor", "persistence", "rigid")}
 
 
 def closed_gap(before: dict[str, float], after: dict[str, float]) -> float | None:
@@ -30,15 +30,4 @@ def judged_on(facts: ReportFacts) -> tuple[list[str], str]:
     """Episodes that the headline counts, and what they are called."""
     if facts.held_out:
         return facts.held_out, "held-out episodes"
-    every = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
-    return every, "all episodes, none held out" if facts.fitted else "all episodes"
-
-
-def beside(value: str, name: str) -> str:
-    """Name the column of a table that stands beside an error: rms_mm and rigid -> rigid_mm; depth_mm -> depth_mm_rigid.
-
-    Args:
-        value: Column of the error.
-        name: "floor", "persistence" or "rigid".
-    """
-    return f"{name}_mm" if value == "rms_mm" else f"{value}_{name}"
+    return facts.compared[0].episodes, "all episodes, none held out" if facts.fitted else "all episodes"

@@ -14,8 +14,8 @@ from matplotlib.patches import Patch
 from plop.artifacts.atomic_file import whole
 from plop.comparison.error_fields import rms_seen
 from plop.comparison.field_file import StoredField
+from plop.comparison.result import CameraRow, ErrorRow, ErrorTables
 from plop.reporting.colours import ERROR_MAP, FLOOR, PERSISTENCE, PHASE_COLOURS, PREDICTION, RIGID
-from plop.reporting.errors_over import beside
 from plop.tracking.carrier import Carrier
 from plop.tracking.phases import PHASES, spans
 
@@ -95,27 +95,27 @@ def _quiet(panel: Any, places: np.ndarray, elevation: float, azimuth: float) -> 
     panel.set_axis_off()
 
 
-def draw_tables(path: Path, tables: dict[str, list[dict[str, Any]]]) -> None:
+def draw_tables(path: Path, tables: ErrorTables) -> None:
     """Draw the table of episodes and phases, and bars by distance, height and camera."""
-    figure = Figure(figsize=(12, 3.4 + 0.3 * len(tables["episode"])), layout="constrained")
+    figure = Figure(figsize=(12, 3.4 + 0.3 * len(tables.episode)), layout="constrained")
     halves: Any = figure.subfigures(1, 2, width_ratios=[1.1, 1])
     left, right = halves
     _heat(left.subplots(), tables)
     distance, height, camera = right.subplots(3, 1)
-    _bars(distance, tables["distance"], "distance_to_tool_mm", "distance to the tool [mm]")
-    _bars(height, tables["height"], "height_mm", "height above the table [mm]")
-    if tables["camera"]:
-        _bars(camera, tables["camera"], "camera", "camera (depth, mean)", "depth_mm")
+    _bars(distance, tables.distance, "distance to the tool [mm]")
+    _bars(height, tables.height, "height above the table [mm]")
+    if tables.camera:
+        _bars(camera, tables.camera, "camera (depth, mean)")
     else:
         camera.set_axis_off()
     save(figure, path)
 
 
-def _heat(axes: Axes, tables: dict[str, list[dict[str, Any]]]) -> None:
-    names = [row["episode"] for row in tables["episode"]]
+def _heat(axes: Axes, tables: ErrorTables) -> None:
+    names = [row.label for row in tables.episode]
     values = np.full((len(names), len(PHASES)), np.nan)
-    for row in tables["episode_phase"]:
-        values[names.index(row["episode"]), PHASES.index(row["phase"])] = row["rms_mm"]
+    for each in tables.episode_phase:
+        values[names.index(each.labels["episode"]), PHASES.index(each.labels["phase"])] = each.rms_mm
     seen = ~np.isnan(values).all(0)
     values, columns = values[:, seen], [name for name, use in zip(PHASES, seen, strict=True) if use]
     image = axes.imshow(values, cmap=ERROR_MAP, aspect="auto", vmin=0)
@@ -129,9 +129,9 @@ def _heat(axes: Axes, tables: dict[str, list[dict[str, Any]]]) -> None:
     axes.figure.colorbar(image, ax=axes, label="mm", shrink=0.9)
 
 
-def _bars(axes: Axes, rows: Sequence[dict[str, Any]], key: str, title: str, value: str = "rms_mm") -> None:
-    labels = [str(row[key]) for row in rows]
-    tops = [row[value] or 0 for row in rows]
+def _bars(axes: Axes, rows: Sequence[ErrorRow | CameraRow], title: str) -> None:
+    labels = [row.label for row in rows]
+    tops = [row.error_mm() or 0 for row in rows]
     most = max([*tops, 1e-3])
     axes.bar(labels, tops, color=PREDICTION, width=0.7)
     for place, top in enumerate(tops):
@@ -141,7 +141,7 @@ def _bars(axes: Axes, rows: Sequence[dict[str, Any]], key: str, title: str, valu
         ("rigid", RIGID, "-", 2.0),
         ("floor", FLOOR, ":", 1.6),
     ):
-        marks = [row.get(beside(value, name)) for row in rows]
+        marks = [row.error_mm(name) for row in rows]
         for place, mark in enumerate(marks):
             if mark is not None:
                 axes.plot([place - 0.4, place + 0.4], [mark, mark], color=colour, linestyle=dash, linewidth=width)

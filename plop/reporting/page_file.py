@@ -65,7 +65,7 @@ def report_page(facts: ReportFacts, episodes: list[dict[str, Any]], *, limit_mm:
 
 
 def _subtitle(facts: ReportFacts) -> str:
-    count = len(facts.compared[0].facts["tables"]["episode"])
+    count = len(facts.compared[0].episodes)
     models = ", ".join(text(c.label) for c in facts.compared)
     return f"Models: {models}. Recordings: {text(facts.recordings)}, {count} episodes."
 

@@ -14,8 +14,9 @@ from matplotlib import colormaps
 from PIL import Image
 
 from plop.comparison.camera_errors import CarriedScene
+from plop.geometry.view import View
 from plop.recordings.busiest_camera import busiest_camera
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 
 DIFFERENCE_MAP = "PuOr"
 """Diverging colours that all colour vision tells apart."""
@@ -60,7 +61,7 @@ def episode_images(
     scene = CarriedScene(init, points, patch)
     models: list[dict[str, list[str]]] = [{"predicted": [], "difference": []} for _ in predictions]
     measured = []
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         name = busiest_camera(recording, camera)
         for frame in frames:
             seen = recording.view(name, frame)

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from plop.diagnosis.finding import explained_text
+from plop.diagnosis.verdict import VerdictKind
 from plop.reporting.baselines import BASELINES, ORACLE, beaten
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.errors_over import closed_gap, error_over, judged_on
 from plop.reporting.headline import headline
 from plop.reporting.html import number, text
 
-_QUIET = ("NOTHING DETECTABLE", "NONE OF THESE")
+_QUIET = (VerdictKind.NOTHING_DETECTABLE, VerdictKind.NONE_OF_THESE)
+_NOT_DIAGNOSED = "NOT DIAGNOSED"
 
 
 def verdict_section(facts: ReportFacts) -> str:
     """Say what was found: the diagnosis of the first model, or, without one, where it fails most."""
     kind, sentence = _verdict(facts)
-    quiet = " none" if kind in _QUIET or not facts.diagnoses else ""
+    quiet = " none" if kind in (*_QUIET, _NOT_DIAGNOSED) else ""
     more = "".join(
-        f"<p>{text(label)} was diagnosed, too (<b>{text(d['verdict']['kind'])}</b>): "
-        f"{_unbroken(headline(label, d))}</p>"
+        f"<p>{text(label)} was diagnosed, too (<b>{text(d.verdict.kind)}</b>): {_unbroken(headline(label, d))}</p>"
         for label, d in facts.diagnoses[1:]
     )
     figures = "".join(f"<div><b>{_unbroken(value)}</b>{text(name)}</div>" for name, value in _figures(facts))
@@ -47,20 +46,20 @@ def _beaten(facts: ReportFacts) -> str:
 def _verdict(facts: ReportFacts) -> tuple[str, str]:
     if facts.diagnoses:
         label, diagnosis = facts.diagnoses[0]
-        return str(diagnosis["verdict"]["kind"]), headline(label, diagnosis)
-    return "NOT DIAGNOSED", worst(facts.compared[0])
+        return diagnosis.verdict.kind, headline(label, diagnosis)
+    return _NOT_DIAGNOSED, worst(facts.compared[0])
 
 
 def worst(compared: Compared) -> str:
     """Say in one sentence how far a model is off, where most, and that nobody has asked why."""
-    tables = compared.facts["tables"]
-    episode, phase = (max(tables[key], key=lambda row: row["rms_mm"]) for key in ("episode", "phase"))
-    whole = tables["all"][0]
-    times = f", {whole['rms_mm'] / whole['floor_mm']:.1f} times what noise explains" if whole["floor_mm"] > 0 else ""
+    tables = compared.errors.tables
+    episode, phase = (max(rows, key=lambda row: row.rms_mm) for rows in (tables.episode, tables.phase))
+    whole = tables.whole
+    times = f", {whole.rms_mm / whole.floor_mm:.1f} times what noise explains" if whole.floor_mm > 0 else ""
     return (
-        f"The model {compared.label} is off by {number(whole['rms_mm'])} mm{times}, most in episode "
-        f"{episode['episode']} ({number(episode['rms_mm'])} mm) and in the phase {phase['phase']} "
-        f"({number(phase['rms_mm'])} mm), and what it is missing has not been looked for (plop diagnose "
+        f"The model {compared.label} is off by {number(whole.rms_mm)} mm{times}, most in episode "
+        f"{episode.label} ({number(episode.rms_mm)} mm) and in the phase {phase.label} "
+        f"({number(phase.rms_mm)} mm), and what it is missing has not been looked for (plop diagnose "
         "does)."
     )
 
@@ -125,12 +124,8 @@ def _diagnosis_figures(facts: ReportFacts) -> list[tuple[str, str]]:
     if not facts.diagnoses:
         return []
     found = facts.diagnoses[0][1]
-    rows: list[dict[str, Any]] = found.get("ranking", [])
-    base = [found["base"]] if found.get("base") else []
-    named = next((row for row in [*rows, *base] if row["effect"] in found["verdict"]["named"]), None)
-    if named is None or named["gain"] <= 0:
+    named = next((row for row in (*found.ranking, found.base) if row.effect in found.verdict.named), None)
+    if named is None or named.gain <= 0:
         return []
-    p = "" if named["p"] is None else f", p = {named['p']:.3f}"
-    return [
-        (f"of the held-out error explained by {named['effect']}{p}", explained_text(named["gain"], named["gain_error"]))
-    ]
+    p = "" if named.p is None else f", p = {named.p:.3f}"
+    return [(f"of the held-out error explained by {named.effect}{p}", explained_text(named.gain, named.gain_error))]

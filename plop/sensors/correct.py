@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from plop.recordings.recording import Recording, View
-from plop.sensors.fault import Fault
-from plop.sensors.faults import FAULTS, Faults, frame_share
-from plop.sensors.finding import FaultEstimate, SensorFinding
-
-
-@dataclass(frozen=True)
-class CorrectedView:
-    """One view as it would be without the camera's faults."""
-
-    view: View
-    """True pose, true depth; colours and labels as recorded."""
-    scene_time_s: float
-    """When the scene looked like this, on the robot's clock [s]."""
+from plop.recordings.recording import Recording
+from plop.sensors.estimation.camera_frames import Sighting
+from plop.sensors.estimation.finding import FaultEstimate, SensorFinding
+from plop.sensors.faults.fault import Fault
+from plop.sensors.faults.library import FAULTS, Faults, frame_share
 
 
 def found_faults(findings: Sequence[SensorFinding]) -> Faults:
@@ -28,7 +19,7 @@ def found_faults(findings: Sequence[SensorFinding]) -> Faults:
     return Faults({finding.camera: [_fault(each) for each in finding.found] for finding in findings})
 
 
-def correct_view(recording: Recording, camera: str, frame: int, faults: Faults) -> CorrectedView:
+def correct_view(recording: Recording, camera: str, frame: int, faults: Faults) -> Sighting:
     """Read one view and undo its camera's faults.
 
     Args:
@@ -37,16 +28,18 @@ def correct_view(recording: Recording, camera: str, frame: int, faults: Faults) 
         frame: Index of the frame.
         faults: E.g. from `found_faults`; a camera without faults gives its view unchanged.
 
+    Returns:
+        True pose, true depth, and the time at which the scene looked like this; colours and labels as recorded.
+
     Raises:
         PlopError: There is no such camera.
     """
-    view = recording.view(camera, frame)
-    pose = faults.true_pose(camera, frame_share(frame, len(recording)), view.camera.world_from_cam)
+    view, share = recording.view(camera, frame), frame_share(frame, len(recording))
+    pose = faults.true_pose(camera, share, view.camera.world_from_cam)
     true = replace(view.camera, world_from_cam=pose)
     depth = faults.true_depth(camera, view.depth_m)
-    return CorrectedView(
-        replace(view, camera=true, depth_m=depth), faults.true_time(camera, float(recording.time_s[frame]))
-    )
+    time_s = faults.true_time(camera, float(recording.time_s[frame]))
+    return Sighting(time_s, share, replace(view, camera=true, depth_m=depth))
 
 
 def _fault(estimate: FaultEstimate) -> Fault:

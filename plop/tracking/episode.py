@@ -8,7 +8,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 
 from plop.errors import PlopError
-from plop.geometry.convex import convex_surface
+from plop.geometry.meshes.convex import convex_surface
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest
 

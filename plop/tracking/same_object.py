@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.dynamics.model_io import read_facts
+from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
-from plop.geometry.extent import box_edges_m
+from plop.geometry.meshes.extent import box_edges_m
 from plop.models import innermost
 from plop.tracking.episode import Episode
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from plop.artifacts.layouts import Fits, Tracks
 from plop.errors import PlopError
 from plop.recordings.set import RecordingSet
 from plop.tracking.episode import Episode
@@ -33,7 +34,7 @@ def tracked_episodes(
     for name in names:
         try:
             episode = episode_from_track(
-                recordings.path(name), init / name / "object.ply", tracks / f"{name}.h5", seed=seed
+                recordings.path(name), Fits(init).episode(name).object_splat, Tracks(tracks).states(name), seed=seed
             )
             check_touch(episode)
             found.append(episode)

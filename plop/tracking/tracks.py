@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.dynamics.first_surface import LEAST_POINTS, ON_SURFACE_M, FirstFrame
+from plop.dynamics.initial_surface import LEAST_POINTS, ON_SURFACE_M, FirstFrame
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
@@ -33,7 +33,7 @@ def episode_from_track(
     Raises:
         PlopError: The track is of another recording or another fit, or too few Gaussians lie on the measured surface.
     """
-    with Recording(recording_path) as recording:
+    with Recording.open(recording_path) as recording:
         start = FirstFrame.of(recording)
         times, poses, mesh = recording.time_s.astype(float), recording.world_from_tool, recording.tool_mesh
         table = recording.table_z_m

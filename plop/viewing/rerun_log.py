@@ -15,7 +15,7 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
-from plop.geometry.cloud_ply import read_cloud
+from plop.geometry.clouds.cloud_ply import read_cloud
 from plop.installed import install_extra
 from plop.recordings.recording import Recording
 from plop.reporting.colours import ERROR_MAP

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import made_from
-from plop.artifacts.manifest import MANIFEST_NAME
-from plop.dynamics.model_io import MODEL_SCHEMA, read_facts
+from plop.artifacts.manifest import LOGS, MANIFEST_NAME
+from plop.artifacts.result_file import SchemaError
+from plop.artifacts.store import Artifact
+from plop.diagnosis.result import Diagnosis
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model
+from plop.parameters import Estimate
 from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import remember
-from plop.pipeline.stage import Input, Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.stage import Choice, Input, Inputs, InputSpec, Output, Recipe, Stage, Summary
+from stages import MODELS, RECORDINGS
+from stages.common_inputs import engine_input
+
+FIT = "fit"
+"""Input that is not read: recordings whose diagnosis by the model is."""
 
 
 @dataclass(frozen=True)
@@ -44,18 +53,17 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
     if config.remove:
         return _without(folder, out.path)
     check(config, {name: given.path for name, given in inputs.items()})
-    diagnosis = _diagnosis(inputs)
+    diagnosis = Diagnosis.load(inputs["diagnosis"].path) if "diagnosis" in inputs else None
     _check_model(inputs)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     types = library(files)
     name, parameters = _chosen(config, diagnosis)
     kind = effect_type(name, types)
-    values = {key: p["value"] for key, p in parameters.items()}
-    _check_present(kind(**values))
+    _check_present(kind(**{key: p.value for key, p in parameters.items()}))
     units = {p.name: p.unit for p in kind.parameters()}
-    parameters = {key: {**p, "unit": units[key]} for key, p in parameters.items()}
-    engine = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
-    if engine is None:
+    written = {key: replace(p, unit=units[key]).to_json() for key, p in parameters.items()}
+    beside = engine_of(folder) or (engine_of(inputs["engine"].path) if "engine" in inputs else None)
+    if beside is None:
         raise PlopError(
             "A learned model needs the engine beside it.",
             where=folder,
@@ -63,44 +71,50 @@ def run(inputs: Inputs, config: AugmentConfig, out: Output) -> Summary:
             found="none",
             fix="Run `plop identify` on the recordings it was trained on.",
         )
-    _copied(folder, out.path / "base")
+    _copied(folder, Model(out.path).base.folder)
     if files:
-        (out.path / "effects").mkdir(exist_ok=True)
-        shutil.copy(files[0], out.path / "effects" / Path(files[0]).name)
-        remember(out.path / "effects" / Path(files[0]).name)
+        Model(out.path).effects.mkdir(exist_ok=True)
+        shutil.copy(files[0], Model(out.path).effects / Path(files[0]).name)
+        remember(Model(out.path).effects / Path(files[0]).name)
     base = inputs["model"].manifest
     facts = {
         "schema": MODEL_SCHEMA,
         "kind": "augmented",
-        "engine": base_to_dict(engine),
-        "effects": [{"effect": name, "parameters": parameters}],
+        "engine": base_to_dict(beside),
+        "effects": [{"effect": name, "parameters": written}],
         "base": {"stage": base.stage, "fingerprint": base.fingerprint} if base else {},
         "training": read_facts(folder).get("training", {}),
-        **({} if config.value or not diagnosis else {"fitted": _fitted_to(inputs["diagnosis"], diagnosis)}),
+        **({} if config.value or diagnosis is None else {"fitted": _fitted_to(inputs["diagnosis"], diagnosis)}),
     }
-    write_json(out.path / "model.json", facts)
+    write_json(Model(out.path).facts, facts)
     load_model(out.path)
     added = ", ".join(repr(e) for e in effects_of(out.path))
-    rows = [{"effect": name, "parameter": key, **p} for key, p in parameters.items()]
-    return Summary({"effects": added}, rows, [] if config.value else _doubts(name, diagnosis))
+    rows = [{"effect": name, "parameter": key, **p} for key, p in written.items()]
+    return Summary({"effects": added}, rows, [] if config.value or diagnosis is None else _unnamed(name, diagnosis))
 
 
 def check(config: AugmentConfig, given: Mapping[str, str | Path]) -> None:
-    """Refuse an unknown effect, a value that cannot be, and a file with effects that cannot be used.
+    """Refuse an unknown effect, a value that cannot be, a file with effects that cannot be used, and two diagnoses.
 
     Raises:
         PlopError: One of them; a name gets a suggestion.
     """
+    if FIT in given and "diagnosis" in given:
+        raise PlopError(
+            "Both --fit and --diagnosis are named.",
+            found=f"{given[FIT]}, {given['diagnosis']}",
+            fix="Name the recordings to fit to, or the diagnosis that has done it.",
+        )
     values = _values(config.value)
     types = library([given["effect_file"]] if "effect_file" in given else [])
     if config.effect and not config.remove:
         effect_type(config.effect, types)(**values)
 
 
-def _fitted_to(given: Input, diagnosis: dict[str, Any]) -> dict[str, Any]:
+def _fitted_to(given: Input, diagnosis: Diagnosis) -> dict[str, Any]:
     """Tell which episodes an effect was fitted to: nothing that is taught by it may be tested on them."""
     source = given.manifest.inputs.get("recordings", {}) if given.manifest else {}
-    return {"episodes": diagnosis.get("episodes", []), "recordings": [source["content"]] if "content" in source else []}
+    return {"episodes": diagnosis.episodes, "recordings": [source["content"]] if "content" in source else []}
 
 
 def _check_present(effect: Effect) -> None:
@@ -124,13 +138,14 @@ def _without(folder: Path, out: Path) -> Summary:
             found=str(read_facts(folder).get("kind")),
             fix="Name a model that `plop augment` made; `plop status` lists them.",
         )
-    _copied(folder / "base", out)
+    _copied(Model(folder).base.folder, out)
     return Summary({"effects": ", ".join(repr(e) for e in effects_of(out)) or "none"})
 
 
 def _copied(source: Path, target: Path) -> None:
-    """Copy a model's files; when and where it was made is told by its own artifact, not by this copy."""
-    shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(MANIFEST_NAME, ".*", "*.tmp"))
+    """Copy a model's files; when and where it was made its own artifact tells, not this copy."""
+    left_out = shutil.ignore_patterns(MANIFEST_NAME, *LOGS, ".*", "*.tmp")
+    shutil.copytree(source, target, dirs_exist_ok=True, ignore=left_out)
 
 
 def _check_model(inputs: Inputs) -> None:
@@ -152,50 +167,35 @@ def _check_model(inputs: Inputs) -> None:
         )
 
 
-def _doubts(name: str, diagnosis: dict[str, Any]) -> list[str]:
+def _unnamed(name: str, diagnosis: Diagnosis) -> list[str]:
     """Warn of an effect that was fitted and not named."""
-    verdict = diagnosis.get("verdict", {})
-    row: dict[str, Any] = next((r for r in diagnosis.get("ranking", []) if r.get("effect") == name), {})
-    if name in verdict.get("named", ()) or not row:
+    verdict, row = diagnosis.verdict, diagnosis.row(name)
+    if name in verdict.named or row is None:
         return []
-    told = [f"{100 * row['gain']:.0f} % of the held-out error"] if row.get("gain") is not None else []
-    told += [f"p = {row['p']:.2g}"] if row.get("p") is not None else []
-    kind = " ".join([verdict.get("kind", ""), *verdict.get("named", ())]).strip()
-    shown = f" ({', '.join(told)})" if told else ""
-    return [f"The diagnosis does not name {name}{shown}: its verdict is {kind}."]
+    told = [f"{100 * row.gain:.0f} % of the held-out error"] + ([] if row.p is None else [f"p = {row.p:.2g}"])
+    kind = " ".join([verdict.kind, *verdict.named])
+    return [f"The diagnosis does not name {name} ({', '.join(told)}): its verdict is {kind}."]
 
 
-def _diagnosis(inputs: Inputs) -> dict[str, Any]:
-    if "diagnosis" not in inputs:
-        return {}
-    facts: dict[str, Any] = json.loads((inputs["diagnosis"].path / "diagnosis.json").read_text())
-    return facts
+def _chosen(config: AugmentConfig, diagnosis: Diagnosis | None) -> tuple[str, dict[str, Estimate]]:
+    """Find the effect and its parameters.
 
-
-def _chosen(config: AugmentConfig, diagnosis: dict[str, Any]) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Find the effect and its parameters, each {"value", "low", "high"}."""
-    named = diagnosis.get("verdict", {}).get("named", [])
+    Raises:
+        PlopError: There is no effect, or it was neither fitted nor given values.
+    """
+    named = () if diagnosis is None else diagnosis.verdict.named
     name = config.effect or (named[0] if named else "")
-    given = _values(config.value)
-    row = next((r for r in [*diagnosis.get("ranking", []), diagnosis.get("base", {})] if r.get("effect") == name), None)
+    given = {key: Estimate(value, fitted=False) for key, value in _values(config.value).items()}
+    row = None if diagnosis is None else diagnosis.row(name)
     if not name or (row is None and not given):
         raise PlopError(
             "There is no effect to add.",
             where=name or "augment.effect",
             expected="an effect that the diagnosis fitted, or --value PARAMETER=VALUE",
-            found=", ".join(r["effect"] for r in diagnosis.get("ranking", [])) or "no diagnosis",
+            found="no diagnosis" if diagnosis is None else ", ".join(r.effect for r in diagnosis.ranking),
             fix="Run `plop diagnose` with the recordings, or give --effect and --value.",
         )
-    parameters = {} if row is None else {k: _kept(p) for k, p in row["parameters"].items()}
-    for key, value in given.items():
-        parameters[key] = {"value": value, "low": None, "high": None}
-    return name, parameters
-
-
-def _kept(fitted: dict[str, Any]) -> dict[str, Any]:
-    """Keep of a fitted number what a model tells of it: value, interval, and what else is known of how sure it is."""
-    also = {key: fitted[key] for key in ("also", "determined") if fitted.get(key) not in (None, [])}
-    return {**{key: fitted.get(key) for key in ("value", "low", "high")}, **also}
+    return name, {**({} if row is None else row.parameters), **given}
 
 
 def _values(texts: tuple[str, ...]) -> dict[str, float]:
@@ -215,17 +215,53 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
+def _is_fitted(config: AugmentConfig, inputs: Inputs) -> bool:
+    """Tell whether the amplitude comes from a diagnosis, and not from the user."""
+    return not config.remove and (FIT in inputs or not config.value)
+
+
+def _that_fitted(
+    config: AugmentConfig, found: Sequence[Artifact], inputs: Mapping[str, Sequence[Artifact]]
+) -> list[Artifact]:
+    """Take the diagnoses that have fitted the effect that is wanted."""
+    return [one for one in found if _has_fitted(one, config.effect)]
+
+
+def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
+    try:
+        found = Diagnosis.load(diagnosis.path)
+    except SchemaError:  # of another version: as good as none
+        return False
+    return not effect or found.row(effect) is not None
+
+
 STAGE = Stage(
     name="augment",
-    version=5,
+    version=6,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={
-        "model": InputSpec(("train", "identify", "augment"), "the model to add to"),
+        "model": InputSpec(MODELS, "the model to add to", choice=Choice.ANY_LINE),
         "diagnosis": InputSpec(
-            ("diagnose",), "what was fitted; the model's latest without it and --value.", optional=True, only_named=True
+            ("diagnose",),
+            "what was fitted; not needed with --value",
+            optional=True,
+            choice=Choice.MATCHING,
+            recipe=Recipe(
+                {"model": "model", "recordings": FIT, "effect_file": "effect_file"},
+                settings=lambda config: {"effects": [config.effect]} if config.effect else {},
+                needed=_is_fitted,
+            ),
+            select=_that_fitted,
         ),
-        "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
+        FIT: InputSpec(
+            RECORDINGS,
+            "recordings to fit the effect to, by their diagnosis",
+            optional=True,
+            choice=Choice.NAMED,
+            read=False,
+        ),
+        "engine": engine_input(Choice.LATEST),
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,

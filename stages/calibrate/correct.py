@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.geometry.pointcloud import cloud_from_depth, voxel_average
-from plop.geometry.registration import Registration, register
+from plop.geometry.clouds.pointcloud import cloud_from_depth, voxel_average
+from plop.geometry.clouds.registration import Registration, register
 from plop.recordings.recording import Recording
 from stages.calibrate.verify import CameraCheck, Change, check_episode, depth_views, read_views
 

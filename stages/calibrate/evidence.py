@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plop.recordings.recording import Recording, View
-from plop.sensors.depth_edges import EdgeAlignment, edge_alignment, tolerance_px
-from plop.sensors.support_plane import FAR_OFF_DEG, FAR_OFF_M, Support, find_support, turned
-from plop.sensors.tool_fit import THROUGH, ToolFit, ToolLook
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
+from plop.sensors.checks.depth_edges import EdgeAlignment, edge_alignment, tolerance_px
+from plop.sensors.checks.support_plane import FAR_OFF_DEG, FAR_OFF_M, Support, find_support, turned
+from plop.sensors.checks.tool_fit import THROUGH, ToolFit, ToolLook
 from stages.calibrate.verify import Change, read_views
 
 if TYPE_CHECKING:

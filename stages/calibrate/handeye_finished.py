@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.handeye_pairs import MAX_REACH_M
+from plop.geometry.handeye.pairs import MAX_REACH_M
 from plop.geometry.rigid import check_rigid, pose_from_quat_wxyz
 from stages.calibrate.handeye_folder import by_rows, choose_mount, matrices, read_json, read_yaml, readable
 

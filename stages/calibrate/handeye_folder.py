@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.boards import Board, board_pose, find_board, settle_pattern, what_was_tried
+from plop.geometry.calibration.boards import Board, board_pose, find_board, settle_pattern, what_was_tried
 from plop.geometry.pose_matrices import is_transposed
 
 MOUNTS = ("wrist", "fixed")

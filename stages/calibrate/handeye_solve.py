@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.boards import Board
-from plop.geometry.handeye import HAND_EYE_METHODS, HandEye, MethodScore, hand_eye, robot_world
-from plop.geometry.handeye_judge import HandEyeFault, Judgement, judge_hand_eye
+from plop.geometry.calibration.boards import Board
+from plop.geometry.handeye.judge import HandEyeFault, Judgement, judge_hand_eye
+from plop.geometry.handeye.solve import HAND_EYE_METHODS, HandEye, MethodScore, hand_eye, robot_world
 from stages.calibrate.handeye_finished import read_finished
 from stages.calibrate.handeye_folder import HandEyeData, read_handeye
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.agreement import disagreement
-from plop.recordings.recording import Recording, View
+from plop.geometry.calibration.depth_agreement import disagreement
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 from stages.calibrate.verify import MIN_COMPARED, depth_views
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def check_scan(recording: Recording, name: str, config: CalibrateConfig) -> tupl
     fine = before is not None and before <= config.max_disagreement_mm
     if config.refine_scan == "never" or (config.refine_scan == "auto" and (fine or not config.correct)):
         return _verdict(name, total, before, before, None, config), None
-    from plop.geometry.bundle_adjust import refine_scan
+    from plop.geometry.calibration.bundle_adjust import refine_scan
 
     picks = np.unique(np.linspace(0, total - 1, min(total, config.max_scan_views)).astype(int))
     try:

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.boards import Board, Intrinsics, calibrate_intrinsics, read_images
-from plop.geometry.handeye import difference
+from plop.geometry.calibration.boards import Board, Intrinsics, calibrate_intrinsics, read_images
+from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.recording import Recording
 from stages.calibrate.handeye_solve import SolvedCamera, solve_camera

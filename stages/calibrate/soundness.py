@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.tool_reach import check_tool_reach
-from plop.recordings.recording import Recording, View
+from plop.geometry.meshes.tool_checks import check_tool_reach
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 from stages.calibrate.verify import read_views
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from math import inf
 from pathlib import Path
 
-from plop.artifacts.atomic_file import write_json, write_text
-from plop.checked_settings import check_choices, check_ranges
+from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Recordings
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
-from plop.geometry.handeye import HAND_EYE_METHODS
+from plop.geometry.handeye.solve import HAND_EYE_METHODS
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
@@ -82,6 +83,8 @@ class CalibrateConfig:
     """Whether episodes none of whose cameras is usable pass on, too."""
     max_scan_views: int = 40
     """At most this many views of a scan are refined, evenly spread; the others follow the nearest."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
@@ -89,21 +92,10 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
     _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     solved = _solve(inputs, recordings, config)
-    folder = out.path / "episodes"
-    folder.mkdir(parents=True, exist_ok=True)
-    rows: dict[str, dict] = {}
-    skipped: dict[str, str] = dict(recordings.skipped)
-    for done, name in enumerate(recordings.names):
-        part = folder / f"{name}.json.part"
-        if not out.is_done(name):
-            write_text(part, json.dumps(_one(recordings, name, solved, config, folder)))
-            out.mark_done(name)
-        saved = json.loads(part.read_text())
-        if "skipped" in saved:
-            skipped[name] = saved["skipped"]
-        else:
-            rows[name] = saved
-        out.progress(done + 1, len(recordings.names), name)
+    done = out.map(recordings.names, partial(_one, recordings, solved, config), jobs=config.jobs, keep_going=True)
+    rows = done.values
+    bad = {name: error.first_cause().one_line() for name, error in done.errors.items()}
+    skipped = recordings.skipped | bad
     if not rows:
         with remembering(solved.warnings):
             raise PlopError(
@@ -113,7 +105,7 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
                 found=next(iter(skipped.values()), "the set is empty"),
             )
     facts = {"episodes": rows, "cameras": _worst(rows), "skipped": skipped, **solved.facts()}
-    write_json(out.path / "calibration.json", facts)
+    write_json(Recordings(out.path).verdicts, facts)
     replace(
         recordings,
         folder=out.path,
@@ -121,9 +113,7 @@ def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
         test=[n for n in recordings.test if n in rows],
         skipped=skipped,
     ).save()
-    for name in recordings.names:
-        (folder / f"{name}.json.part").unlink(missing_ok=True)
-    return _summary(facts, [n for n in skipped if n not in recordings.skipped], solved.warnings)
+    return _summary(facts, list(bad), solved.warnings)
 
 
 def _solve(inputs: Inputs, recordings: RecordingSet, config: CalibrateConfig) -> Solved:
@@ -136,24 +126,22 @@ def _solve(inputs: Inputs, recordings: RecordingSet, config: CalibrateConfig) ->
         return solve(boards, poses, recording, config)
 
 
-def _one(recordings: RecordingSet, name: str, solved: Solved, config: CalibrateConfig, folder: Path) -> dict:
-    source, first = recordings.path(name), folder / f"{name}.h5.first"
-    plain = folder / f"{name}.h5.plain"
+def _one(recordings: RecordingSet, solved: Solved, config: CalibrateConfig, name: str, out: Output) -> dict:
+    source, target = recordings.path(name), Recordings(out.path).episode(name)
+    first, plain = (target.with_name(f"{target.name}.{end}") for end in ("first", "plain"))
     first.unlink(missing_ok=True)  # of a killed run
     try:
         with recordings.open(name) as recording:
             given = edits_for(recording, solved, config)
         stay = _place(source, plain, first, given, solved, config) if given else {}
-        with Recording(first if first.exists() else source) as recording:
+        with Recording(first) if first.exists() else recordings.open(name) as recording:
             trusted = frozenset(
                 n for n, each in solved.handeye.items() if n not in stay and each.trusted(config.max_disagreement_mm)
             )
             result = calibrate_episode(recording, config, solved.reprojection_px, trusted)
             if not config.keep_bad:
                 check_usable(result.cameras, recordings.path(name))
-            pass_on(recording.path, folder / f"{name}.h5", result.edits)
-    except PlopError as error:
-        return {"skipped": error.first_cause().one_line()}
+            pass_on(recording.path, target, result.edits)
     finally:
         first.unlink(missing_ok=True)
         plain.unlink(missing_ok=True)
@@ -191,6 +179,7 @@ def _with_handeye(entry: dict, solved: Solved, stay: dict[str, str]) -> dict:
 
 
 def _check(config: CalibrateConfig) -> None:
+    check_jobs(config, "calibrate")
     check_choices(
         config,
         "calibrate",

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.geometry.calibration.time_offset import offset_by_search
 from plop.geometry.cameras import Camera
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import transform_points
-from plop.geometry.time_offset import offset_by_search
-from plop.recordings.recording import MaskLabel, Mesh, Recording
+from plop.geometry.view import MaskLabel
+from plop.recordings.recording import Mesh, Recording
 from plop.sensors.silhouette import outline
 
 MAX_FRAMES = 10

@@ -8,9 +8,10 @@ from statistics import median_low
 
 import numpy as np
 
-from plop.geometry.agreement import DepthView, Disagreement, disagreement, object_box, pixels_in_box
-from plop.geometry.pointcloud import check_metres
-from plop.recordings.recording import Recording, View
+from plop.geometry.calibration.depth_agreement import DepthView, Disagreement, disagreement, object_box, pixels_in_box
+from plop.geometry.clouds.pointcloud import check_metres
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 
 MIN_COMPARED = 20
 """Pixels that two cameras must share before their difference counts."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import h5py
 
 from plop.artifacts.lineage import made_from
+from plop.comparison.result import CONVENTIONS
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs
 from plop.recordings.set import RecordingSet
 
-CONVENTIONS = {"units": "m, s", "world_frame": "right-handed, z up"}
+SAID = {key: CONVENTIONS[key] for key in ("units", "world_frame")}
 """What every recording must say of itself."""
 
 
@@ -21,7 +22,7 @@ def check_conventions(inputs: Inputs, recordings: RecordingSet) -> None:
     """
     for name in recordings.names:
         with h5py.File(recordings.path(name), "r") as file:
-            for key, wanted in CONVENTIONS.items():
+            for key, wanted in SAID.items():
                 found = str(file.attrs.get(key, "nothing"))
                 if found != wanted:
                     raise PlopError(

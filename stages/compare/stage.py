@@ -12,23 +12,24 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import ComparisonFiles, Fit, Fits
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.comparison.bases import predict_episode
 from plop.comparison.camera_errors import camera_rows, camera_table
 from plop.comparison.error_fields import ErrorField, error_field, tables
 from plop.comparison.field_file import stored_field, write_field
+from plop.comparison.result import Comparison, EpisodeErrors, ErrorRow
 from plop.errors import PlopError
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
 from plop.tracking.episode import Episode
 from plop.tracking.phases import PHASES
 from plop.tracking.same_object import check_same_object, size_m
 from plop.tracking.sets import tracked_episodes
-from stages.compare.checks import CONVENTIONS, check_conventions
-
-COMPARE_SCHEMA = 1
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input, tracks_input
+from stages.compare.checks import check_conventions
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,9 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     for folder in ("fields", *(["pictures"] if config.pictures else [])):
         (out.path / folder).mkdir(exist_ok=True)
     fields, cameras = [], []
+    model = inputs["model"].path
     tasks = (
-        delayed(_compare)(inputs["model"].path, recordings.path(e.name), init / e.name, e, config, out.path)
+        delayed(_compare)(model, recordings.path(e.name), Fits(init).episode(e.name), e, config, out.path)
         for e in episodes
     )
     for field, seen in Parallel(n_jobs=config.jobs, return_as="generator")(tasks):
@@ -77,26 +79,33 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
         cameras += seen
         rms_mm = 1000 * float(np.sqrt((field.error_m**2).mean()))
         out.progress(len(fields), len(episodes), field.name, rms_mm=rms_mm)
-    found: dict[str, list[dict[str, Any]]] = tables(fields) | {"camera": camera_table(cameras)}
-    facts = _facts(recordings, episodes, fields, found, cameras, left_out)
-    write_json(out.path / "compare.json", facts, sort_keys=False)
+    found = Comparison(
+        environment=recordings.environment,
+        size_mm=tuple(round(1000 * float(edge), 1) for edge in size_m(episodes)),
+        tables=dataclasses.replace(tables(fields), camera=camera_table(cameras)),
+        episodes={f.name: _over_time(f) for f in fields},
+        camera_frames=tuple(cameras),
+        left_out=left_out,
+        held_out=tuple(f.name for f in fields if f.name in recordings.test),
+    )
+    found.write(out.path)
     if config.pictures:
-        draw_tables(out.path / "pictures" / "tables.png", found)
-    return _summary(fields, found, left_out)
+        draw_tables(ComparisonFiles(out.path).tables, found.tables)
+    return _summary(fields, found)
 
 
 def _compare(
-    model: Path, recording: Path, fit: Path, episode: Episode, config: CompareConfig, folder: Path
+    model: Path, recording: Path, fit: Fit, episode: Episode, config: CompareConfig, folder: Path
 ) -> tuple[ErrorField, list[dict[str, Any]]]:
     """Predict one episode, write its field and pictures; the field, and what the cameras see of it."""
-    field = error_field(episode, predict_episode(model, recording, fit / "object.ply", episode))
+    field = error_field(episode, predict_episode(model, recording, fit.object_splat, episode))
     stored = stored_field(field)
-    write_field(folder / "fields" / f"{episode.name}.npz", stored)
+    write_field(ComparisonFiles(folder).field(episode.name), stored)
     if config.pictures:
-        draw_over_time(folder / "pictures" / f"{episode.name}_time.png", stored)
-        draw_on_object(folder / "pictures" / f"{episode.name}_object.png", stored)
+        draw_over_time(ComparisonFiles(folder).over_time(episode.name), stored)
+        draw_on_object(ComparisonFiles(folder).on_object(episode.name), stored)
     shown = _shown(len(episode.times), config.frames)
-    return field, camera_rows(recording, fit, field, shown) if config.frames else []
+    return field, camera_rows(recording, fit.folder, field, shown) if config.frames else []
 
 
 def _check(config: CompareConfig) -> None:
@@ -153,91 +162,60 @@ def _shown(frames: int, count: int) -> list[int]:
     return sorted({int(k) for k in np.linspace(0, frames - 1, count + 1)[1:].round()})
 
 
-def _facts(
-    recordings: RecordingSet,
-    episodes: list[Episode],
-    fields: list[ErrorField],
-    found: dict[str, list[dict[str, Any]]],
-    cameras: list[dict[str, Any]],
-    left_out: dict[str, str],
-) -> dict[str, Any]:
-    return {
-        "schema": COMPARE_SCHEMA,
-        "environment": recordings.environment,
-        "size_mm": [round(1000 * float(edge), 1) for edge in size_m(episodes)],
-        "conventions": CONVENTIONS
-        | {
-            "error": "distance between measured and predicted place of the same point; RMS over points and frames",
-            "first_frame": "given, counts nowhere",
-            "floor": "RMS error that the measurement's noise alone gives: sqrt(6) times that of one coordinate",
-            "in_noise": "RMS error over the floor; 1 is noise alone",
-            "persistence": "nothing moves",
-            "rigid": "best motion of the points as one body, fitted to each frame's measurement: an oracle",
-            "camera": "Gaussians carried by predicted points and rendered, mean absolute difference; "
-            "_floor: carried by the measured points; _persistence, _rigid: by those of the baselines",
-            "n": "points times frames; for cameras, pixels",
-        },
-        "units": {"_mm": "mm", "in_noise": "-", "colour": "0..1", "outline": "share of pixels"},
-        "phases": list(PHASES),
-        "tables": found,
-        "episodes": {f.name: _episode_facts(f) for f in fields},
-        "camera_frames": cameras,
-        "left_out": left_out,
-        "held_out": [f.name for f in fields if f.name in recordings.test],
-    }
+def _over_time(field: ErrorField) -> EpisodeErrors:
+    def mm(values: np.ndarray) -> tuple[float, ...]:
+        return tuple(round(1000 * float(v), 4) for v in values)
+
+    return EpisodeErrors(
+        points=len(field.episode.patch),
+        noise_mm=round(1000 * field.episode.noise_m, 4),
+        floor_mm=round(1000 * field.floor_m, 4),
+        worst_frame=field.worst_frame,
+        time_s=tuple(round(float(t), 6) for t in field.episode.times),
+        phase=tuple(field.tool.phase.tolist()),
+        error_mm=mm(field.over_time()),
+        persistence_mm=mm(field.over_time("persistence_m")),
+        rigid_mm=mm(field.over_time("rigid_m")),
+    )
 
 
-def _episode_facts(field: ErrorField) -> dict[str, Any]:
-    def mm(values: np.ndarray) -> list[float]:
-        return [round(1000 * float(v), 4) for v in values]
-
-    return {
-        "points": len(field.episode.patch),
-        "noise_mm": round(1000 * field.episode.noise_m, 4),
-        "floor_mm": round(1000 * field.floor_m, 4),
-        "worst_frame": field.worst_frame,
-        "time_s": [round(float(t), 6) for t in field.episode.times],
-        "phase": field.tool.phase.tolist(),
-        "error_mm": mm(field.over_time()),
-        "persistence_mm": mm(field.over_time("persistence_m")),
-        "rigid_mm": mm(field.over_time("rigid_m")),
-    }
-
-
-def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], left_out: dict[str, str]) -> Summary:
+def _summary(fields: list[ErrorField], found: Comparison) -> Summary:
     """Say where and when it fails, worst first."""
-    whole = found["all"][0]
-    keys = {
-        "rms_mm": "rms_mm",
-        "in_noise": "in_noise",
-        "p95_mm": "p95_mm",
-        "rigid_mm": "rigid_mm",
-        "persistence_mm": "still_mm",
-        "floor_mm": "floor_mm",
-        "n": "n",
+    tables, whole = found.tables, found.tables.whole
+    kinds = {
+        "episode": tables.episode,
+        "phase": tables.phase,
+        "mm to the tool": tables.distance,
+        "mm above the table": tables.height,
     }
-
-    def short(row: dict[str, Any]) -> dict[str, Any]:
-        return {shown: round(row[key], 2) for key, shown in keys.items()}
-
-    kinds = {"episode": "episode", "phase": "phase", "distance": "distance_to_tool_mm", "height": "height_mm"}
-    rows = [{"over": "all", "where": f"{len(fields)} episodes", **short(whole)}]
-    for kind, label in kinds.items():
-        ranked = sorted(found[kind], key=lambda row: -row["rms_mm"])
-        over = {"distance": "mm to the tool", "height": "mm above the table"}.get(kind, kind)
-        rows += [{"over": over, "where": row[label], **short(row)} for row in ranked[:8]]
+    rows = [{"over": "all", "where": f"{len(fields)} episodes", **_short(whole)}]
+    for over, each in kinds.items():
+        ranked = sorted(each, key=lambda row: -row.rms_mm)
+        rows += [{"over": over, "where": row.label, **_short(row)} for row in ranked[:8]]
     worst = max(fields, key=lambda f: float(f.over_time().max()))
     phase = PHASES[int(worst.tool.phase[worst.worst_frame])]
     since = worst.episode.times[worst.worst_frame] - worst.episode.times[0]
     figures = {
         "episodes": len(fields),
-        "rms_mm": round(whole["rms_mm"], 3),
-        "in_noise": round(whole["in_noise"], 2),
-        "floor_mm": round(whole["floor_mm"], 3),
+        "rms_mm": round(whole.rms_mm, 3),
+        "in_noise": round(whole.in_noise, 2),
+        "floor_mm": round(whole.floor_mm, 3),
         "worst": f"{worst.name} at {since:.2f} s ({phase}): {1000 * worst.over_time().max():.2f} mm",
     }
-    figures |= {f"camera_{row['camera']}_depth_mm": row["depth_mm"] for row in found["camera"]}
-    return Summary(figures, rows, [f"{name} is left out: {why}" for name, why in left_out.items()])
+    figures |= {f"camera_{row.camera}_depth_mm": row.error_mm() for row in tables.camera}
+    return Summary(figures, rows, [f"{name} is left out: {why}" for name, why in found.left_out.items()])
+
+
+def _short(row: ErrorRow) -> dict[str, Any]:
+    return {
+        "rms_mm": round(row.rms_mm, 2),
+        "in_noise": round(row.in_noise, 2),
+        "p95_mm": round(row.p95_mm, 2),
+        "rigid_mm": round(row.rigid_mm, 2),
+        "still_mm": round(row.persistence_mm, 2),
+        "floor_mm": round(row.floor_mm, 2),
+        "n": row.n,
+    }
 
 
 STAGE = Stage(
@@ -246,10 +224,10 @@ STAGE = Stage(
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
-        "model": InputSpec(("train", "identify", "augment"), "the model to compare"),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "tracks": tracks_input("the filter's states"),
+        "model": InputSpec(MODELS, "the model to compare", choice=Choice.ANY_LINE),
     },
     run=run,
     check=settings_only(_check),

@@ -7,29 +7,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
-from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits
 from plop.checked_settings import check_choices, check_jobs
 from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
+from plop.diagnosis.result import SensorFault
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
-from plop.dynamics.model_io import read_facts
+from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import effect_type, library
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.tracking.episode import Episode
 from plop.tracking.same_object import check_same_object
 from plop.tracking.sets import tracked_episodes
-from stages.diagnose.outcome import facts_of, rows_of
+from stages import MODELS, RECORDINGS
+from stages.common_inputs import engine_input, init_input, optional, recordings_input, tracks_input
+from stages.diagnose.outcome import diagnosis_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 
 _SPLITS = ("train", "test", "all")
@@ -93,30 +95,32 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         runs,
         reference=reference,
         effects=config.effects or None,
-        sensors=[s["text"] for s in sensors],
+        sensors=[fault.text for fault in sensors or ()],
         shams=config.shams,
         seed=config.seed,
         told=runs.begin,
     )
     runs.forget()
-    facts = facts_of(found, types, sensors, left_out)
-    facts |= {
-        "environment": recordings.environment,
-        "seconds": round(time.perf_counter() - started, 1),
-        "seconds_screen": round(found.screen_s, 1),
-        "engine_runs": runs.done,
-    }
-    write_json(out.path / "diagnosis.json", facts, sort_keys=False)
+    kept = diagnosis_of(
+        found,
+        types,
+        sensors,
+        left_out,
+        environment=recordings.environment,
+        seconds=time.perf_counter() - started,
+        engine_runs=runs.done,
+    )
+    kept.write(out.path)
     figures = {
-        "verdict": found.verdict.kind,
-        "named": ", ".join(found.verdict.named) or "-",
-        "text": found.verdict.text,
-        "next": facts["next_step"],
-        "episodes": len(found.evidence),
-        "engine_runs": runs.done,
+        "verdict": kept.verdict.kind,
+        "named": ", ".join(kept.verdict.named) or "-",
+        "text": kept.verdict.text,
+        "next": kept.next_step,
+        "episodes": len(kept.episodes),
+        "engine_runs": kept.engine_runs,
     }
-    warnings += [f"{name} is left out: {why}" for name, why in facts["dropped"].items()]
-    return Summary(figures, rows_of(facts), warnings)
+    warnings += [f"{name} is left out: {why}" for name, why in kept.dropped.items()]
+    return Summary(figures, rows_of(kept), warnings)
 
 
 def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[str]]:
@@ -139,9 +143,11 @@ def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[
     ]
 
 
-def _sensors(recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output) -> list[dict[str, Any]]:
+def _sensors(
+    recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output
+) -> tuple[SensorFault, ...] | None:
     if not config.sensors:
-        return []
+        return None
     return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out, jobs=config.jobs)
 
 
@@ -170,7 +176,8 @@ def _measured(
 
     def predicted(episode: Episode) -> list[np.ndarray]:
         own = judges.get(episode.name, model)
-        return predictions_of(own, recordings.path(episode.name), init / episode.name / "object.ply", episode)
+        splat = Fits(init).episode(episode.name).object_splat
+        return predictions_of(own, recordings.path(episode.name), splat, episode)
 
     return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
 
@@ -238,20 +245,29 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
     )
 
 
+def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
+    """Leave the cameras that are not trusted out of the tracks, too."""
+    return {"exclude": list(config.exclude)}
+
+
 STAGE = Stage(
     name="diagnose",
-    version=31,
+    version=32,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
-        "model": InputSpec(("train", "identify", "augment"), "the model to diagnose"),
-        "reference": InputSpec(("calibrate", "ingest", "simulate"), "what the model was made from", optional=True),
-        "reference_init": InputSpec(("fit-init",), "its Gaussians", optional=True, along="reference"),
-        "reference_tracks": InputSpec(("filter",), "its states", optional=True, along="reference"),
-        "engine": InputSpec(("identify",), "engine beside a learned model", optional=True),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "tracks": tracks_input("the filter's states", settings=_without_cameras),
+        "model": InputSpec(MODELS, "the model to diagnose", choice=Choice.ANY_LINE),
+        "reference": InputSpec(
+            RECORDINGS, "what the model was made from", optional=True, choice=Origin(apart_from="recordings")
+        ),
+        "reference_init": optional(init_input("its Gaussians", of="reference")),
+        "reference_tracks": optional(
+            tracks_input("its states", of="reference", init="reference_init", settings=_without_cameras)
+        ),
+        "engine": engine_input(Choice.MADE),
         "effect_file": InputSpec((), "your own effects, a Python file", optional=True),
     },
     run=run,

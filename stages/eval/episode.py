@@ -12,19 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit, Rollout
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
+from plop.geometry.view import View
 from plop.metrics.clouds import back_project_all
 from plop.metrics.frame import FrameOptions, Scores, score_frame
 from plop.metrics.lpips import Lpips, Unavailable
 from plop.pipeline.stage import Progress
 from plop.recordings.busiest_camera import busiest_camera, check_camera
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
-from plop.render.comparison import Comparison
-from plop.render.panels import sheet, write_png
+from plop.render.pictures.comparison import Comparison
+from plop.render.pictures.panels import sheet, write_png
 from plop.render.rigid_motion import moved_rigidly
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile
@@ -39,10 +41,10 @@ if TYPE_CHECKING:
 class EpisodePaths:
     """Where one episode's parts lie."""
 
-    init: Path
-    """Folder with object.ply and tool.ply."""
-    rollout: Path
-    """Folder with images.h5 and states.h5."""
+    init: Fit
+    """Gaussians at frame 0."""
+    rollout: Rollout
+    """The prediction."""
     picture: Path
     """Picture to write."""
 
@@ -83,9 +85,9 @@ def score_episode(
     jobs: list[tuple[dict, Future[Scores]]] = []
     with ExitStack() as stack:
         recording = stack.enter_context(recordings.open(name))
-        views = stack.enter_context(ViewFile(paths.rollout / "images.h5"))
+        views = stack.enter_context(ViewFile(paths.rollout.images))
         pool = stack.enter_context(ThreadPoolExecutor(config.threads or cpu_count()))
-        material = stack.enter_context(MaterialPoints(recording.path, paths.rollout / "states.h5", use=config.truth))
+        material = stack.enter_context(MaterialPoints(recording.path, paths.rollout.states, use=config.truth))
         _check_match(views, recording)
         check_camera(recording, config.picture_camera)
         frames, times = len(recording), recording.time_s
@@ -107,13 +109,13 @@ def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: Ev
     camera = busiest_camera(recording, config.picture_camera)
     _, tool = _read_init(paths.init)
     frames = sorted({0, len(recording) // 2, len(recording) - 1})
-    path = paths.rollout / "states.h5"
+    path = paths.rollout.states
     with Trajectory(path) if path.is_file() else nullcontext() as states:
         drawn = Comparison(recording, views, states, tool, camera, frames=frames, backend=config.backend)  # type: ignore[arg-type]
         write_png(paths.picture, sheet([drawn.picture(frame) for frame in frames]))
 
 
-def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfig) -> Iterator[Frame]:
+def _frames(recording: Recording, views: ViewFile, init: Fit, config: EvalConfig) -> Iterator[Frame]:
     """Read what was measured and predicted, and render the baselines beside it."""
     start, tool = _read_init(init)
     names, poses = recording.camera_names, recording.world_from_tool
@@ -121,9 +123,7 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
     for index in range(len(recording)):
         measured = [recording.view(name, index) for name in names]
         cameras = [view.camera for view in measured]
-        cloud = back_project_all(
-            cameras, [view.depth_m for view in measured], [view.object_mask for view in measured], seed=config.seed
-        )
+        cloud = back_project_all(measured, seed=config.seed)
         if fit is None and len(cloud):
             fit = RigidFit(cloud.points, config.seed)
         elif fit is not None and len(cloud):
@@ -136,17 +136,17 @@ def _frames(recording: Recording, views: ViewFile, init: Path, config: EvalConfi
         yield Frame(index, measured, {config.method: [views.view(camera, index) for camera in cameras], **drawn}, pose)
 
 
-def _read_init(init: Path) -> tuple[Gaussians, Gaussians]:
-    for part in ("object.ply", "tool.ply"):
-        if not (init / part).is_file():
+def _read_init(init: Fit) -> tuple[Gaussians, Gaussians]:
+    for path in (init.object_splat, init.tool_splat):
+        if not path.is_file():
             raise PlopError(
                 "An episode has no fitted Gaussians.",
-                where=init / part,
-                expected=f"a fit of {init.name}",
+                where=path,
+                expected=f"a fit of {init.folder.name}",
                 found="no file",
                 fix="Give the `plop fit-init` artifact that the rollout started from.",
             )
-    return read_splat(init / "object.ply"), read_splat(init / "tool.ply")
+    return read_splat(init.object_splat), read_splat(init.tool_splat)
 
 
 def _check_match(views: ViewFile, recording: Recording) -> None:

@@ -4,40 +4,32 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plop.artifacts.atomic_file import whole
 from plop.metrics.frame import CONVENTIONS, HIGHER_IS_BETTER, mean_defined
-from plop.statistics.bootstrap import bootstrap_interval
+from plop.metrics.scores import PARTS, Scores
+from plop.statistics.bootstrap import Interval, bootstrap_interval
 
 if TYPE_CHECKING:
     from stages.eval.stage import EvalConfig
 
-SCORES_SCHEMA = 1
-PARTS = {
-    "episode": "mean over the predicted frames (all but frame 0, which is given)",
-    "end": "last frame",
-    "start": "frame 0, which is given: the floor that fit and rendering set",
-}
-"""The parts of an episode that are reported."""
-
 Rows = list[dict[str, Any]]
+Parts = dict[str, dict[str, float | None]]
+Means = dict[str, dict[str, Interval | None]]
 
 
-def environment_report(rows: Rows, environment: str, config: EvalConfig) -> dict[str, Any]:
+def scores_of(rows: Rows, environment: str, config: EvalConfig, unavailable: dict[str, str]) -> Scores:
     """Average frames, then episodes.
 
     Args:
         rows: One row per episode, method and frame.
         environment: Its name.
         config: Settings.
-
-    Returns:
-        The content of scores.json.
+        unavailable: Score -> why there is none.
     """
-    episodes: dict[str, dict] = {}
+    episodes: dict[str, dict[str, Parts]] = {}
     for name in dict.fromkeys(row["episode"] for row in rows):
         mine = [row for row in rows if row["episode"] == name]
         methods = list(dict.fromkeys(row["method"] for row in mine))
@@ -45,34 +37,28 @@ def environment_report(rows: Rows, environment: str, config: EvalConfig) -> dict
     metrics = [metric for metric in CONVENTIONS if any(metric in row for row in rows)]
     methods = list(dict.fromkeys(row["method"] for row in rows))
     table = {method: _over_episodes(episodes, method, metrics, config.seed) for method in methods}
-    return {
-        "schema": SCORES_SCHEMA,
-        "environment": environment,
-        "method": config.method,
-        "seed": config.seed,
-        "conventions": {metric: CONVENTIONS[metric] for metric in metrics},
-        "parts": PARTS,
-        "baselines": {
-            "persistence": "frame 0's Gaussians, nothing moves but the tool",
-            "rigid": "frame 0's Gaussians moved as one body, fitted to the measured cloud of each frame: an oracle",
-        },
-        "unavailable": {},
-        "notes": _notes(rows, metrics, len(episodes)),
-        "methods": table,
-        "better_than_persistence_percent": {part: _better(table, config.method, part) for part in ("episode", "end")},
-        "episodes": episodes,
-    }
+    return Scores(
+        environment=environment,
+        method=config.method,
+        seed=config.seed,
+        conventions={metric: CONVENTIONS[metric] for metric in metrics},
+        unavailable=unavailable,
+        notes=tuple(_notes(rows, metrics, len(episodes))),
+        methods=table,
+        better_than_persistence_percent={part: _better(table, config.method, part) for part in ("episode", "end")},
+        episodes=episodes,
+    )
 
 
-def summary_table(report: dict[str, Any]) -> list[dict[str, Any]]:
+def summary_table(scores: Scores) -> list[dict[str, Any]]:
     """Give one row per method and part, with means over episodes."""
     table = []
     for part in PARTS:
-        for method, parts in report["methods"].items():
+        for method, parts in scores.methods.items():
             row: dict[str, Any] = {"over": part, "method": method}
-            for metric in report["conventions"]:
+            for metric in scores.conventions:
                 entry = parts[part][metric]
-                row[metric] = None if entry is None else round(entry["mean"], 3)
+                row[metric] = None if entry is None else round(entry.mean, 3)
             table.append(row)
     return table
 
@@ -87,7 +73,7 @@ def write_csv(path: Path, rows: Rows) -> None:
             writer.writerow({key: f"{value:.7g}" if isinstance(value, float) else value for key, value in row.items()})
 
 
-def _parts(rows: Rows) -> dict[str, dict[str, float | None]]:
+def _parts(rows: Rows) -> Parts:
     last = max(row["frame"] for row in rows)
     wanted: dict[str, Callable[[int], bool]] = {
         "episode": lambda frame: frame > 0,
@@ -101,21 +87,20 @@ def _parts(rows: Rows) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _over_episodes(episodes: dict, method: str, metrics: list[str], seed: int) -> dict[str, dict]:
-    def interval(part: str, metric: str) -> dict | None:
-        found = bootstrap_interval([scores[method][part].get(metric) for scores in episodes.values()], seed=seed)
-        return None if found is None else asdict(found)
+def _over_episodes(episodes: dict[str, dict[str, Parts]], method: str, metrics: list[str], seed: int) -> Means:
+    def interval(part: str, metric: str) -> Interval | None:
+        return bootstrap_interval([scores[method][part].get(metric) for scores in episodes.values()], seed=seed)
 
     return {part: {metric: interval(part, metric) for metric in metrics} for part in PARTS}
 
 
-def _better(table: dict, method: str, part: str) -> dict[str, float]:
+def _better(table: dict[str, Means], method: str, part: str) -> dict[str, float]:
     """Say by how many percent the method's error is below persistence's; only scores that are errors."""
     out = {}
     for metric, entry in table[method][part].items():
         base = table["persistence"][part][metric]
-        if metric not in HIGHER_IS_BETTER and entry and base and base["mean"] > 0:
-            out[metric] = round(100 * (1 - entry["mean"] / base["mean"]), 2)
+        if metric not in HIGHER_IS_BETTER and entry and base and base.mean > 0:
+            out[metric] = round(100 * (1 - entry.mean / base.mean), 2)
     return out
 
 

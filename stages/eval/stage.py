@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import inf
 from pathlib import Path
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Rollouts, ScoreFiles
+from plop.artifacts.store import Artifact
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.metrics.lpips import Lpips, Unavailable, load_lpips
-from plop.pipeline.parallel import every_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.metrics.scores import Scores
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
-from plop.render.rasterize import BACKENDS
+from plop.render.rasterizer.rasterize import BACKENDS
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
-from stages.eval.report import environment_report, summary_table, write_csv
+from stages.eval.report import scores_of, summary_table, write_csv
 
 
 @dataclass(frozen=True)
@@ -58,17 +62,14 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
     lpips = _lpips(config)
-    for folder in ("episodes", "pictures"):
-        (out.path / folder).mkdir(parents=True, exist_ok=True)
-    every_piece(partial(_score, recordings, rollouts, init, config), names, out, jobs=config.jobs)
-    rows = [row for name in names for row in json.loads((out.path / "episodes" / f"{name}.json").read_text())]
-    report = environment_report(rows, recordings.environment, config)
-    if isinstance(lpips, Unavailable):
-        report["unavailable"]["lpips"] = lpips.reason
-    write_json(out.path / "scores.json", report, sort_keys=False)
-    write_csv(out.path / "scores.csv", rows)
-    plot_over_time(out.path / "over_time.png", rows, recordings.environment)
-    return _summary(report)
+    done = out.map(names, partial(_score, recordings, rollouts, init, config), jobs=config.jobs)
+    rows = [row for scored in done.values.values() for row in scored]
+    unavailable = {"lpips": lpips.reason} if isinstance(lpips, Unavailable) else {}
+    scores = scores_of(rows, recordings.environment, config, unavailable)
+    scores.write(out.path)
+    write_csv(ScoreFiles(out.path).table, rows)
+    plot_over_time(ScoreFiles(out.path).over_time, rows, recordings.environment)
+    return _summary(scores)
 
 
 def _check(config: EvalConfig) -> None:
@@ -81,14 +82,17 @@ def _lpips(config: EvalConfig) -> Lpips | Unavailable:
     return load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
 
 
-def _score(recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output) -> None:
-    paths = EpisodePaths(init / name, rollouts / name, out.path / "pictures" / f"{name}.png")
+def _score(
+    recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output
+) -> list[dict]:
+    paths = EpisodePaths(Fits(init).episode(name), Rollouts(rollouts).episode(name), ScoreFiles(out.path).picture(name))
     scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
-    write_json(out.path / "episodes" / f"{name}.json", scored, sort_keys=False)
+    write_json(ScoreFiles(out.path).rows(name), scored, sort_keys=False)
+    return scored
 
 
 def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
-    found = sorted(folder.parent.name for folder in rollouts.glob("*/images.h5"))
+    found = [rollout.folder.name for rollout in Rollouts(rollouts).all]
     unknown = [name for name in found if name not in recordings.names]
     if unknown:
         raise PlopError(
@@ -109,13 +113,19 @@ def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
     return found
 
 
-def _summary(report: dict) -> Summary:
-    figures = {"episodes": len(report["episodes"])}
-    for name, value in report["better_than_persistence_percent"]["episode"].items():
+def _summary(scores: Scores) -> Summary:
+    figures: dict[str, float] = {"episodes": len(scores.episodes)}
+    for name, value in scores.better_than_persistence_percent["episode"].items():
         figures[f"{name}_better_than_persistence_percent"] = value
-    warnings = [f"{name} is unavailable: {reason}" for name, reason in report["unavailable"].items()]
-    warnings += report["notes"]
-    return Summary(figures, summary_table(report), warnings)
+    warnings = [f"{name} is unavailable: {reason}" for name, reason in scores.unavailable.items()]
+    return Summary(figures, summary_table(scores), [*warnings, *scores.notes])
+
+
+def _all_where_none_is_for_testing(inputs: Mapping[str, Artifact]) -> tuple[dict[str, str], str]:
+    """Roll out all episodes of recordings that have none for testing: else nothing could be scored."""
+    if RecordingSet.load(inputs["recordings"].path).test:
+        return {}, ""
+    return {"split": "all"}, f"{inputs['recordings'].address} has no test episode: all its episodes are rolled out"
 
 
 STAGE = Stage(
@@ -124,9 +134,18 @@ STAGE = Stage(
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0, for the baselines", along="recordings"),
-        "rollouts": InputSpec(("rollout",), "what was predicted", along="recordings"),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0, for the baselines"),
+        "rollouts": InputSpec(
+            ("rollout",),
+            "what was predicted",
+            recipe=Recipe(
+                {"recordings": "recordings", "init": "init", "model": "model"}, defaults=_all_where_none_is_for_testing
+            ),
+        ),
+        "model": InputSpec(
+            MODELS, "Instead of rollouts: roll this model out first.", choice=Choice.ANY_LINE, read=False
+        ),
     },
     run=run,
     check=settings_only(_check),

@@ -11,27 +11,30 @@ from dataclasses import dataclass, field
 from functools import partial
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.layouts import Fits, Tracks
 from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.determinism import deterministic
-from plop.compute.device import chosen_device
+from plop.compute.device import chosen_device, jobs_on
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.episodes import measured_views
-from plop.dynamics.filtering import FilterStep, UpdateConfig, run_filter, settled
+from plop.dynamics.filter.particle_filter import FilterStep, UpdateConfig, run_filter, settled
 from plop.dynamics.interface import DynamicsModel, at_rest
-from plop.dynamics.trivial import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
-from plop.pipeline.parallel import every_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 
 
 @dataclass(frozen=True)
@@ -85,9 +88,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}[config.split]
     model = inputs["model"].path if "model" in inputs else None
     work = partial(_filter_episode, recordings, inputs["init"].path, model, config)
-    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    every_piece(work, chosen, out, jobs=jobs)
-    rows = [{"episode": name, **_means(json.loads((out.path / f"{name}.json").read_text()))} for name in chosen]
+    rows = list(out.map(chosen, work, jobs=jobs_on(config.device, config.jobs)).values.values())
     figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
     return Summary(figures={"episodes": len(rows), **figures}, table=rows)
 
@@ -113,8 +114,9 @@ def _check(config: FilterConfig) -> None:
 @deterministic()
 def _filter_episode(
     recordings: RecordingSet, init: Path, model_folder: Path | None, config: FilterConfig, name: str, out: Output
-) -> None:
-    splat = init / name / "object.ply"
+) -> dict[str, Any]:
+    """Filter one episode; gives its mean innovation."""
+    splat = Fits(init).episode(name).object_splat
     if not splat.is_file():
         raise PlopError(
             "An episode has no fitted Gaussians.",
@@ -138,7 +140,7 @@ def _filter_episode(
     )
     generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
-    with recordings.open(name) as recording, TrajectoryWriter(out.path / f"{name}.h5") as writer:
+    with recordings.open(name) as recording, TrajectoryWriter(Tracks(out.path).states(name)) as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
         first = settled(
             read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update, config.settle
@@ -151,7 +153,8 @@ def _filter_episode(
             )
             out.progress(step.frame + 1, len(recording), name, gaussians=len(step.updated.side))
     innovation = {"episode": name, "units": "l1: colour 0..1; depth: mm", "frames": frames}
-    write_text(out.path / f"{name}.json", json.dumps(innovation))
+    write_text(Tracks(out.path).innovation(name), json.dumps(innovation))
+    return {"episode": name, **_means(frames)}
 
 
 def _store(writer: TrajectoryWriter, step: FilterStep) -> None:
@@ -162,9 +165,9 @@ def _store(writer: TrajectoryWriter, step: FilterStep) -> None:
         writer.append(group, step.frame, state.gaussians, **extra)
 
 
-def _means(innovation: dict[str, list[dict[str, dict[str, dict[str, float]]]]]) -> dict[str, float]:
+def _means(frames: list[dict[str, Any]]) -> dict[str, float]:
     """Average the innovation over frames and cameras."""
-    cells = [row for frame in innovation["frames"] for row in frame["cameras"].values()]
+    cells = [row for frame in frames for row in frame["cameras"].values()]
     names = ("l1", "depth_mm", "updated_l1", "updated_depth_mm")
     return {name: float(np.mean([cell[name] for cell in cells])) if cells else float("nan") for name in names}
 
@@ -175,11 +178,9 @@ STAGE = Stage(
     help="Follow the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings."),
-        "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
-        "model": InputSpec(
-            ("train", "identify", "augment"), "Model that predicts; constant velocity without it.", optional=True
-        ),
+        "recordings": recordings_input("Recordings."),
+        "init": init_input("Gaussians of frame 0.", choice=Choice.LATEST),
+        "model": InputSpec(MODELS, "Model that predicts; constant velocity without it.", optional=True),
     },
     run=run,
     check=settings_only(_check),

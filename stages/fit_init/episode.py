@@ -12,7 +12,8 @@ import torch
 from plop.compute.device import chosen_device
 from plop.errors import PlopError, remembering
 from plop.gaussians.state import Gaussians, concatenate
-from plop.recordings.recording import Recording, View
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
 from plop.render.losses import target_from_view, target_over_measured
 from stages.fit_init.held_out import check_held_out, choose_held_out, score_view
 from stages.fit_init.inside import paper_filler, solid_filler, typical_spacing
@@ -152,7 +153,7 @@ def fit_object(
     prepare = target_over_measured if config.background == "measured" else target_from_view
     device = chosen_device(config.device)
     shown = [*views, *virtual_views(views, config.virtual_views)]
-    targets = [(view.camera, prepare(view, device=device)) for view in shown]
+    targets = [prepare(view, device=device) for view in shown]
     filler: Fill | None = None
     if config.filling == "solid":
         filler = solid_filler(

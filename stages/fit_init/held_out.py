@@ -10,12 +10,12 @@ from torch import Tensor
 
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.psnr import psnr_db
-from plop.recordings.recording import MaskLabel, View
-from plop.render.comparison import compared_views
-from plop.render.interface import Rendering
 from plop.render.losses import Target, lay_over, target_from_view, target_over_measured
-from plop.render.rasterize import render
+from plop.render.pictures.comparison import compared_views
+from plop.render.rasterizer.interface import Rendering
+from plop.render.rasterizer.rasterize import render
 from stages.fit_init.shell import seen_by
 
 _LEAST_TRAINING = 2

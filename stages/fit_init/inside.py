@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from plop.gaussians.filling import fill_paper, inner_gaussians, solid_points
-from plop.gaussians.nearest import nearest_distance, nearest_index
 from plop.gaussians.state import Gaussians
-from plop.recordings.recording import View
+from plop.geometry.clouds.neighbours import nearest_distance, nearest_index
+from plop.geometry.view import View
 from stages.fit_init.shell import carved
 
 _LEAST_GAP = 0.45

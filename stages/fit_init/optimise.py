@@ -10,9 +10,8 @@ from torch import Tensor
 
 from plop.gaussians.split import split_at
 from plop.gaussians.state import Gaussians, concatenate
-from plop.geometry.cameras import Camera
 from plop.render.losses import RenderWeights, Target, anisotropy_hinge, render_loss
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from stages.fit_init.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ Report = Callable[[int, dict[str, float]], None]
 
 def fit(
     seeds: Gaussians,
-    views: list[tuple[Camera, Target]],
+    targets: list[Target],
     config: FitInitConfig,
     *,
     spacing_m: float,
@@ -40,7 +39,7 @@ def fit(
 
     Args:
         seeds: Gaussians to start from.
-        views: Cameras and what they measured; at least one.
+        targets: What the cameras measured; at least one.
         config: Steps, rates, weights, seed.
         spacing_m: Spacing of the seeds, the unit of the means' learning rate and of the limits on scales [m].
         max_count: Most Gaussians of the shell.
@@ -67,11 +66,11 @@ def fit(
             _grow_and_prune(parameters, pull, max_count, len(growth) - growth.index(step), config)
             pull = seeds.means.new_zeros(len(parameters))
         if len(order) == 0:
-            order = torch.randperm(len(views), generator=generator, device="cpu")
-        camera, target = views[int(order[0])]
+            order = torch.randperm(len(targets), generator=generator, device="cpu")
+        target = targets[int(order[0])]
         order = order[1:]
         shell = parameters.gaussians()
-        rendering = render(concatenate([shell, inner]) if len(inner) else shell, camera)
+        rendering = render(concatenate([shell, inner]) if len(inner) else shell, target.camera)
         loss, terms = render_loss(rendering, target, weights)
         loss = loss + config.anisotropy_weight * anisotropy_hinge(shell, config.anisotropy_ratio)
         loss.backward()

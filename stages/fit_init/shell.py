@@ -9,13 +9,13 @@ import numpy as np
 import torch
 
 from plop.errors import PlopError
-from plop.gaussians.nearest import nearest_distance
 from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians
-from plop.geometry.depth_planes import pixel_planes
+from plop.geometry.clouds.depth_planes import pixel_planes
+from plop.geometry.clouds.neighbours import nearest_distance
 from plop.geometry.rigid import matrix_to_quat
-from plop.recordings.recording import View
-from plop.render.sh import C0
+from plop.geometry.view import View
+from plop.render.rasterizer.sh import C0
 
 MAX_POINTS = 40_000
 """Points of a cloud that are looked at; more are thinned evenly."""

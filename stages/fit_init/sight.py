@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt, map_coordinates, minimum_filter
 
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
 
 _OUTSIDE = 0.05
 """Of a mask of 0 and 1 between pixel centres: below, a point lies beyond the object's outline."""

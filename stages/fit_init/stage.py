@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,14 +13,15 @@ import numpy as np
 from PIL import Image
 
 from plop.artifacts.atomic_file import whole, write_json
+from plop.artifacts.layouts import Clouds, Fit, Fits
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.compute.device import chosen_device
+from plop.compute.device import jobs_on
 from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
-from plop.pipeline.parallel import each_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
+from stages.common_inputs import recordings_input
 from stages.fit_init.episode import EpisodeFit, fit_episode
 
 FILLINGS = ("solid", "paper", "none")
@@ -123,25 +123,28 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
             found=f"episodes = {config.episodes!r}",
         )
     clouds = inputs["clouds"].path if "clouds" in inputs else None
-    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    found = dict(each_piece(partial(_fit, recordings, clouds, config), names, out, jobs=jobs))
-    skipped = {name: error for name in names if (error := found[name]) is not None}
-    scores = {name: json.loads((out.path / name / "fit.json").read_text()) for name in names if name not in skipped}
+    work, jobs = partial(_fit, recordings, clouds, config), jobs_on(config.device, config.jobs)
+    done = out.map(names, work, jobs=jobs, keep_going=True)
+    scores, skipped = done.values, done.errors
     if not scores:
         raise next(iter(skipped.values())).first_cause()
     reasons = {name: error.first_cause().problem for name, error in skipped.items()}
     facts = {"environment": recordings.environment, "episodes": scores, "skipped": reasons}
-    write_json(out.path / "fit.json", facts)
+    write_json(Fits(out.path).facts, facts)
     return _summary(scores, skipped)
 
 
-def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, name: str, out: Output) -> None:
+def _fit(
+    recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, name: str, out: Output
+) -> dict[str, Any]:
+    """Fit one episode; gives its scores."""
+
     def report(step: int, figures: dict[str, float]) -> None:
         out.progress(step, max(config.steps, 1), name, **figures)
 
     bad = only_bad_cameras(recordings.folder)
     known = [bad[name]] if name in bad else []
-    cloud = None if clouds is None else clouds / "clouds" / f"{name}.ply"
+    cloud = None if clouds is None else Clouds(clouds).cloud(name)
     with remembering(known), ExitStack() as opened:
         recording = opened.enter_context(recordings.open(name))
         shown = recording if name in recordings.train else None
@@ -149,7 +152,8 @@ def _fit(recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, n
             shown = opened.enter_context(recordings.open(recordings.train[0]))
         result = fit_episode(recording, shown, cloud, config, report)
         result.score["warnings"] = known + result.score["warnings"]
-        _write_episode(out.path / name, result)
+        _write_episode(Fits(out.path).episode(name), result)
+    return result.score
 
 
 def _check(config: FitInitConfig) -> None:
@@ -183,13 +187,13 @@ def _check(config: FitInitConfig) -> None:
     )
 
 
-def _write_episode(folder: Path, result: EpisodeFit) -> None:
-    write_splat(folder / "object.ply", result.gaussians)
-    write_splat(folder / "tool.ply", result.tool)
+def _write_episode(fit: Fit, result: EpisodeFit) -> None:
+    write_splat(fit.object_splat, result.gaussians)
+    write_splat(fit.tool_splat, result.tool)
     for name, picture in result.pictures.items():
-        with whole(folder / f"{name}.png") as scratch:
+        with whole(fit.picture(name)) as scratch:
             Image.fromarray(picture).save(scratch, format="PNG")
-    write_json(folder / "fit.json", result.score)
+    write_json(fit.score, result.score)
 
 
 def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -> Summary:
@@ -213,8 +217,13 @@ STAGE = Stage(
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings with cameras."),
-        "clouds": InputSpec(("fuse",), "Clouds to start from; without them depth images are used.", optional=True),
+        "recordings": recordings_input("Recordings with cameras."),
+        "clouds": InputSpec(
+            ("fuse",),
+            "Clouds to start from; without them depth images are used.",
+            optional=True,
+            recipe=Recipe({"recordings": "recordings"}),
+        ),
     },
     run=run,
     check=settings_only(_check),

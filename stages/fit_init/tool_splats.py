@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from plop.gaussians.nearest import nearest_distance, nearest_index
 from plop.gaussians.state import Gaussians
+from plop.geometry.clouds.neighbours import nearest_distance, nearest_index
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.geometry.rigid import transform_points
-from plop.geometry.tool import ToolGeometry
 from plop.recordings.recording import Mesh, Recording
-from plop.render.sh import C0
+from plop.render.rasterizer.sh import C0
 from stages.fit_init.shell import farthest_points, quats_along
 
 _DEPTH_TOLERANCE_M = 0.003

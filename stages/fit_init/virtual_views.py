@@ -17,10 +17,10 @@ import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from plop.geometry.cameras import Camera, look_at
-from plop.geometry.depth_planes import PixelPlanes, pixel_planes
+from plop.geometry.clouds.depth_planes import PixelPlanes, pixel_planes
+from plop.geometry.rays import pixel_rays, window
+from plop.geometry.view import MaskLabel, View
 from plop.lazy_open3d import o3d
-from plop.recordings.recording import MaskLabel, View
-from plop.render.rays import pixel_rays, window
 from stages.fit_init.shell import carved
 from stages.fit_init.sight import Sight
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError, remembering
-from plop.geometry.agreement import DepthView, disagreement
-from plop.geometry.plane import find_plane
-from plop.geometry.pointcloud import (
+from plop.geometry.calibration.depth_agreement import DepthView, disagreement
+from plop.geometry.clouds.plane import find_plane
+from plop.geometry.clouds.pointcloud import (
     PointCloud,
     check_metres,
     cloud_from_depth,
@@ -21,10 +21,11 @@ from plop.geometry.pointcloud import (
     outlier_free,
     voxel_average,
 )
-from plop.geometry.registration import Registration, register
-from plop.geometry.tsdf import DepthFrame, fuse_tsdf
-from plop.recordings.recording import MaskLabel, Recording, View
-from stages.fuse.usable_views import check_table
+from plop.geometry.clouds.registration import Registration, register
+from plop.geometry.clouds.tsdf import fuse_tsdf
+from plop.geometry.view import MaskLabel, View
+from plop.recordings.recording import Recording
+from stages.fuse.usable_views import check_table, unaligned
 
 if TYPE_CHECKING:
     from stages.fuse.stage import FuseConfig
@@ -56,13 +57,16 @@ class EpisodeCloud:
     facts: CloudFacts
 
 
-def fuse_episode(recording: Recording, config: FuseConfig, bad: Mapping[str, str] | None = None) -> EpisodeCloud:
+def fuse_episode(
+    recording: Recording, config: FuseConfig, bad: Mapping[str, str] | None = None, *, judged: bool = True
+) -> EpisodeCloud:
     """Fuse one episode.
 
     Args:
         recording: Open recording.
         config: Settings of the stage.
         bad: Cameras that calibrate calls bad, with the fix; they are left out while another sees the object.
+        judged: Whether calibrate has judged the cameras; where not, a look is taken at how depth lies on colour.
 
     Returns:
         Object cloud in the world frame, metres.
@@ -76,6 +80,7 @@ def fuse_episode(recording: Recording, config: FuseConfig, bad: Mapping[str, str
     with remembering(warnings):
         if not scan:
             views = _without_bad(views, bad or {}, warnings)
+            warnings += [] if judged else unaligned(views)
             check_table(recording, views)
         return _fused(recording, config, scan, views, warnings)
 
@@ -103,7 +108,7 @@ def _fused(
     views, clouds, registered = _registered(views, masks, clouds, before, config, warnings)
     method = config.method if config.method != "auto" else ("tsdf" if scan else "points")
     if method == "tsdf":
-        frames = [DepthFrame(v.camera, np.where(m, v.depth_m, 0), v.rgb) for v, m in zip(views, masks, strict=True)]
+        frames = [replace(v, depth_m=np.where(m, v.depth_m, 0)) for v, m in zip(views, masks, strict=True)]
         cloud = fuse_tsdf(frames, config.voxel_m)
     else:
         cloud = voxel_average(join(clouds), config.voxel_m)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from math import inf
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from plop.artifacts.atomic_file import write_json, write_text
-from plop.checked_settings import check_choices, check_ranges
+from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Clouds
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
-from plop.geometry.cloud_ply import write_cloud
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
-from plop.recordings.camera_verdicts import bad_cameras, only_bad_cameras
+from plop.geometry.clouds.cloud_ply import write_cloud
+from plop.pipeline.stage import Inputs, Output, Stage, Summary, settings_only
+from plop.recordings.camera_verdicts import are_judged, bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
+from stages.common_inputs import recordings_input
 from stages.fuse.episode import EpisodeCloud, fuse_episode
 
 
@@ -50,30 +52,20 @@ class FuseConfig:
     """Fewer points than this are no object: the episode is skipped."""
     max_extent_m: float = 2.0
     """An object larger than this is a mistake in units [m]."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
     """Write clouds/<episode>.ply and fuse.json; an episode that cannot be fused is skipped with a warning."""
     _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    (out.path / "clouds").mkdir(parents=True, exist_ok=True)
-    rows: dict[str, dict] = {}
-    skipped: dict[str, str] = {}
-    advice = ""
-    names, bad = recordings.names, only_bad_cameras(recordings.folder)
-    for done, name in enumerate(names):
-        facts = out.path / "clouds" / f"{name}.json.part"
-        if out.is_done(name):
-            saved = json.loads(facts.read_text())
-        else:
-            saved = _one(recordings, name, config, out.path / "clouds", [bad[name]] if name in bad else [])
-            write_text(facts, json.dumps(saved))
-            out.mark_done(name)
-        (skipped if "skipped" in saved else rows)[name] = saved.get("skipped", saved)
-        advice = advice or saved.get("fix", "")
-        out.progress(done + 1, len(names), name)
+    done = out.map(recordings.names, partial(_one, recordings, config), jobs=config.jobs, keep_going=True)
+    rows, reasons = done.values, {name: error.first_cause() for name, error in done.errors.items()}
+    skipped = {name: reason.one_line() for name, reason in reasons.items()}
     if not rows:
         reason = next(iter(skipped.values()), "the set holds no episode")
+        advice = next((each.fix for each in reasons.values() if each.fix), None)
         raise PlopError(
             "No episode could be fused.",
             where=recordings.folder,
@@ -81,21 +73,19 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
             found=reason,
             fix=advice or "Ingest recordings with an episode that can be used.",
         )
-    write_json(out.path / "fuse.json", {"episodes": rows, "skipped": skipped})
-    for name in names:
-        (out.path / "clouds" / f"{name}.json.part").unlink(missing_ok=True)
+    write_json(Clouds(out.path).facts, {"episodes": rows, "skipped": skipped})
     return _summary(rows, skipped)
 
 
-def _one(recordings: RecordingSet, name: str, config: FuseConfig, folder: Path, known: list[str]) -> dict:
-    try:
-        with remembering(known), recordings.open(name) as recording:
-            bad = bad_cameras(recordings.folder, name)
-            result: EpisodeCloud = fuse_episode(_usable(recording, config), config, bad)
-    except PlopError as error:
-        reason = error.first_cause()
-        return {"skipped": reason.one_line(), "fix": reason.fix}
-    write_cloud(folder / f"{name}.ply", result.cloud)
+def _one(recordings: RecordingSet, config: FuseConfig, name: str, out: Output) -> dict[str, Any]:
+    wrong = only_bad_cameras(recordings.folder)
+    known = [wrong[name]] if name in wrong else []
+    with remembering(known), recordings.open(name) as recording:
+        bad = bad_cameras(recordings.folder, name)
+        result: EpisodeCloud = fuse_episode(
+            _usable(recording, config), config, bad, judged=are_judged(recordings.folder)
+        )
+    write_cloud(Clouds(out.path).cloud(name), result.cloud)
     return asdict(result.facts) | {"warnings": known + result.facts.warnings}
 
 
@@ -112,6 +102,7 @@ def _usable(recording: Recording, config: FuseConfig) -> Recording:
 
 
 def _check(config: FuseConfig) -> None:
+    check_jobs(config, "fuse")
     check_choices(config, "fuse", {"source": ("auto", "first-frame", "scan"), "method": ("auto", "points", "tsdf")})
     check_ranges(
         config,
@@ -161,7 +152,7 @@ STAGE = Stage(
     version=3,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
-    inputs={"recordings": InputSpec(("calibrate", "ingest", "simulate"), "recordings with camera poses")},
+    inputs={"recordings": recordings_input("recordings with camera poses")},
     run=run,
     check=settings_only(_check),
 )

@@ -1,10 +1,15 @@
-"""Which views may be fused: not those that see the table elsewhere than it is."""
+"""Which views may be fused: not those that see the table elsewhere than it is; and which have depth beside colour."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from plop.causes import Cause, Noticed
 from plop.errors import PlopError
-from plop.recordings.recording import Recording, View
-from plop.sensors.support_plane import find_support
+from plop.geometry.view import View
+from plop.recordings.recording import Recording
+from plop.sensors.checks.depth_edges import edge_alignment, tolerance_px
+from plop.sensors.checks.support_plane import find_support
 
 
 def check_table(recording: Recording, views: list[View]) -> None:
@@ -30,3 +35,17 @@ def check_table(recording: Recording, views: list[View]) -> None:
             found=seen,
             fix="Run `plop calibrate`: it says whether pictures are turned or poses wrong.",
         )
+
+
+def unaligned(views: Sequence[View]) -> list[str]:
+    """Warn of depth that is not aligned to colour, as `calibrate` finds it, in recordings that it has not judged."""
+    found: list[str] = []
+    for view in views:
+        edges = edge_alignment([view])
+        if edges is not None and edges.moved(tolerance_px(view.camera.width)):
+            text = (
+                f"camera {view.camera.name}: depth is not aligned to colour, shifted by ({-edges.dx_px:.1f}, "
+                f"{-edges.dy_px:.1f}) px, zoom {1 / edges.zoom:.2f}; `plop calibrate` judges it"
+            )
+            found.append(Noticed(text, Cause.DEPTH, "Run `plop calibrate`, and align depth to colour."))
+    return found

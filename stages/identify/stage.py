@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from math import inf
-from typing import Any
-
-import numpy as np
+from math import inf, isfinite
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import recordings_content
 from plop.checked_settings import check_choices, check_jobs, check_ranges
-from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.identification.identify import NAMES, identify, outliers, spacing_for, starts_settled
-from plop.parameters import short_number
+from plop.parameters import NOT_DETERMINED, Estimate, short_number
 from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.adapters.filled import EngineBase
-from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration, Estimate, is_determined
+from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration
 from plop.physics.engine.material import ElasticLaw, Material
 from plop.physics.scenes.names import one_of
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
-from plop.statistics.determined import NOT_DETERMINED
 from plop.tracking.same_object import size_m
 from plop.tracking.sets import tracked_episodes
+from stages.common_inputs import init_input, recordings_input, tracks_input
 
 STARTS = ("auto", "settled", "unloaded")
 CONES = ("round", "pyramid")
@@ -103,7 +101,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
         "schema": MODEL_SCHEMA,
         "kind": "engine",
         "engine": base_to_dict(base),
-        "estimates": {name: _estimate(name, e) for name, e in found.estimates.items()},
+        "estimates": {name: e.to_json() for name, e in found.estimates.items()},
         "training": {
             "environment": recordings.environment,
             "size_m": size_m(episodes).tolist(),
@@ -114,7 +112,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
             "engine_runs": found.rollouts,
         },
     }
-    write_json(out.path / "model.json", facts)
+    write_json(Model(out.path).facts, facts)
     return _summary(base, found, len(episodes), left_out)
 
 
@@ -167,11 +165,6 @@ def _material(config: IdentifyConfig) -> Material:
     return replace(Material(**given), law=ElasticLaw.NEO_HOOKEAN)
 
 
-def _estimate(name: str, estimate: Estimate) -> dict[str, Any]:
-    values = {**asdict(estimate), "determined": is_determined(name, estimate)}
-    return {key: value if not isinstance(value, float) or np.isfinite(value) else None for key, value in values.items()}
-
-
 def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[str, str]) -> Summary:
     rows = [
         {
@@ -180,7 +173,7 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
             "low": _shown(e.low),
             "high": _shown(e.high),
             "unit": e.unit,
-            "told": "yes" if is_determined(name, e) else NOT_DETERMINED,
+            "told": "yes" if e.determined else NOT_DETERMINED,
         }
         for name, e in found.estimates.items()
     ]
@@ -196,7 +189,7 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
     warnings += [
         f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, give it and leave it out of --fit."
         for name, e in found.estimates.items()
-        if not is_determined(name, e)
+        if not e.determined
     ]
     return Summary(figures, rows, warnings)
 
@@ -204,12 +197,12 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
 def _why(estimate: Estimate) -> str:
     if estimate.at_bound:
         return f"{short_number(estimate.value)} is the end of its range: a limit, not a measurement"
-    ends = [short_number(end) if np.isfinite(end) else "anything" for end in (estimate.low, estimate.high)]
+    ends = [short_number(end) if isfinite(end) else "anything" for end in (estimate.low, estimate.high)]
     return " to ".join(ends if len(set(ends)) > 1 else ends[:1])
 
 
 def _shown(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None
+    return round(value, 4) if isfinite(value) else None
 
 
 STAGE = Stage(
@@ -218,9 +211,9 @@ STAGE = Stage(
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "tracks": InputSpec(("filter",), "the filter's states", along="recordings"),
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "tracks": tracks_input("the filter's states"),
     },
     run=run,
     check=settings_only(_check),

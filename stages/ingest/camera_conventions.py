@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from plop.causes import Cause
 from plop.errors import PlopError
-from plop.geometry.plane import Plane, find_plane
+from plop.geometry.clouds.plane import Plane, find_plane
 from plop.geometry.pose_conventions import readings_of
 from plop.geometry.rigid import transform_points
 from stages.ingest.masks import Picture

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from plop.errors import PlopError
+from plop.geometry.meshes.tool_checks import check_tool_reach
 from plop.geometry.rigid import invert_rigid, transform_points
-from plop.geometry.tool_reach import check_tool_reach
 from plop.lazy_open3d import o3d
 from plop.recordings.readers.mesh.sequence import MeshSequence
 from stages.ingest.resting import check_table

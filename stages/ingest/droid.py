@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Literal
@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
-from plop.checked_settings import check_choices, check_ranges
+from plop.artifacts.layouts import Recordings
+from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.readers.droid.camera import DroidCameraSettings, DroidOptions
@@ -72,6 +73,8 @@ class DroidConfig(DroidCameraSettings):
     """With --masks: any value but 0 is the object (else the values are labels 0, 1, 2, 255)."""
     mask: MaskRules = field(default_factory=MaskRules)
     """How masks are made."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
@@ -91,23 +94,22 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
     chosen = _chosen(found, config, root)
     unfit = check_patterns([folder.name for folder in found], config.episodes, option="--episodes", where=root)
     unfit += check_patterns([folder.name for folder in chosen], config.test, option="--test", where=root)
-    options = _droid_options(inputs, config, root)
-    reports: dict[str, dict[str, Any]] = {}
-    for number, folder in enumerate(chosen):
-        report_path = out.path / "reports" / f"{folder.name}.json"
-        if not out.is_done(folder.name):
-            report = _ingest(folder, options, inputs, config, out, number, len(chosen))
-            write_json(report_path, report)
-            if "skipped" not in report:  # what was missing, e.g. a filter of HDF5, may be there the next time
-                out.mark_done(folder.name)
-        reports[folder.name] = json.loads(report_path.read_text())
-        out.progress(number + 1, len(chosen), folder.name)
+    folders = {folder.name: folder for folder in chosen}
+    work = partial(_ingest, folders, _droid_options(inputs, config, root), _write_options(inputs, config), config)
+    done = out.map(list(folders), work, jobs=config.jobs, keep_going=True)
+    reports = {
+        name: done.values[name] if name in done.values else _skipped(folder, done.errors[name])
+        for name, folder in folders.items()
+    }
+    for name, report in reports.items():
+        write_json(Recordings(out.path).report(name), report)
     summary = _finish(reports, config, chosen, out, root)
     return replace(summary, warnings=unfit + summary.warnings)
 
 
 def _check(config: DroidConfig) -> None:
     check_choices(config, COMMAND, {"outcome": ("any", "success", "failure")})
+    check_jobs(config, COMMAND)
     check_ranges(
         config,
         COMMAND,
@@ -209,21 +211,9 @@ def _droid_options(inputs: Inputs, config: DroidConfig, root: Path) -> DroidOpti
     )
 
 
-def _ingest(
-    folder: DroidFolder,
-    options: DroidOptions,
-    inputs: Inputs,
-    config: DroidConfig,
-    out: Output,
-    number: int,
-    total: int,
-) -> dict[str, Any]:
-    """Ingest one episode; gives its report, which says why when it is skipped."""
-    choice = RowChoice(
-        config.keep_skipped, config.idle_s, config.idle_m, config.stride, config.min_frames, config.scan_frames
-    )
-    write = WriteOptions(
-        environment=config.environment or folder.lab or "droid",
+def _write_options(inputs: Inputs, config: DroidConfig) -> WriteOptions:
+    return WriteOptions(
+        environment=config.environment,
         size=config.size,
         workspace=np.array([config.workspace_min, config.workspace_max]),
         rules=config.mask,
@@ -232,29 +222,52 @@ def _ingest(
         touch_m=config.touch_m,
         keep_untouched=config.keep_untouched,
     )
-    facts: dict[str, Any] = {
+
+
+def _ingest(
+    folders: Mapping[str, DroidFolder],
+    options: DroidOptions,
+    write: WriteOptions,
+    config: DroidConfig,
+    name: str,
+    out: Output,
+) -> dict[str, Any]:
+    """Ingest one episode; gives its report."""
+    folder = folders[name]
+    choice = RowChoice(
+        config.keep_skipped, config.idle_s, config.idle_m, config.stride, config.min_frames, config.scan_frames
+    )
+    episode = open_episode(folder, options, choice)
+    written = write_episode(
+        episode,
+        Recordings(out.path).episode(name),
+        replace(write, environment=config.environment or folder.lab or "droid"),
+        lambda done, total: out.progress(done, total, name, frames=done),
+    )
+    warnings = [_relative(text, folder.root) for text in [*episode.warnings, *written.warnings]]
+    return {**_facts(folder), **asdict(written), "warnings": warnings}
+
+
+def _facts(folder: DroidFolder) -> dict[str, Any]:
+    """Begin the report of an episode."""
+    return {
         "lab": folder.lab,
         "outcome": folder.outcome,
         "stamp": folder.stamp,
         "folder": folder.folder.relative_to(folder.root).as_posix(),
-        "warnings": [],
     }
-    try:
-        episode = open_episode(folder, options, choice)
-        path = out.path / "episodes" / f"{folder.name}.h5"
-        written = write_episode(
-            episode, path, write, lambda done, all_: out.progress(number + done / all_, total, folder.name, frames=done)
-        )
-    except PlopError as error:
-        reason = error.first_cause()
-        said = _relative(reason.one_line(), folder.root)
-        facts["skipped"] = said[:1] + said[1:].replace(f"{folder.name}: ", "")  # the name stands before it already
-        facts["fix"] = _relative(reason.fix or "", folder.root)
-        facts["warnings"] = [_relative(text, folder.root) for text in error.noticed]
-        return facts
-    facts |= asdict(written)
-    facts["warnings"] = [_relative(text, folder.root) for text in [*episode.warnings, *written.warnings]]
-    return facts
+
+
+def _skipped(folder: DroidFolder, error: PlopError) -> dict[str, Any]:
+    """Report why an episode cannot be used."""
+    reason = error.first_cause()
+    said = _relative(reason.one_line(), folder.root)
+    return {
+        **_facts(folder),
+        "skipped": said[:1] + said[1:].replace(f"{folder.name}: ", ""),  # the name stands before it already
+        "fix": _relative(reason.fix or "", folder.root),
+        "warnings": [_relative(text, folder.root) for text in error.noticed],
+    }
 
 
 def _finish(

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError
-from plop.geometry.plane import Plane, find_plane
+from plop.geometry.clouds.plane import Plane, find_plane
 from plop.geometry.rigid import transform_points
-from plop.recordings.recording import MaskLabel
+from plop.geometry.view import MaskLabel
 from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.masks import Picture
 
@@ -178,7 +178,7 @@ def moved_cameras(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
     for name, report in reports.items():
         if report.get("stamp"):
             moment = datetime.strptime(report["stamp"], "%Y-%m-%d-%Hh-%Mm-%Ss")
-            for serial, pose in report.get("poses", {}).items():
+            for serial, pose in sorted(report.get("poses", {}).items()):
                 known.setdefault((report.get("lab", ""), serial), []).append((moment, name, np.asarray(pose)))
     warnings = []
     for (_, serial), seen in known.items():

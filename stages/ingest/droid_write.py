@@ -12,10 +12,11 @@ import trimesh
 from plop.causes import Cause
 from plop.errors import PlopError, remembering
 from plop.geometry.cameras import Camera
+from plop.geometry.view import MaskLabel
 from plop.recordings.readers.droid.camera import DroidCamera
 from plop.recordings.readers.droid.depth import ExportedDepth
 from plop.recordings.readers.droid.episode import DroidEpisode
-from plop.recordings.recording import MaskLabel, Mesh
+from plop.recordings.recording import Mesh
 from plop.recordings.writer import RecordingWriter
 from stages.ingest.camera_conventions import check_conventions
 from stages.ingest.depth_points import estimate_table_z, world_points

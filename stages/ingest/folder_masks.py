@@ -11,8 +11,8 @@ from PIL import Image
 
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError
+from plop.geometry.view import MaskLabel
 from plop.recordings.readers.side_pictures import find_side_pictures
-from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import GeometricMasker, Picture
 
 

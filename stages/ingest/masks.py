@@ -10,8 +10,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.geometry.cameras import Camera
+from plop.geometry.view import MaskLabel
 from plop.lazy_open3d import o3d
-from plop.recordings.recording import MaskLabel, Mesh
+from plop.recordings.recording import Mesh
 from stages.ingest.depth_points import world_points
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from plop.checked_settings import check_ranges
-from plop.render.settings import CameraSettings, check_cameras
+from plop.checked_settings import check_jobs, check_ranges
+from plop.render.virtual_cameras.settings import CameraSettings, check_cameras
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class SimulatedConfig(CameraSettings):
     from_rest: bool = False
     """Begin at time 0 with the rest shape where the first frame lies later. DiSECt lets an object go at time 0
     and stores the first frame 1/30 s later, while it bounces: from a recording alone its speed cannot be known."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ def check_config(command: str, config: SimulatedConfig) -> None:
         PlopError: Names the setting.
     """
     check_cameras(config, command)
+    check_jobs(config, command)
     check_ranges(
         config, command, {"workspace_m": (1e-3, 100), "smallest_m": (1e-6, 100), "largest_m": (config.smallest_m, 100)}
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+from plop.artifacts.layouts import Recordings
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.overview import overview
@@ -14,7 +15,7 @@ from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest, l
 from plop.recordings.readers.raw_folder import check_raw_folder
 from plop.recordings.readers.side_file import RawEpisode
 from plop.recordings.set import RecordingSet, check_patterns, split_names
-from plop.render.recorder import record
+from plop.render.virtual_cameras.recorder import record
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
 from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
@@ -42,16 +43,12 @@ def _run(
     entries = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
     given = () if config.test == type(config)().test else config.test  # the defaults need not fit every folder
     warnings = check_patterns([entry.name for entry in entries], given, option="--test", where=raw)
-    skipped: dict[str, str] = {}
-    for index, entry in enumerate(entries):
-        try:
-            warnings += _ingest_one(entry, read, config, out, index, len(entries))
-        except PlopError as error:
-            if not config.skip_bad:
-                raise
-            reason = error.first_cause().one_line()
-            skipped[entry.name] = reason
-            warnings.append(f"{entry.name} was left out: {reason}")
+    raw_episodes = {entry.name: entry for entry in entries}
+    work = partial(_ingest_one, raw_episodes, read, config)
+    done = out.map(list(raw_episodes), work, jobs=config.jobs, keep_going=config.skip_bad)
+    skipped = {name: error.first_cause().one_line() for name, error in done.errors.items()}
+    for name in raw_episodes:
+        warnings += [f"{name} was left out: {skipped[name]}"] if name in skipped else done.values[name]
     usable = [entry for entry in entries if entry.name not in skipped]
     if not usable:
         raise PlopError(
@@ -69,14 +66,14 @@ def _run(
 
 
 def _ingest_one(
-    entry: RawEpisode,
+    raw_episodes: Mapping[str, RawEpisode],
     read: Callable[[Path], MeshSequence],
     config: SimulatedConfig,
+    name: str,
     out: Output,
-    index: int,
-    total: int,
 ) -> list[str]:
-    """Write one recording unless it is there; give what is odd about it."""
+    """Write one recording; give what is odd about it."""
+    entry = raw_episodes[name]
     arrays = entry.path.with_suffix(".npz")
     sequence = read(entry.path)
     sequence, odd = sound_surface(sequence, arrays)
@@ -84,12 +81,9 @@ def _ingest_one(
     sequence = begun_at_rest(sequence) if config.from_rest else sequence
     if not config.keep_untouched:
         check_contact(sequence, arrays)
-    if not out.is_done(entry.name):
-        path = out.path / "episodes" / f"{entry.name}.h5"
-        for share in record(path, sequence, config):
-            out.progress(index + share, total, entry.name)
-        out.mark_done(entry.name)
-    return [f"{entry.name}: {note}" for note in (*sequence.notes, *odd)]
+    for share in record(Recordings(out.path).episode(name), sequence, config):
+        out.progress(share, 1, name)
+    return [f"{name}: {note}" for note in (*sequence.notes, *odd)]
 
 
 def _raw_files(

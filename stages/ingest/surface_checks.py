@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.errors import PlopError
-from plop.geometry.surface import Topology, is_collapsed, volumes, welded
-from plop.geometry.tool_damage import check_tool_mesh
+from plop.geometry.meshes.mesh_topology import Topology, is_collapsed, volumes, welded
+from plop.geometry.meshes.tool_checks import check_tool_mesh
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _LEAPS, _ONTO, _BENT = 0.5, 0.2, 0.3

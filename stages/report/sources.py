@@ -8,14 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from plop.artifacts.layouts import ComparisonFiles
 from plop.artifacts.lineage import made_from
 from plop.comparison.field_file import StoredField, read_field
+from plop.comparison.result import Comparison
+from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
 from plop.models import trained_on
 from plop.pipeline.stage import Input, Inputs
 from plop.recordings.set import RecordingSet
 from plop.reporting.colours import MODELS
-from plop.reporting.compared import Compared
+from plop.reporting.compared import Compared, ModelNumbers
 
 
 def several(inputs: Inputs, name: str) -> list[Input]:
@@ -24,33 +27,35 @@ def several(inputs: Inputs, name: str) -> list[Input]:
     return [found[k] for k in sorted(found)]
 
 
-def read_json(folder: Path, name: str) -> dict[str, Any]:
-    """Read one JSON file of an artifact.
+def read_model(folder: Path) -> dict[str, Any]:
+    """Read model.json of an artifact.
 
     Raises:
         PlopError: It is missing or damaged.
     """
     try:
-        facts: dict[str, Any] = json.loads((folder / name).read_text())
+        facts: dict[str, Any] = json.loads((folder / "model.json").read_text())
     except (OSError, ValueError) as error:
-        raise PlopError(
-            "A result cannot be read.",
-            where=folder / name,
-            expected=name,
-            found=str(error),
-            fix="Run the stage that writes it again.",
-        ) from error
+        raise _damaged(folder, error) from error
     return facts
 
 
-def read_diagnosis(item: Input) -> dict[str, Any]:
-    """Read diagnosis.json; "sensors" becomes None where the diagnosis was told not to look for faults.
+def _numbers(folder: Path) -> ModelNumbers:
+    facts = read_model(folder)
+    try:
+        return ModelNumbers.of(facts)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise _damaged(folder, error) from error
 
-    Raises:
-        PlopError: It is missing or damaged.
-    """
-    looked = item.manifest is None or item.manifest.config.get("sensors", True)
-    return read_json(item.path, "diagnosis.json") | ({} if looked else {"sensors": None})
+
+def _damaged(model: Path, error: Exception) -> PlopError:
+    return PlopError(
+        "A result cannot be read.",
+        where=model / "model.json",
+        expected="parameters, each with its value",
+        found=f"{type(error).__name__}: {error}",
+        fix="Run the stage that writes it again.",
+    )
 
 
 def model_key(item: Input) -> str:
@@ -120,18 +125,18 @@ def read_compared(inputs: Inputs, labels: list[str], recordings: RecordingSet) -
     found = []
     for number, (label, item) in enumerate(zip(labels, several(inputs, "comparisons"), strict=True)):
         _check_recordings(item, inputs["recordings"], label)
-        facts = read_json(item.path, "compare.json")
-        if facts.get("schema") != 1 or facts.get("environment") != recordings.environment:
+        errors = Comparison.load(item.path)
+        if errors.environment != recordings.environment:
             raise PlopError(
                 "A comparison does not fit the recordings.",
-                where=item.path / "compare.json",
-                expected=f"schema 1, {recordings.environment}",
-                found=f"schema {facts.get('schema')}, {facts.get('environment')}",
+                where=item.path / Comparison.FILE,
+                expected=recordings.environment,
+                found=errors.environment,
                 fix="Run `plop compare` on these recordings.",
             )
         own = models.get(model_key(item))
-        model = read_json(own.path, "model.json") if own is not None else None
-        found.append(Compared(label, MODELS[number % len(MODELS)], facts, model))
+        model = ModelNumbers() if own is None else _numbers(own.path)
+        found.append(Compared(label, MODELS[number % len(MODELS)], errors, model))
     return found
 
 
@@ -154,7 +159,7 @@ def read_fields(inputs: Inputs, name: str) -> list[StoredField]:
     Raises:
         PlopError: The models were compared on different points.
     """
-    fields = [read_field(item.path / "fields" / f"{name}.npz") for item in several(inputs, "comparisons")]
+    fields = [read_field(ComparisonFiles(item.path).field(name)) for item in several(inputs, "comparisons")]
     for field in fields[1:]:
         same = field.points_m.shape == fields[0].points_m.shape
         if not same or np.abs(field.points_m - fields[0].points_m).max() > 1e-6:
@@ -180,7 +185,7 @@ def fitted_episodes(inputs: Inputs) -> list[str]:
     for item in several(inputs, "diagnoses"):
         known = item.manifest is not None and bool(models)
         if not known or (item.manifest is not None and item.manifest.fingerprint in acted_on):
-            names += read_json(item.path, "diagnosis.json").get("episodes", [])
+            names += Diagnosis.load(item.path).episodes
     own = inputs["recordings"].manifest
     for item in several(inputs, "models"):
         if own is not None and item.manifest is not None and "recordings" in item.manifest.inputs:
@@ -190,7 +195,7 @@ def fitted_episodes(inputs: Inputs) -> list[str]:
 
 def _learned_from(model: Path) -> list[str]:
     """Episodes that a model itself was fitted to or trained on."""
-    return [*read_json(model, "model.json").get("training", {}).get("episodes", []), *trained_on(model)]
+    return [*read_model(model).get("training", {}).get("episodes", []), *trained_on(model)]
 
 
 def fit_is_known(inputs: Inputs) -> bool:

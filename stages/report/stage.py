@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.layouts import Report
+from plop.artifacts.lineage import parents
+from plop.artifacts.store import Artifact
 from plop.checked_settings import check_ranges
+from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.metrics.scores import Scores
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.baselines import BASELINES, beaten
@@ -21,6 +28,8 @@ from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 from stages.report.made import provenance, this_report
 from stages.report.sources import (
     check_models,
@@ -29,9 +38,7 @@ from stages.report.sources import (
     labels_of,
     model_key,
     read_compared,
-    read_diagnosis,
     read_fields,
-    read_json,
     several,
 )
 
@@ -84,7 +91,7 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
         episodes.append(_episode(inputs, recordings, name, config))
         out.progress(done + 1, len(shown), name)
     page = report_page(facts, episodes, limit_mm=config.difference_mm)
-    write_text(out.path / "report.html", page)
+    write_text(Report(out.path).page, page)
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
 
 
@@ -111,13 +118,13 @@ def check_inputs(inputs: Inputs, config: ReportConfig) -> None:
 def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, labels: list[str]) -> ReportFacts:
     keys = {model_key(item): label for item, label in zip(several(inputs, "comparisons"), labels, strict=True)}
     diagnoses = [
-        (keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], read_diagnosis(item))
+        (keys.get(model_key(item)) or labels[min(k, len(labels) - 1)], Diagnosis.load(item.path))
         for k, item in enumerate(several(inputs, "diagnoses"))
     ]
     diagnoses.sort(key=lambda pair: labels.index(pair[0]))
     evals = several(inputs, "evals")
     named = labels if len(evals) == len(labels) else [f"eval {k + 1}" for k in range(len(evals))]
-    scores = [(name, read_json(item.path, "scores.json")) for name, item in zip(named, evals, strict=True)]
+    scores = [(name, Scores.load(item.path)) for name, item in zip(named, evals, strict=True)]
     fitted = fitted_episodes(inputs)
     held = [name for name in recordings.test if name not in fitted] if fit_is_known(inputs) else []
     manifest = inputs["recordings"].manifest
@@ -140,9 +147,7 @@ def _common_episodes(facts: ReportFacts) -> list[str]:
     Raises:
         PlopError: There is none.
     """
-    sets = [{row["episode"] for row in c.facts["tables"]["episode"]} for c in facts.compared]
-    first = [row["episode"] for row in facts.compared[0].facts["tables"]["episode"]]
-    names = [name for name in first if all(name in known for known in sets)]
+    names = [name for name in facts.compared[0].episodes if all(name in c.episodes for c in facts.compared)]
     if not names:
         raise PlopError(
             "No episode was compared with every model.",
@@ -154,7 +159,7 @@ def _common_episodes(facts: ReportFacts) -> list[str]:
 
 def _worst(facts: ReportFacts, names: list[str], most: int) -> list[str]:
     """Choose the episodes that can be looked at; they keep their order."""
-    rows = {row["episode"]: row["rms_mm"] for row in facts.compared[0].facts["tables"]["episode"]}
+    rows = {row.label: row.rms_mm for row in facts.compared[0].errors.tables.episode}
     chosen = sorted(names, key=lambda name: -rows[name])[:most]
     return [name for name in names if name in chosen]
 
@@ -193,7 +198,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
                 "way_to_floor_percent": round(100 * share, 1) if share and share > 0 else None,
             }
         )
-    verdict = facts.diagnoses[0][1]["verdict"]["kind"] if facts.diagnoses else "not diagnosed"
+    verdict = facts.diagnoses[0][1].verdict.kind if facts.diagnoses else "not diagnosed"
     figures = {
         "file": "report.html",
         "size_mb": round(size_mb, 2),
@@ -211,22 +216,53 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
     return Summary(figures, rows, warnings)
 
 
+def named_as_typed(config: ReportConfig, given: Mapping[str, str | Path]) -> ReportConfig:
+    """Call the models as the user typed them, unless labels are given or one is an address."""
+    names = tuple(name.strip() for name in str(given.get("models", "")).split(",") if name.strip())
+    usable = len(set(names)) == len(names) and not any("@" in name for name in names)
+    return replace(config, labels=names) if usable and not config.labels else config
+
+
+def diagnoses_of(
+    config: ReportConfig, found: Sequence[Artifact], inputs: Mapping[str, Sequence[Artifact]]
+) -> list[Artifact]:
+    """Choose among several diagnoses of one model: those that a model was made from, else the latest."""
+    used = {key for model in inputs["models"] if (key := parents(model).get("diagnosis")) is not None}
+    of = {a.key: parents(a).get("model") for a in found}
+    answered = {of[key] for key in used if key in of}
+    latest = {of[a.key]: a.key for a in found}
+    return [a for a in found if a.key in used or (of[a.key] not in answered and latest[of[a.key]] == a.key)]
+
+
+_OF_EACH_MODEL = Recipe({"recordings": "recordings", "init": "init", "model": "models"})
+
 STAGE = Stage(
     name="report",
-    version=10,
+    version=11,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "what was measured"),
-        "init": InputSpec(("fit-init",), "Gaussians at frame 0", along="recordings"),
-        "models": InputSpec(
-            ("train", "identify", "augment"), "the models, for their parameters", optional=True, many=True
+        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "init": init_input("Gaussians at frame 0"),
+        "models": InputSpec(MODELS, "the models, for their parameters", optional=True, choice=Choice.NAMED, many=True),
+        "comparisons": InputSpec(
+            ("compare",), "one for each model, the base first", choice=Choice.MADE, many=True, recipe=_OF_EACH_MODEL
         ),
-        "comparisons": InputSpec(("compare",), "one for each model, the base first", many=True),
-        "diagnoses": InputSpec(("diagnose",), "what was diagnosed", optional=True, many=True),
-        "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
+        "diagnoses": InputSpec(
+            ("diagnose",),
+            "what was diagnosed",
+            optional=True,
+            choice=Choice.MATCHING,
+            many=True,
+            recipe=Recipe({"recordings": "recordings", "model": "models"}, makes=False),
+            select=diagnoses_of,
+        ),
+        "evals": InputSpec(
+            ("eval",), "scores of the models", optional=True, choice=Choice.MADE, many=True, recipe=_OF_EACH_MODEL
+        ),
     },
     run=run,
     check=settings_only(_check),
     check_inputs=check_inputs,
+    complete=named_as_typed,
 )

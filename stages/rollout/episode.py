@@ -6,28 +6,29 @@ images of later frames go into the video beside it (and the choice of its camera
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plop.artifacts.layouts import Fit, Rollout, Rollouts
 from plop.dynamics.episodes import Actions
-from plop.dynamics.first_surface import first_surface
+from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import DynamicsModel, at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
+from plop.geometry.view import View
 from plop.models import device_of
 from plop.pipeline.stage import Output
 from plop.recordings.busiest_camera import busiest_camera
-from plop.recordings.recording import Recording, View
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
-from plop.render.comparison import Comparison
-from plop.render.panels import write_png
+from plop.render.pictures.comparison import Comparison
+from plop.render.pictures.panels import write_png
+from plop.render.pictures.video import VideoWriter
 from plop.render.scene import render_scene, tool_above_table
-from plop.render.video import VideoWriter
 from plop.render.view_file import ViewFile, ViewWriter
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def roll_out(
-    model: DynamicsModel, recordings: RecordingSet, name: str, init: Path, config: RolloutConfig, out: Output
+    model: DynamicsModel, recordings: RecordingSet, name: str, init: Fit, config: RolloutConfig, out: Output
 ) -> tuple[dict, list[float]]:
     """Predict, render and write one episode.
 
@@ -43,7 +44,7 @@ def roll_out(
         model: Predicts.
         recordings: The set that holds the episode.
         name: The episode.
-        init: Folder with object.ply and tool.ply of this episode.
+        init: Gaussians of this episode.
         config: Settings.
         out: Where `<name>/` is written.
 
@@ -51,17 +52,17 @@ def roll_out(
         A row for the summary's table and the model's time per step [ms].
     """
     device = device_of(model)
-    start, tool = (read_splat(init / part).to(device) for part in ("object.ply", "tool.ply"))
-    folder = out.path / name
-    folder.mkdir(parents=True, exist_ok=True)
+    start, tool = (read_splat(path).to(device) for path in (init.object_splat, init.tool_splat))
+    files = Rollouts(out.path).episode(name)
+    files.folder.mkdir(parents=True, exist_ok=True)
     steps_ms: list[float] = []
     with recordings.open(name) as recording:
         video_camera = busiest_camera(recording, config.video_camera)
         _check_same_object(start, recording, config.min_inside)
         frames, poses = len(recording), recording.world_from_tool
         with (
-            TrajectoryWriter(folder / "states.h5") as states,
-            ViewWriter(folder / "images.h5", name=name, environment=recording.environment, frames=frames) as images,
+            TrajectoryWriter(files.states) as states,
+            ViewWriter(files.images, name=name, environment=recording.environment, frames=frames) as images,
         ):
             moves = Actions.of(recording, device).steps()
             initial = at_rest(start, first_surface(recording, start))
@@ -72,11 +73,11 @@ def roll_out(
                 views = render_scene(state.gaussians, placed, cameras, backend=config.backend)  # type: ignore[arg-type]
                 images.write_frame(frame, views)
                 if config.animation:
-                    (folder / "animation").mkdir(exist_ok=True)
-                    write_splat(folder / "animation" / f"frame_{frame:05d}.ply", state.gaussians)
+                    files.frame(frame).parent.mkdir(exist_ok=True)
+                    write_splat(files.frame(frame), state.gaussians)
                 steps_ms += [ms] if frame else []
                 out.progress(frame + 1, frames, name, gaussians=len(state.gaussians))
-        _film(recording, tool, video_camera, folder, config, out)
+        _film(recording, tool, video_camera, files, config, out)
     row = {
         "episode": name,
         "frames": frames,
@@ -87,14 +88,16 @@ def roll_out(
     return row, steps_ms
 
 
-def _film(recording: Recording, tool: Gaussians, camera: str, folder: Path, config: RolloutConfig, out: Output) -> None:
+def _film(
+    recording: Recording, tool: Gaussians, camera: str, files: Rollout, config: RolloutConfig, out: Output
+) -> None:
     """Write the video and a still of its most telling frame, from the files of the rollout."""
     frames = len(recording)
     rate = config.video_rate_hz or (frames - 1) / float(np.ptp(recording.time_s))
     with (
-        ViewFile(folder / "images.h5") as images,
-        Trajectory(folder / "states.h5") as states,
-        VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
+        ViewFile(files.images) as images,
+        Trajectory(files.states) as states,
+        VideoWriter(files.video, rate_hz=rate) as video,
     ):
         device = tool.means.device
         drawn = Comparison(recording, images, states, tool, camera, backend=config.backend, device=device)  # type: ignore[arg-type]
@@ -103,7 +106,7 @@ def _film(recording: Recording, tool: Gaussians, camera: str, folder: Path, conf
             picture = drawn.picture(frame)
             video.append(picture)
             if frame == still:
-                write_png(folder / "still.png", picture)
+                write_png(files.still, picture)
             out.progress(frame + 1, frames, f"{recording.name} video")
 
 

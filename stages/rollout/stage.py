@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from plop.checked_settings import check_choices, check_ranges
-from plop.compute.device import chosen_device
-from plop.dynamics.model_io import read_facts
+from plop.artifacts.layouts import Fit, Fits, Model
+from plop.checked_settings import check_choices, check_jobs, check_ranges
+from plop.compute.device import chosen_device, jobs_on
+from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
-from plop.render.rasterize import BACKENDS
+from plop.render.rasterizer.rasterize import BACKENDS
+from stages import MODELS
+from stages.common_inputs import init_input, recordings_input
 from stages.rollout.episode import roll_out
 
 SPLITS = ("test", "train", "all")
@@ -45,6 +50,8 @@ class RolloutConfig:
     """Roll out a model on an environment that it was not trained on."""
     min_inside: float = 0.5
     """Least part of the fitted Gaussians inside frame 0's masks; below, the fit is of another object."""
+    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
 def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
@@ -59,27 +66,30 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path
     for name in names:
-        _check_init(init / name, name)
+        _check_init(Fits(init).episode(name), name)
     if not config.other_environment:
         _check_environment(model_folder, recordings.environment)
+    work = partial(_roll_out, recordings, model_folder, init, config)
+    done = out.map(names, work, jobs=jobs_on(config.device, config.jobs)).values.values()
+    steps_ms = [ms for episode in done for ms in episode["steps_ms"]]
+    figures = {
+        "episodes": len(names),
+        "step_ms_median": round(float(np.median(steps_ms)), 2),
+        "step_ms_max": round(float(np.max(steps_ms)), 2),
+    }
+    return Summary(figures, [episode["row"] for episode in done])
+
+
+def _roll_out(
+    recordings: RecordingSet, model_folder: Path, init: Path, config: RolloutConfig, name: str, out: Output
+) -> dict[str, Any]:
     model = load_model(model_folder, chosen_device(config.device))
-    table: list[dict] = []
-    steps_ms: list[float] = []
-    for done, name in enumerate(names):
-        if not out.is_done(name):
-            row, times = roll_out(model, recordings, name, init / name, config, out)
-            table.append(row)
-            steps_ms += times
-            out.mark_done(name)
-        out.progress(done + 1, len(names), name)
-    figures: dict[str, float] = {"episodes": len(names), "episodes_of_this_run": len(table)}
-    if steps_ms:
-        figures["step_ms_median"] = round(float(np.median(steps_ms)), 2)
-        figures["step_ms_max"] = round(float(np.max(steps_ms)), 2)
-    return Summary(figures, table)
+    row, steps_ms = roll_out(model, recordings, name, Fits(init).episode(name), config, out)
+    return {"row": row, "steps_ms": steps_ms}
 
 
 def _check(config: RolloutConfig) -> None:
+    check_jobs(config, "rollout")
     check_choices(config, "rollout", {"split": SPLITS, "backend": BACKENDS})
     check_ranges(config, "rollout", {"video_rate_hz": (0, 1000), "min_inside": (0, 1)})
 
@@ -103,12 +113,12 @@ def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str
     return names
 
 
-def _check_init(folder: Path, name: str) -> None:
-    for part in ("object.ply", "tool.ply"):
-        if not (folder / part).is_file():
+def _check_init(fit: Fit, name: str) -> None:
+    for path in (fit.object_splat, fit.tool_splat):
+        if not path.is_file():
             raise PlopError(
                 "An episode has no fitted Gaussians.",
-                where=folder / part,
+                where=path,
                 expected=f"a fit of {name}",
                 found="no file",
                 fix="Run `plop fit-init` on the same recordings, or choose other episodes.",
@@ -120,7 +130,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
     if trained_on not in (None, environment):
         raise PlopError(
             "The model was trained on another object.",
-            where=model_folder / "model.json",
+            where=Model(model_folder).facts,
             expected=environment,
             found=str(trained_on),
             fix="Choose a model of this environment, or set rollout.other_environment.",
@@ -133,9 +143,9 @@ STAGE = Stage(
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "episodes: first frame, tool motion and cameras"),
-        "init": InputSpec(("fit-init",), "Gaussians of object and tool at frame 0"),
-        "model": InputSpec(("train", "identify", "augment"), "the dynamics model"),
+        "recordings": recordings_input("episodes: first frame, tool motion and cameras"),
+        "init": init_input("Gaussians of object and tool at frame 0", choice=Choice.LATEST),
+        "model": InputSpec(MODELS, "the dynamics model"),
     },
     run=run,
     check=settings_only(_check),

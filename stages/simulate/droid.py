@@ -18,8 +18,8 @@ from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.readers.droid.writer import STEP_MS, RawCamera, write_droid_episode
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.readers.mesh.sequence import MeshSequence
-from plop.render.recorder import Disturbances, cameras_of, disturbed_render
-from plop.render.settings import CameraSettings
+from plop.render.virtual_cameras.recorder import Disturbances, cameras_of, disturbed_render
+from plop.render.virtual_cameras.settings import CameraSettings
 
 BASE_FROM_WORLD = pose_from_euler_xyz(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
 """The object stands half a metre in front of the robot."""

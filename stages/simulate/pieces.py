@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from plop.physics.adapters.response import Response
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
+from plop.physics.hidden.response import Response
 from plop.physics.scenes.scene import Scene
 from plop.physics.scenes.sealed import open_answer, seal_answer
 from plop.pipeline.stage import Output

@@ -6,22 +6,22 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from plop.artifacts.layouts import Recordings
 from plop.checked_settings import check_jobs, check_ranges
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
+from plop.physics.hidden.choose import choose
+from plop.physics.hidden.wish import Wish, parse_hidden
 from plop.physics.scenes import find_scene
-from plop.physics.scenes.hidden import choose
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.physics.scenes.sealed import seal_answer
-from plop.physics.scenes.wish import Wish, parse_hidden
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, check_patterns, split_names
-from plop.render.recorder import Disturbances, record
-from plop.render.rig import camera_names
-from plop.render.settings import CameraSettings, check_cameras
-from plop.sensors.faults import Faults, parse_faults
+from plop.render.virtual_cameras.recorder import Disturbances, record
+from plop.render.virtual_cameras.rig import camera_names
+from plop.render.virtual_cameras.settings import CameraSettings, check_cameras
+from plop.sensors.faults.library import Faults, parse_faults
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 
@@ -80,7 +80,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     unfit = check_patterns(pieces.names, config.test, option="--test", where=inputs["scene"].path)
     hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
     work = partial(_episode, scene, {effect.name: effect.values for effect in hidden}, files, faults, config)
-    every_piece(work, pieces.names, out, jobs=config.jobs)
+    out.map(pieces.names, work, jobs=config.jobs)
     recordings = RecordingSet(out.path, scene.name, *split_names(pieces.names, config.test))
     recordings.save()
     rms, floor = pieces.rms_m(), noise_floor_m(config)
@@ -154,7 +154,7 @@ def _episode(
     sequence = simulate_episode(scene, k, hidden)
     pieces.keep_response(k, sequence, hidden)
     disturbances = Disturbances(faults, config.colour_noise, config.arm_m)
-    for share in record(out.path / "episodes" / f"{name}.h5", sequence, config, disturbances):
+    for share in record(Recordings(out.path).episode(name), sequence, config, disturbances):
         out.progress(share, 1, name)
     if config.droid:
         write_droid(out.path / "droid", pieces.folder / "droid" / name, k, sequence, config, disturbances)

@@ -16,6 +16,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from plop.artifacts.atomic_file import whole
+from plop.artifacts.layouts import Model
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def save_checkpoint(
         for key, value in entry.items():
             tensors[f"adam.{index}.{key}"] = torch.as_tensor(value).detach().clone()
     facts = {"step": str(at.step), "best_error_m": repr(at.best_error_m), "best_step": str(at.best_step)}
-    with whole(folder / "checkpoint.safetensors") as scratch:
+    with whole(Model(folder).checkpoint) as scratch:
         save_file({k: v.contiguous() for k, v in tensors.items()}, scratch, metadata={"progress": json.dumps(facts)})
 
 
@@ -49,7 +50,7 @@ def load_checkpoint(
     Returns:
         How far it had come; None when there is none, or none that fits.
     """
-    path = folder / "checkpoint.safetensors"
+    path = Model(folder).checkpoint
     if not path.is_file():
         return None
     try:

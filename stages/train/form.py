@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from plop.dynamics.cohesion import natural_strays_m
-from plop.dynamics.i2n import I2NConfig
-from plop.dynamics.model import PlopConfig
+from plop.dynamics.i2n.model import PlopConfig
+from plop.dynamics.i2n.network import I2NConfig
 from plop.dynamics.resampling import ResamplingConfig
 from plop.dynamics.rest import RestPlaces
 from plop.render.losses import RenderWeights

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.atomic_file import write_text
+from plop.artifacts.layouts import Model
 
 
 class Journal:
@@ -35,7 +36,7 @@ class Journal:
         if not enabled:
             yield cls(None, None)
             return
-        path = folder / "log.jsonl"
+        path = Model(folder).log
         kept = [line for line in _lines(path) if line["step"] < from_step]
         write_text(path, "".join(json.dumps(line) + "\n" for line in kept))
         board = _board(folder, from_step)
@@ -65,7 +66,7 @@ def _board(folder: Path, from_step: int) -> Any:
         return None
     from torch.utils.tensorboard import SummaryWriter
 
-    return SummaryWriter(str(folder / "tensorboard"), purge_step=from_step)
+    return SummaryWriter(str(Model(folder).board), purge_step=from_step)
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import torch
 
+from plop.artifacts.layouts import Model
 from plop.recordings.set import RecordingSet
-from stages.train.made_up import FOLDER, MadeUp
+from stages.train.made_up import MadeUp
 from stages.train.tracks import Track, load_track
 
 
@@ -35,13 +36,11 @@ class Lessons:
 
     def track(self, number: int) -> Track:
         """Read the track of an episode."""
-        episode = self._order[number]
+        episode, files = self._order[number], Model(self.folder)
         if isinstance(episode, MadeUp):
-            path = self.recordings.path(episode.recorded)
-            return load_track(
-                episode.name, path, self.folder / FOLDER / f"{episode.name}.h5", self.device, made_up=True
-            )
-        return load_track(episode, self.recordings.path(episode), self.folder / "tracks" / f"{episode}.h5", self.device)
+            path, states = self.recordings.path(episode.recorded), files.made_up.states(episode.name)
+            return load_track(episode.name, path, states, self.device, made_up=True)
+        return load_track(episode, self.recordings.path(episode), files.tracks.states(episode), self.device)
 
     def without(self, names: Collection[str]) -> Lessons:
         """Leave out recorded episodes and what was made up from them."""

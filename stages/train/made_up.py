@@ -18,25 +18,22 @@ import numpy as np
 import torch
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Model
 from plop.dynamics.episodes import Actions
-from plop.dynamics.first_surface import first_surface
+from plop.dynamics.initial_surface import first_surface
 from plop.dynamics.interface import at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.models import load_model
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.varied_motion import VariationRanges, another_motion
-from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from stages.train.tracks import append_state
-
-FOLDER = "made-up"
-"""Folder of the tracks."""
 
 
 @dataclass(frozen=True)
@@ -81,28 +78,28 @@ def make_up(
     Returns:
         The episodes that it followed, and a warning if there are others.
     """
-    folder = out.path / FOLDER
-    folder.mkdir(exist_ok=True)
     names = list(recordings.train)
     episodes = [MadeUp(number, names[number % len(names)]) for number in range(how.count)]
-    pieces = {f"{FOLDER}-{episode.name}": episode for episode in episodes}
-    every_piece(partial(_make_one_up, pieces, recordings, init, engine, how), list(pieces), out, jobs=how.jobs)
-    followed = [episode for episode in episodes if (folder / f"{episode.name}.h5").is_file()]
+    by_name = {episode.name: episode for episode in episodes}
+    work = partial(_make_one_up, by_name, recordings, init, engine, how)
+    done = out.map(list(by_name), work, jobs=how.jobs, of="made-up")
+    followed = [episode for episode in episodes if done.values[episode.name]]
     lost = len(episodes) - len(followed)
     return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
 
 
 def _make_one_up(
-    pieces: Mapping[str, MadeUp],
+    episodes: Mapping[str, MadeUp],
     recordings: RecordingSet,
     init: Path,
     engine: Path,
     how: MakingUp,
-    piece: str,
+    name: str,
     out: Output,
-) -> None:
-    episode, model = pieces[piece], engine_model(engine)
-    initial = read_splat(init / episode.recorded / "object.ply")
+) -> bool:
+    """Make one up; tells whether the engine could follow it."""
+    episode, model = episodes[name], engine_model(engine)
+    initial = read_splat(Fits(init).episode(episode.recorded).object_splat)
     with recordings.open(episode.recorded) as recording:
         mesh, height = recording.tool_mesh, recording.table_z_m
         recorded = ToolMotion(mesh.vertices, mesh.faces, recording.time_s, recording.world_from_tool)
@@ -111,18 +108,19 @@ def _make_one_up(
     motion = another_motion(recorded, initial.means.double().numpy(), how.ranges, generator)
     poses = torch.as_tensor(motion.world_from_tool, dtype=torch.float32)
     actions = Actions(ToolGeometry.from_mesh(mesh.vertices, mesh.faces), poses, motion.times, height)
-    path = out.path / FOLDER / f"{episode.name}.h5"
+    files = Model(out.path).made_up
     states = []
     try:
         for state, _ in predict(model, start, actions.steps(), episode.name, how.seed):
             states.append(state)
             out.progress(len(states), len(actions), f"make up {episode.name}")
     except PlopError as error:
-        write_json(path.with_suffix(".json"), {"not_followed": error.problem})
-        return
-    with TrajectoryWriter(path) as writer:
+        write_json(files.innovation(name), {"not_followed": error.problem})
+        return False
+    with TrajectoryWriter(files.states(name)) as writer:
         for frame, state in enumerate(states):
             append_state(writer, frame, state, world_from_tool=poses[frame], time_s=np.array(motion.times[frame]))
+    return True
 
 
 def engine_model(folder: Path) -> FilledEngineModel:

@@ -12,14 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from plop.dynamics.episodes import measured_views
+from plop.dynamics.i2n.model import PlopModel
 from plop.dynamics.interface import ParticleState
-from plop.dynamics.model import PlopModel
-from plop.dynamics.physical_losses import Neighbourhood, isometry, rigidity, rotation_similarity
+from plop.dynamics.losses.physical import Neighbourhood, isometry, rigidity, rotation_similarity
 from plop.dynamics.resampling import effective_sample_size, resample
 from plop.gaussians.state import Gaussians
 from plop.recordings.recording import Recording
 from plop.render.losses import RenderWeights, render_loss
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from stages.train.tracks import Track
 from stages.train.windows import Window, disturbed_start
 
@@ -174,11 +174,11 @@ def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Ten
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
     if rollout.track.recording_path is None:  # nobody has taken images of what was made up
         return gaussians.means.new_zeros(())
-    with Recording(rollout.track.recording_path) as recording:
+    with Recording.open(rollout.track.recording_path) as recording:
         names = recording.camera_names
         views = measured_views(
             recording, frame, [names[rollout.window.cameras[k] % len(names)]], gaussians.means.device
         )
     if not views:
         return gaussians.means.new_zeros(())
-    return render_loss(render(gaussians, views[0].camera), views[0].target, weights)[0]
+    return render_loss(render(gaussians, views[0].camera), views[0], weights)[0]

@@ -16,9 +16,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from plop.artifacts.layouts import Model
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model_io import save_model
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.model_io import save_model
 from plop.pipeline.stage import Output
 from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
 from stages.train.journal import Journal
@@ -117,7 +118,7 @@ def optimise(
                     save_checkpoint(out.path, model, averaged, optimiser, at)
                 phase = "on tracks" if step < plan.track_steps else "on images"
                 out.progress(done, plan.steps, f"train {phase}", loss=loss, best_mm=at.best_error_m * 1e3)
-    (out.path / "checkpoint.safetensors").unlink(missing_ok=True)
+    Model(out.path).checkpoint.unlink(missing_ok=True)
     return {"best_step": at.best_step, "rollout_error_mm": at.best_error_m * 1e3, "loss": loss}
 
 
@@ -171,7 +172,7 @@ def _validate(
     current = {name: value.clone() for name, value in model.state_dict().items()}
     model.load_state_dict(averaged)
     error = sum(rollout_error_m(model, track(i)) for i in range(episodes)) / episodes
-    if error <= at.best_error_m or not (out.path / "model.json").exists():
+    if error <= at.best_error_m or not Model(out.path).facts.exists():
         facts = {**about, "step": step, "rollout_error_mm": error * 1e3}
         save_model(out.path, model, training=facts)
         at = Progressed(at.step, error, step)

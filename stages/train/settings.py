@@ -7,7 +7,7 @@ from math import inf
 from typing import Literal
 
 from plop.checked_settings import check_jobs, check_ranges
-from plop.dynamics.features import FeatureSet
+from plop.dynamics.i2n.features import FeatureSet
 from plop.errors import PlopError
 
 

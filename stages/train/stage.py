@@ -11,7 +11,6 @@ With `folds`, further models are trained first, each without its share of the ep
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -21,20 +20,21 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
+from plop.artifacts.layouts import Fits, Model
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
-from plop.compute.device import chosen_device
-from plop.dynamics.filtering import UpdateConfig
-from plop.dynamics.model import PlopConfig
+from plop.compute.device import chosen_device, jobs_on
+from plop.dynamics.filter.particle_filter import UpdateConfig
+from plop.dynamics.i2n.model import PlopConfig
 from plop.errors import PlopError
-from plop.geometry.convex import convex_surface
-from plop.geometry.extent import box_edges_m
-from plop.models import FOLDS, seen_by
+from plop.geometry.meshes.convex import convex_surface
+from plop.geometry.meshes.extent import box_edges_m
+from plop.models import seen_by
 from plop.physics.scenes.varied_motion import VariationRanges
-from plop.pipeline.parallel import every_piece
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
 from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
+from stages.common_inputs import init_input, recordings_input
 from stages.train.form import loss_weights, model_config, render_weights
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up
@@ -42,9 +42,6 @@ from stages.train.optimise import Schedule, optimise
 from stages.train.processes import Processes
 from stages.train.settings import TrainConfig, check_settings
 from stages.train.tracks import Track, track_episode
-
-_TRACK = "track-"
-"""Beginning of a track's name among the finished pieces."""
 
 
 @deterministic()
@@ -109,7 +106,7 @@ def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list
     if seen:
         raise PlopError(
             "The engine was fitted to episodes that are for testing.",
-            where=engine / "model.json",
+            where=Model(engine).facts,
             expected="an engine fitted to training episodes only",
             found=", ".join(seen),
             fix="Fit one to them: `plop identify --split train --name clean`, then `plop train --engine clean`.",
@@ -149,7 +146,7 @@ def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, abou
     if out.is_done(piece):
         return
     kept = lessons.without(left_out)
-    folder = out.path / FOLDS / str(k)
+    folder = Model(out.path).folds / str(k)
     folder.mkdir(parents=True, exist_ok=True)
 
     def progress(done: float, total: float, label: str = "", **figures: Any) -> None:
@@ -223,19 +220,15 @@ def _size_m(track: Track) -> np.ndarray:
 
 def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out: Output) -> dict[str, float]:
     """Follow the object through the training episodes that have no track yet; gives the tracks' mean errors."""
-    folder = out.path / "tracks"
-    folder.mkdir(exist_ok=True)
-    pieces = [_TRACK + name for name in recordings.train]
-    jobs = config.jobs if chosen_device(config.device).type == "cpu" else 1
-    every_piece(partial(_make_track, recordings, init, config), pieces, out, jobs=jobs)
-    errors = [json.loads((folder / f"{name}.json").read_text()) for name in recordings.train]
+    work = partial(_make_track, recordings, init, config)
+    done = out.map(recordings.train, work, jobs=jobs_on(config.device, config.jobs), of="track")
+    errors = done.values.values()
     return {f"track_{key}": sum(e[key] for e in errors) / len(errors) for key in ("depth_mm", "l1")}
 
 
 @deterministic()
-def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece: str, out: Output) -> None:
-    name = piece.removeprefix(_TRACK)
-    splat = init / name / "object.ply"
+def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name: str, out: Output) -> dict[str, float]:
+    splat = Fits(init).episode(name).object_splat
     if not splat.is_file():
         raise PlopError(
             "An episode has no fitted Gaussians.",
@@ -248,12 +241,13 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, piece
     error = track_episode(
         recordings.path(name),
         splat,
-        out.path / "tracks" / f"{name}.h5",
+        Model(out.path).tracks.states(name),
         update,
         lambda done, frames: out.progress(done, frames, f"track {name}"),
         chosen_device(config.device),
     )
-    write_json(out.path / "tracks" / f"{name}.json", error)
+    write_json(Model(out.path).tracks.innovation(name), error)
+    return error
 
 
 def _make_up(
@@ -273,10 +267,13 @@ STAGE = Stage(
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
-        "recordings": InputSpec(("calibrate", "ingest", "simulate"), "Recordings; only training episodes are opened."),
-        "init": InputSpec(("fit-init",), "Gaussians of frame 0."),
+        "recordings": recordings_input("Recordings; only training episodes are opened."),
+        "init": init_input("Gaussians of frame 0.", choice=Choice.LATEST),
         "engine": InputSpec(
-            ("identify", "augment"), "Engine that makes up episodes to learn from, too.", optional=True, only_named=True
+            ("identify", "augment"),
+            "Engine that makes up episodes to learn from, too.",
+            optional=True,
+            choice=Choice.NAMED,
         ),
     },
     run=run,

@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.episodes import Actions
-from plop.dynamics.filtering import UpdateConfig, run_filter
+from plop.dynamics.filter.particle_filter import UpdateConfig, run_filter
 from plop.dynamics.interface import ParticleState, at_rest
-from plop.dynamics.physical_losses import Neighbourhood
-from plop.dynamics.trivial import ConstantVelocity
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
@@ -49,7 +49,7 @@ def track_episode(
     """
     initial = read_splat(splat_path).to(device)
     rows: list[dict[str, float]] = []
-    with Recording(recording_path) as recording, TrajectoryWriter(track_path) as writer:
+    with Recording.open(recording_path) as recording, TrajectoryWriter(track_path) as writer:
         append_state(writer, 0, at_rest(initial))
         for step in run_filter(ConstantVelocity(), recording, initial, config):
             append_state(writer, step.frame, step.updated)
@@ -124,7 +124,7 @@ def load_track(
         device: Where its tensors live.
         made_up: The file holds the tool's motion (`stages.train.made_up`); the recording's does not count.
     """
-    with Trajectory(track_path) as track, Recording(recording_path) as recording:
+    with Trajectory(track_path) as track, Recording.open(recording_path) as recording:
         frames = track.frames("updated")
         actions = Actions.of(recording, device)
         states = [track.read("updated", frame).to(device) for frame in frames]

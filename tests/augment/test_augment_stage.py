@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from plop.artifacts.digest import content_digest
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.model_io import save_model
+from plop.artifacts.result_file import SchemaError
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model_io import save_model
 from plop.errors import PlopError
 from plop.models import effects_of, load_model
+from plop.parameters import Estimate
 from plop.physics.adapters.augmented import AugmentedModel
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.pipeline.stage import Input, Output
 from stages.augment.stage import STAGE, AugmentConfig, run
+from tests.support.diagnoses import diagnosis as made_diagnosis
+from tests.support.diagnoses import ranked, verdict
 from tests.support.tracked_set import write_engine
 
 
@@ -35,17 +40,10 @@ def learned(tmp_path: Path) -> Input:
     return Input(folder)
 
 
-def diagnosis(folder: Path, named: tuple[str, ...] = ("viscosity",), value: float = 40.0) -> Input:
+def diagnosis(folder: Path, named: tuple[str, ...] = ("viscosity",), value: float = 40.0, **changes: float) -> Input:
     folder.mkdir(exist_ok=True)
-    row = {
-        "effect": "viscosity",
-        "parameters": {
-            "viscosity_pa_s": {"value": value, "low": 30.0, "high": 50.0, "unit": "Pa s", "at_bound": False}
-        },
-    }
-    base = {"effect": "stiffness", "parameters": {"d_ln_e": {"value": 0.3, "low": 0.2, "high": 0.4, "unit": "-"}}}
-    facts = {"verdict": {"kind": "EFFECT", "named": list(named)}, "ranking": [row], "base": base}
-    (folder / "diagnosis.json").write_text(json.dumps(facts))
+    law = ranked("viscosity", {"viscosity_pa_s": Estimate(value, 30.0, 50.0, "Pa s")}, **changes)
+    made_diagnosis(verdict("EFFECT", *named), law).write(folder)
     return Input(folder)
 
 
@@ -65,7 +63,7 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_what_was_diagnosed_is_added_with_its_interval(engine, tmp_path):
     summary = run({"model": engine, "diagnosis": diagnosis(tmp_path / "d")}, AugmentConfig(), out(tmp_path / "a"))
     facts = json.loads((tmp_path / "a" / "model.json").read_text())
-    value = {"value": 40.0, "low": 30.0, "high": 50.0, "unit": "Pa s"}
+    value = Estimate(40.0, 30.0, 50.0, "Pa s").to_json()
     assert facts["kind"] == "augmented"
     assert facts["effects"] == [{"effect": "viscosity", "parameters": {"viscosity_pa_s": value}}]
     assert summary.table == [{"effect": "viscosity", "parameter": "viscosity_pa_s", **value}]
@@ -90,8 +88,20 @@ def test_adding_and_removing_gives_the_same_files_back(learned, engine, tmp_path
     run({"model": Input(tmp_path / "b")}, AugmentConfig(remove=True), out(tmp_path / "c"))
     assert files(tmp_path / "c") == files(tmp_path / "a")
     summary = run({"model": Input(tmp_path / "c")}, AugmentConfig(remove=True), out(tmp_path / "d"))
-    assert files(tmp_path / "d") == files(learned.path)
+    logs = {"logs/loss.bin"}  # they hold clocks, and no model needs them
+    assert files(tmp_path / "d") == {name: text for name, text in files(learned.path).items() if name not in logs}
     assert summary.figures == {"effects": "none"}
+
+
+def test_logs_of_the_training_are_not_copied(learned, engine, tmp_path):
+    base = tmp_path / "base"
+    shutil.copytree(learned.path, base)
+    for folder in (base / "tensorboard", base / "folds" / "0" / "tensorboard"):
+        folder.mkdir(parents=True)
+        (folder / "events").write_text("12:00")
+    inputs = {"model": Input(base), "engine": engine}
+    run(inputs, AugmentConfig("tilt", ("gx_m_s2=1",)), out(tmp_path / "a"))
+    assert (base / "tensorboard" / "events").is_file() and not list((tmp_path / "a").rglob("tensorboard"))
 
 
 def test_a_base_parameter_is_added_and_removed_like_a_law(engine, learned, tmp_path):
@@ -172,10 +182,7 @@ def test_only_what_was_added_can_be_removed(engine, tmp_path):
 
 
 def test_what_the_diagnosis_does_not_name_is_added_with_a_warning(engine, tmp_path):
-    found = diagnosis(tmp_path / "d", ("swelling",))
-    facts = json.loads((found.path / "diagnosis.json").read_text())
-    facts["ranking"][0] |= {"gain": -0.13, "p": 1.0}
-    (found.path / "diagnosis.json").write_text(json.dumps(facts))
+    found = diagnosis(tmp_path / "d", ("swelling",), gain=-0.13, p=1.0)
     summary = run({"model": engine, "diagnosis": found}, AugmentConfig("viscosity"), out(tmp_path / "a"))
     assert summary.warnings == [
         "The diagnosis does not name viscosity (-13 % of the held-out error, p = 1): its verdict is EFFECT swelling."
@@ -205,3 +212,12 @@ def test_a_diagnosis_of_another_model_is_refused(engine, tmp_path):
             out(tmp_path / "b"),
         )
     assert "--fit" in caught.value.fix and not (tmp_path / "b" / "model.json").exists()
+
+
+def test_a_diagnosis_of_another_layout_is_refused_with_what_to_do(engine, tmp_path):
+    found = diagnosis(tmp_path / "d")
+    facts = json.loads((found.path / "diagnosis.json").read_text())
+    (found.path / "diagnosis.json").write_text(json.dumps(facts | {"schema": 1}))
+    with pytest.raises(SchemaError, match="another version") as caught:
+        run({"model": engine, "diagnosis": found}, AugmentConfig(), out(tmp_path / "a"))
+    assert "plop diagnose" in caught.value.fix and not (tmp_path / "a" / "model.json").exists()

@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from plop.errors import PlopError
-from plop.geometry.boards import Board, calibrate_intrinsics, find_board, settle_pattern
-from plop.geometry.handeye import difference
+from plop.geometry.calibration.boards import Board, calibrate_intrinsics, find_board, settle_pattern
+from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import invert_rigid
 from plop.recordings.set import RecordingSet
 from stages.calibrate.handeye_finished import read_finished

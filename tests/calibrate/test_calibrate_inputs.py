@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.handeye import difference
+from plop.geometry.handeye.solve import difference
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
+from plop.geometry.view import MaskLabel
 from plop.pipeline.stage import Input, Output
-from plop.recordings.recording import MaskLabel, Mesh
+from plop.recordings.recording import Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
 from plop.sensors.silhouette import outline

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from plop.geometry.boards import Board
+from plop.geometry.calibration.boards import Board
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.set import RecordingSet
 from tests.cases.case import Case, Done

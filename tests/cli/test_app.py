@@ -209,7 +209,7 @@ def test_full_disk_and_bugs_show_no_traceback(
     assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
     assert main(["fuse"]) == 1
     assert "disk is full" in capsys.readouterr().err
-    monkeypatch.setattr("plop_cli.stage_command.execute", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("plop.pipeline.tasks.execute", lambda *a, **k: 1 / 0)
     assert main(["calibrate"]) == 1
     assert "ZeroDivisionError" in capsys.readouterr().err
 
@@ -220,7 +220,7 @@ def test_interrupt_says_that_pieces_are_kept(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("plop_cli.stage_command.execute", interrupted)
+    monkeypatch.setattr("plop.pipeline.tasks.execute", interrupted)
     assert main(["ingest", "mesh", str(workspace / "blocks")]) == 130
     assert "finished pieces are kept" in capsys.readouterr().err
 
@@ -256,11 +256,12 @@ def test_status_says_why_something_is_stale_where_it_begins(
     assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
     assert main(["calibrate", "-q"]) == 0
     newer = {"ingest": dataclasses.replace(fake.INGEST, version=fake.INGEST.version + 1)}
-    monkeypatch.setattr("plop_cli.status._imported_stages", lambda artifacts: newer)
+    monkeypatch.setattr("plop.pipeline.staleness._imported_stages", lambda artifacts: newer)
     capsys.readouterr()
     assert main(["status"]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines() if line]
-    states = {line[0].partition("@")[0]: line[-1] for line in lines if "@" in line[0]}
+    rows = [line[line[0] == "└" :] for line in lines]  # a branch of the tree comes first
+    states = {row[0].partition("@")[0]: row[-1] for row in rows if "@" in row[0]}
     assert states == {"ingest": "stale", "calibrate": "stale"}
     reasons = [line for line in lines if line[0] == "stale:"]
     assert len(reasons) == 1 and reasons[0][1].startswith("ingest@"), "what follows from it is not explained again"

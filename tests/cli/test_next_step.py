@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from plop.artifacts.lineage import Stale
 from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact
-from plop_cli.next_step import AFTER, next_step
-from stages import PIPELINE
+from plop_cli.next_step import next_step
+from stages import NEXT, PIPELINE
 
 
 def artifact(stage: str, *, environment: str = "block", figures: dict | None = None, **provenance) -> Artifact:
@@ -46,7 +47,7 @@ def step(*stages: str, **more) -> str:
         (("fit-init", "train", "rollout", "eval"), "plop compare --model train@01010101"),
         (("fit-init", "identify"), "plop compare --model identify@01010101"),
         (("train", "eval", "compare"), "plop diagnose --model train@01010101"),
-        (("train", "compare", "diagnose"), "plop augment"),
+        (("train", "compare", "diagnose"), "plop augment --model train@01010101"),
         (("train", "diagnose", "augment"), "plop report"),
         (("train", "diagnose", "augment", "report"), "plop export report@01010101 OUT"),
     ],
@@ -57,8 +58,7 @@ def test_what_follows_on_what_is_there(stages, command):
 
 def test_every_stage_of_the_pipeline_has_a_successor_that_is_a_command():
     names = {ref.name for ref in PIPELINE}
-    assert set(AFTER) == names - {"report"}
-    assert {command for command, _ in AFTER.values()} <= names
+    assert set(NEXT) == names - {"report"} and set(NEXT.values()) <= names
 
 
 def test_cameras_that_are_all_bad_come_before_anything_is_made_from_them():
@@ -68,24 +68,21 @@ def test_cameras_that_are_all_bad_come_before_anything_is_made_from_them():
     assert next_step([some], stale={}).command == "plop fuse"
 
 
-def test_the_first_stale_stage_is_run_again_with_its_raw_input():
-    raw = artifact("ingest", command="x", raw_paths={"raw": "my data"})
-    raw.manifest.provenance["command"] = "ingest mesh"
-    artifacts = [artifact("fit-init"), raw, artifact("fuse")]
+def test_what_is_stale_is_made_again():
+    artifacts = [artifact("fit-init"), artifact("ingest"), artifact("fuse")]
     stale = {
-        ("fuse", "01" * 8): "an input is stale",
-        ("ingest", "01" * 8): "raw has changed",
-        ("fit-init", "01" * 8): "the stage is now version 8",
+        ("fuse", "01" * 8): Stale("an input is stale", follows=True),
+        ("fit-init", "01" * 8): Stale("the stage is now version 8"),
     }
-    assert next_step(artifacts, stale=stale).command == "plop ingest mesh 'my data'"
-    del stale["ingest", "01" * 8]
-    assert next_step(artifacts, stale=stale).command == "plop fit-init"
+    found = next_step(artifacts, stale=stale)
+    assert found.command == "plop repro" and "fit-init@01010101, the stage is now version 8" in found.why
 
 
 def test_damage_comes_first_then_what_was_begun():
     keys = [("fuse", "01" * 8)]
-    stale = {("ingest", "01" * 8): "raw has changed"}
-    assert step("ingest", "fuse", stale=stale, damaged=keys, unfinished=[("train", "ff")]) == "plop fuse --force"
+    stale = {("ingest", "01" * 8): Stale("raw has changed")}
+    repaired = next_step([artifact("fuse")], stale=stale, damaged=keys, unfinished=[("train", "ff")])
+    assert repaired.command == "plop repro" and "damaged" in repaired.why
     assert step("ingest", "fuse", stale=stale, unfinished=[("train", "ff")]) == "plop train"
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from plop.errors import PlopError
+from plop.metrics.scores import Scores
 from plop_cli.app import main
 
 ENVIRONMENTS = ("prism-jelly", "sphere-foam")
@@ -21,20 +23,28 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / "raw" / f"{name.replace('-', '_')}_part_000.npz").touch()
     parts = {part: {"cd_mm": 1.0} for part in ("episode", "end", "start")}
     methods = dict.fromkeys(("plop", "persistence"), parts)
-    scores = {"methods": methods, "episodes": {"x_part_000": methods}, "seed": 0, "conventions": {"cd_mm": "..."}}
-    (tmp_path / "scores.json").write_text(json.dumps(scores))
+    Scores(
+        environment="x",
+        method="plop",
+        seed=0,
+        conventions={"cd_mm": "..."},
+        unavailable={},
+        notes=(),
+        methods={name: {part: {"cd_mm": None} for part in parts} for name in methods},
+        better_than_persistence_percent={},
+        episodes={"x_part_000": methods},
+    ).write(tmp_path)
     monkeypatch.chdir(tmp_path)
     made(monkeypatch, failing=())
     return tmp_path
 
 
 def made(monkeypatch: pytest.MonkeyPatch, failing: tuple[str, ...]) -> None:
-    def one(store: object, console: object, data: Path, name: str, *others: object) -> list[Path]:
-        if name in failing:
-            raise PlopError("It failed.")
-        return [data.resolve().parent / "scores.json"]
+    def scored(store: object, console: object, data: Path, names: list[str], *others: object) -> Iterator[tuple]:
+        for name in reversed(names):  # as they finish
+            yield name, PlopError("It failed.") if name in failing else [data.resolve().parent / "scores.json"]
 
-    monkeypatch.setattr("plop_cli.reproduce._one_environment", one)
+    monkeypatch.setattr("plop_cli.reproduce._scored", scored)
 
 
 def results(path: Path) -> tuple[str, list[str]]:

@@ -56,16 +56,16 @@ def test_a_known_error_comes_back(episode):
     shift[1:, :, 1] = 0.002
     field = error_field(episode, episode.points + shift)
     assert field.error_m[1:] == pytest.approx(0.002) and field.error_m[0] == pytest.approx(0)
-    row = tables([field])["all"][0]
-    assert row["rms_mm"] == pytest.approx(2) and row["n"] == 300 * (FRAMES - 1)
+    row = tables([field]).whole
+    assert row.rms_mm == pytest.approx(2) and row.n == 300 * (FRAMES - 1)
 
 
 def test_a_perfect_prediction_is_at_the_floor(episode):
     start = episode.points[0]
     steps = np.stack([moved(start, frame) for frame in range(FRAMES)])
-    row = tables([error_field(episode, steps)])["all"][0]
-    assert row["in_noise"] == pytest.approx(1, abs=0.1)
-    assert row["persistence_mm"] > 5 * row["floor_mm"] and row["rigid_mm"] < row["persistence_mm"]
+    row = tables([error_field(episode, steps)]).whole
+    assert row.in_noise == pytest.approx(1, abs=0.1)
+    assert row.persistence_mm > 5 * row.floor_mm and row.rigid_mm < row.persistence_mm
 
 
 def test_tables_tell_when_and_where(episode):
@@ -74,11 +74,11 @@ def test_tables_tell_when_and_where(episode):
     high = episode.points[0, :, 2] > 0.02
     shift[np.ix_(held, np.flatnonzero(high), [2])] = 0.003
     found = tables([error_field(episode, episode.points + shift)])
-    by_phase = {row["phase"]: row["rms_mm"] for row in found["phase"]}
+    by_phase = {row.label: row.rms_mm for row in found.phase}
     assert max(by_phase, key=by_phase.get) == "hold" and by_phase["cut"] == pytest.approx(0)
-    by_height = {row["height_mm"]: row["rms_mm"] for row in found["height"]}
+    by_height = {row.label: row.rms_mm for row in found.height}
     assert by_height["20-30"] > 1 and by_height["10-20"] == pytest.approx(0, abs=0.2)
-    assert sum(row["n"] for row in found["distance"]) == found["all"][0]["n"]
+    assert sum(row.n for row in found.distance) == found.whole.n
 
 
 def test_what_the_tool_hides_does_not_count(episode):
@@ -88,8 +88,8 @@ def test_what_the_tool_hides_does_not_count(episode):
     seen[:, :10] = False
     shift = np.zeros_like(episode.points)
     shift[1:, :10] = 0.01
-    row = tables([error_field(replace(episode, seen=seen), episode.points + shift)])["all"][0]
-    assert row["rms_mm"] == pytest.approx(0) and row["n"] == 290 * (FRAMES - 1)
+    row = tables([error_field(replace(episode, seen=seen), episode.points + shift)]).whole
+    assert row.rms_mm == pytest.approx(0) and row.n == 290 * (FRAMES - 1)
 
 
 @pytest.mark.parametrize("spoil", [lambda p: p * 1000, lambda p: p[:-1], lambda p: np.where(p > 0.029, np.nan, p)])

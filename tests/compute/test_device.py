@@ -13,10 +13,10 @@ import torch
 
 from plop.compute.device import chosen_device
 from plop.dynamics.episodes import measured_views
-from plop.dynamics.filtering import UpdateConfig, settled
+from plop.dynamics.filter.particle_filter import UpdateConfig, settled
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
@@ -70,12 +70,11 @@ def test_the_filter_makes_nothing_elsewhere(episode):
 
 def test_fitting_makes_nothing_elsewhere(episode):
     _, views, initial = episode
-    targets = [(view.camera, view.target) for view in views]
     config = FitInitConfig(steps=6, densifications=1, fill_at=0.5)
     with torch.device("meta"):
         shell, inner = fit(
             initial,
-            targets,
+            views,
             config,
             spacing_m=0.005,
             max_count=len(initial) + 20,

@@ -11,10 +11,10 @@ import pytest
 from benchmarks import physics_cameras
 from benchmarks.physics_cameras import Loop, Run, planned, write
 from benchmarks.physics_rough import RECORDED, rough_runs
-from plop.errors import PlopError
+from plop.errors import SignalTooWeakError
 from plop.physics.effects.library import library
+from plop.physics.hidden.wish import parse_hidden
 from plop.physics.scenes.sealed import seal_answer
-from plop.physics.scenes.wish import parse_hidden
 from stages.diagnose.stage import STAGE
 
 LAW = {
@@ -47,7 +47,7 @@ def loop(tmp_path: Path, monkeypatch) -> SimpleNamespace:
     def plop(self: Loop, *words: str) -> None:
         typed.append(list(words))
         if words[0] == "simulate" and "--snr" in words and float(words[words.index("--snr") + 1]) > state.strongest:
-            raise PlopError("The effect cannot give the wanted signal in these motions.")
+            raise SignalTooWeakError("The effect cannot give the wanted signal in these motions.")
 
     def find(name: str) -> SimpleNamespace:
         folder = tmp_path / name

@@ -7,8 +7,8 @@ import torch
 
 from benchmarks.physics_learned import facts_of, gaussians_of, predicted, rms_m, track_of
 from plop.diagnosis.table import Measured
-from plop.dynamics.i2n import I2NConfig
-from plop.dynamics.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.network import I2NConfig
 from plop.pipeline.stage import Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import train_on

@@ -12,8 +12,9 @@ from benchmarks.physics_points import fitted_engine
 from benchmarks.physics_rounds import named_effects
 from benchmarks.physics_signal import CLOSE, at_signal
 from plop.diagnosis.finding import Finding
-from plop.diagnosis.verdict import Verdict
+from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.errors import PlopError
+from plop.parameters import Estimate
 from plop.physics.effects.library import library
 
 TYPES = library()
@@ -61,9 +62,9 @@ class Found:
             "fibres": {"ratio": 2.0, "angle_deg": 45.0},
             "base": {"d_ln_e": -0.4, "d_per_s": 20.0},
         }
-        self.verdict = Verdict(kind, named, "")
+        self.verdict = Verdict(VerdictKind(kind), tuple(named), "")
         self.findings = [
-            Finding(name, "physics", {k: {"value": v} for k, v in values.items()}, 0.5, 0.1, 0.0, None)
+            Finding(name, "physics", {k: Estimate(v) for k, v in values.items()}, 0.5, 0.1, 0.0, None)
             for name, values in parameters.items()
         ]
 

@@ -11,13 +11,13 @@ from benchmarks.synthetic_evidence import CANDIDATES, NOISE_M, FakeTable, candid
 from plop.diagnosis.amplitude import RESPONSE_ERROR
 from plop.diagnosis.amplitudes import _moved
 from plop.diagnosis.conclusion import conclusion
-from plop.diagnosis.finding import CARRIED
 from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
-from plop.diagnosis.verdict import Verdict
+from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.verdict import Reason, Verdict, VerdictKind
 from plop.errors import PlopError
 from plop.physics.effects.library import library
-from stages.diagnose.outcome import facts_of, rows_of
+from stages.diagnose.outcome import diagnosis_of, rows_of
 
 SHAMS = 99
 
@@ -32,24 +32,24 @@ def finding(found, name):
 
 def test_a_planted_law_is_named_with_an_interval_that_holds_it():
     found = conclude(episodes(1, {"tilt": 0.3}), episodes(2))
-    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["tilt"])
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ("tilt",))
     value = finding(found, "tilt").parameters["a"]
-    assert value["value"] == pytest.approx(0.3, abs=0.03)
-    assert value["low"] < 0.3 < value["high"] and value["high"] - value["low"] < 4.2 * RESPONSE_ERROR * 0.3
+    assert value.value == pytest.approx(0.3, abs=0.03)
+    assert value.low < 0.3 < value.high and value.high - value.low < 4.2 * RESPONSE_ERROR * 0.3
     assert found.size.error > 1.5 * found.size.floor and found.size.excess > 3
     assert found.size.floor == pytest.approx(1, abs=0.3)
 
 
 def test_nothing_planted_nothing_named():
     found = conclude(episodes(3), episodes(4))
-    assert (found.verdict.kind, found.verdict.named) == ("NOTHING DETECTABLE", [])
-    assert found.limits["tilt"]["amplitude"] > 0
+    assert (found.verdict.kind, found.verdict.named) == ("NOTHING DETECTABLE", ())
+    assert found.limits["tilt"].amplitude > 0
 
 
 def test_a_stiffer_base_is_a_base_parameter():
     found = conclude(episodes(5, {"stiffness": 0.5}), episodes(6))
-    assert (found.verdict.kind, found.verdict.named) == ("BASE PARAMETER", ["stiffness"])
-    assert found.findings[-1].parameters["a"]["value"] == pytest.approx(0.5, abs=0.05)
+    assert (found.verdict.kind, found.verdict.named) == ("BASE PARAMETER", ("stiffness",))
+    assert found.findings[-1].parameters["a"].value == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_decoy_leaves_none_of_these():
@@ -77,13 +77,13 @@ def test_an_amplitude_outside_its_range_is_named_as_a_part_at_most():
     narrow = [candidate(c.effect, low=0.0, high=0.1) if c.effect == "tilt" else c for c in CANDIDATES]
     found = conclude(episodes(13, {"tilt": 0.3}), episodes(14), narrow)
     value = finding(found, "tilt").parameters["a"]
-    assert value["at_bound"] and value["value"] == 0.1
-    assert (found.verdict.kind, found.verdict.named) == ("PARTLY", ["tilt"])
+    assert value.at_bound and value.value == 0.1
+    assert (found.verdict.kind, found.verdict.named) == ("PARTLY", ("tilt",))
     wide = conclude(episodes(13, {"tilt": 0.3}), episodes(14), CANDIDATES)
     assert 0.1 < finding(found, "tilt").gain < 0.8 * finding(wide, "tilt").gain, "no more of it than its range allows"
     below = [candidate(c.effect, low=0.0) if c.effect == "tilt" else c for c in CANDIDATES]
     found = conclude(episodes(13, {"tilt": -0.3}), episodes(14), below)
-    assert finding(found, "tilt").parameters["a"]["at_bound"] and "tilt" not in found.verdict.named
+    assert finding(found, "tilt").parameters["a"].at_bound and "tilt" not in found.verdict.named
     assert finding(found, "tilt").gain <= 0
 
 
@@ -109,16 +109,16 @@ def test_confounded_laws_come_with_the_motion_that_tells_them_apart():
     found = conclude(data, other)
     assert found.verdict.kind == "CONFOUNDED" and set(found.verdict.named) == {"tilt", "fibres"}
     following = next_motion(found)
-    assert following is not None and next_step(found) == following["text"]
-    partly = replace(found, verdict=replace(found.verdict, kind="PARTLY"))
-    assert next_step(partly) == following["text"], "what cannot be told apart is not added"
+    assert following is not None and next_step(found) == following.text
+    partly = replace(found, verdict=replace(found.verdict, kind=VerdictKind.PARTLY))
+    assert next_step(partly) == following.text, "what cannot be told apart is not added"
     apart = {}
     for e in found.evidence:  # what is left of one response when the other's multiple is taken off
         sigma = found.misfit.sigma(e)
         a, b = ((e.responses[key(name)] / sigma).ravel() for name in ("tilt", "fibres"))
         apart[e.name] = np.linalg.norm(a - (a @ b) / (b @ b) * b)
-    assert following["episode"] == max(apart, key=apart.__getitem__)
-    assert following["episode"] in following["text"]
+    assert following.episode == max(apart, key=apart.__getitem__)
+    assert following.episode in following.text
 
 
 def test_of_a_law_that_one_episode_alone_shows_more_is_asked_for():
@@ -128,11 +128,11 @@ def test_of_a_law_that_one_episode_alone_shows_more_is_asked_for():
         shown.append(replace(e, responses={**e.responses, key("tilt"): response}, residual=e.residual + 0.8 * response))
     found = conclude(shown, episodes(18))
     name = shown[2].name
-    assert found.verdict.named == [] and finding(found, "tilt").reasons() == [CARRIED]
+    assert found.verdict.named == () and finding(found, "tilt").reasons() == [Reason.ONE_EPISODE]
     following = next_motion(found)
-    assert following is not None and following["episode"] == name
-    assert "tilt" in following["text"] and f"{name} alone shows it" in found.verdict.text
-    assert facts_of(found, library(), [], {})["next_motion"] == following
+    assert following is not None and following.episode == name
+    assert "tilt" in following.text and f"{name} alone shows it" in found.verdict.text
+    assert diagnosis_of(found, library(), (), {}).next_motion == following
 
 
 def test_a_law_that_acts_in_one_episode_only_is_told_with_its_fit():
@@ -143,11 +143,11 @@ def test_a_law_that_acts_in_one_episode_only_is_told_with_its_fit():
         shown.append(replace(e, responses={**e.responses, key("tilt"): response}, residual=e.residual + 0.8 * response))
     found = conclude(shown, episodes(18))
     law = finding(found, "tilt")
-    assert (found.verdict.kind, found.verdict.named) == ("NONE OF THESE", [])
+    assert (found.verdict.kind, found.verdict.named) == ("NONE OF THESE", ())
     assert law.gain < 0.05 and law.shown > 0.4 and law.shown_by == shown[2].name
     assert "fitted to all episodes, tilt takes" in found.verdict.text and "a = 0.826" in found.verdict.text
     following = next_motion(found)
-    assert following is not None and following["episode"] == shown[2].name
+    assert following is not None and following.episode == shown[2].name
     several = finding(conclude(episodes(1, {"tilt": 0.3}), episodes(2)), "tilt")
     assert several.shown_by == "" and several.shown == pytest.approx(several.gain, abs=0.05)
 
@@ -167,10 +167,10 @@ def test_a_law_that_acts_in_one_episode_only_is_told_with_its_fit():
 )
 def test_after_every_verdict_it_is_said_what_to_do_next(kind, named, says):
     found = conclude(episodes(3), episodes(4))
-    told = next_step(replace(found, verdict=Verdict(kind, named, "", {})))
+    told = next_step(replace(found, verdict=Verdict(VerdictKind(kind), tuple(named), "")))
     assert says in told and told.endswith(".")
     if kind == "NOTHING DETECTABLE":
-        easiest = min((f["displacement_m"], name) for name, f in found.limits.items() if name != "drag")[1]
+        easiest = min((f.displacement_m, name) for name, f in found.limits.items() if name != "drag")[1]
         assert f"{easiest} from" in told and "drag" not in told
 
 
@@ -178,34 +178,24 @@ def test_one_named_effect_needs_no_next_motion():
     assert next_motion(conclude(episodes(1, {"tilt": 0.3}), episodes(2))) is None
 
 
-def test_facts_are_plain_json_with_every_key():
-    import json
+@pytest.mark.parametrize(
+    ("hidden", "kind"), [({"tilt": 0.3}, "EFFECT"), ({}, "NOTHING DETECTABLE"), ({"drag": 0.4}, "NONE OF THESE")]
+)
+def test_a_diagnosis_comes_back_from_its_file(hidden, kind, tmp_path):
+    found = diagnosis_of(conclude(episodes(1, hidden), episodes(2)), library(), None, {"e9": "no track"})
+    found.write(tmp_path)
+    assert "NaN" not in (tmp_path / "diagnosis.json").read_text() and found.verdict.kind == kind
+    again = Diagnosis.load(tmp_path)
+    assert again.to_json() == found.to_json() and again.verdict == found.verdict and again.sensors is None
+    assert [row.why_not() for row in again.ranking] == [row.why_not() for row in found.ranking]
 
-    found = conclude(episodes(1, {"tilt": 0.3}), episodes(2))
-    facts = facts_of(found, library(), [], {"e9": "no track"})
-    text = json.dumps(facts, allow_nan=False)
-    assert set(json.loads(text)) >= {
-        "schema",
-        "verdict",
-        "ranking",
-        "base",
-        "confounded",
-        "limits",
-        "sensors",
-        "shams",
-        "error",
-        "floor",
-        "excess",
-        "closed_share",
-        "next_step",
-        "next_motion",
-        "episodes",
-        "dropped",
-    }
-    assert facts["ranking"][0]["effect"] == "tilt" and facts["ranking"][0]["passes"]
-    assert facts["base"]["effect"] == "stiffness" and facts["dropped"] == {"e9": "no track"}
-    assert facts["closed_share"] > 0.8
-    rows = rows_of(facts)
+
+def test_a_diagnosis_holds_the_ranking_and_the_base():
+    found = diagnosis_of(conclude(episodes(1, {"tilt": 0.3}), episodes(2)), library(), (), {"e9": "no track"})
+    assert found.ranking[0].effect == "tilt" and found.ranking[0].passes and found.named == [found.ranking[0]]
+    assert found.base.effect == "stiffness" and found.row("stiffness") is found.base
+    assert found.dropped == {"e9": "no track"} and found.closed_share > 0.8
+    rows = rows_of(found)
     assert rows[0]["verdict"] == "named" and rows[-1]["effect"] == "stiffness"
     assert len({tuple(row) for row in rows}) == 1  # one table
 
@@ -232,7 +222,7 @@ def test_without_a_stable_stiffness_the_laws_are_still_judged():
     from plop.diagnosis.findings import State
 
     found = conclusion(State(tables, CANDIDATES), (), SHAMS, 0)  # type: ignore[arg-type]
-    assert found.verdict.named == ["tilt"] and found.findings[-1].parameters == {}
+    assert found.verdict.named == ("tilt",) and found.findings[-1].parameters == {}
 
 
 def test_an_amplitude_beside_others_may_stay_small_and_one_by_itself_may_not():

@@ -40,18 +40,18 @@ def told(hidden: dict[str, float]):
 
 def test_two_laws_that_hide_each_other_are_named_together():
     found, _ = told(HIDDEN)
-    assert found.verdict.evidence["alone"]["kind"] in ("NONE OF THESE", "PARTLY")
+    assert found.verdict.evidence.alone.kind in ("NONE OF THESE", "PARTLY")
     assert (found.verdict.kind, set(found.verdict.named)) == ("EFFECT", {"adhesion", "tilt"})
     fitted = {name: p for f in found.findings[:2] for name, p in f.parameters.items()}
-    assert fitted["gx_m_s2"]["value"] == pytest.approx(1.5, rel=0.15)
-    assert fitted["gy_m_s2"]["value"] == pytest.approx(-1.0, rel=0.15)
-    assert fitted["traction_pa"]["value"] == pytest.approx(600, rel=0.15)
+    assert fitted["gx_m_s2"].value == pytest.approx(1.5, rel=0.15)
+    assert fitted["gy_m_s2"].value == pytest.approx(-1.0, rel=0.15)
+    assert fitted["traction_pa"].value == pytest.approx(600, rel=0.15)
     assert [f.name for f in found.findings].count("tilt") == 1 and found.findings[-1].name == "stiffness"
 
 
 def test_where_one_law_settles_it_no_pair_is_tried():
     found, world = told({"swelling": -0.1})
-    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["swelling"])
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ("swelling",))
     _, more = told(HIDDEN)
     assert world.ran < 0.8 * more.ran
 

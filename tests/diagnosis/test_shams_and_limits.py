@@ -87,7 +87,7 @@ def test_what_is_hidden_at_its_limit_is_mostly_named_and_at_half_of_it_hardly():
         limits = conclusion(state(episodes(seed, count=8, **misfit), reference), (), 99, seed).limits
         for law in ("tilt", "viscosity", "swelling"):
             for factor, found in named.items():
-                hidden = {law: factor * limits[law]["amplitude"]}
+                hidden = {law: factor * limits[law].amplitude}
                 again = state(episodes(seed, hidden, count=8, take=1, **misfit), reference)
                 found.append(law in conclusion(again, (), 99, seed).verdict.named)
     assert np.mean(named[1.0]) > 0.7 and np.mean(named[0.5]) < 0.2
@@ -99,10 +99,10 @@ def test_what_is_injected_at_twice_its_limit_is_found_and_at_a_third_not(law):
     now = state(quiet)
     shams = sham_gains(now.screen, count=99)
     limit = limits_of(now, shams)[law]
-    assert limit["unit"] == "-" and limit["parameter"] == "a"
-    assert limit["displacement_m"] == pytest.approx(limit["amplitude"] * now.response_rms_m(key(law)))
+    assert limit.unit == "-" and limit.parameter == "a"
+    assert limit.displacement_m == pytest.approx(limit.amplitude * now.response_rms_m(key(law)))
     for factor, seen in ((2.0, True), (0.3, False)):
-        amplitude = factor * limit["amplitude"]
+        amplitude = factor * limit.amplitude
         loud = [replace(e, residual=e.residual + amplitude * e.responses[key(law)]) for e in quiet]
         then = state(loud)
         finding = finding_of(then, then.scores()[0], sham_gains(then.screen, count=99))
@@ -113,7 +113,7 @@ def test_less_noise_lowers_the_limit():
     found = []
     for noise_m in (4e-4, 1e-4):
         now = state(episodes(4, noise_m=noise_m))
-        found.append(limits_of(now, sham_gains(now.screen, count=49))["tilt"]["amplitude"])
+        found.append(limits_of(now, sham_gains(now.screen, count=49))["tilt"].amplitude)
     assert found[1] < 0.5 * found[0]
 
 
@@ -125,7 +125,7 @@ def test_what_cannot_be_seen_at_any_amplitude_has_no_limit():
         for k, e in enumerate(data)
     ]
     now = state(lonely)
-    assert limits_of(now, sham_gains(now.screen, count=49))["tilt"]["amplitude"] is None
+    assert limits_of(now, sham_gains(now.screen, count=49))["tilt"].amplitude is None
 
 
 def test_the_limit_of_a_law_with_two_amplitudes_is_that_of_the_one_seen_best():
@@ -140,4 +140,4 @@ def test_the_limit_of_a_law_with_two_amplitudes_is_that_of_the_one_seen_best():
             data.append(replace(e, responses={**e.responses, **own}))
         now = state(data, candidates=laws)
         limit = limits_of(now, sham_gains(now.screen, count=49))["tilt"]
-        assert limit["parameter"] == seen.amplitude and limit["amplitude"] is not None
+        assert limit.parameter == seen.amplitude and limit.amplitude is not None

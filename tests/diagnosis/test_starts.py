@@ -43,9 +43,9 @@ def library_with(tried: tuple[float, ...]) -> dict[str, EffectType]:
 
 def test_a_law_with_a_threshold_is_found_on_this_side_of_it():
     found = Sliding().told({"table_friction": LESS}, LAWS)
-    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["table_friction"])
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ("table_friction",))
     fitted = found.findings[0].parameters["d_mu"]
-    assert fitted["value"] == pytest.approx(LESS, rel=0.1) and fitted["low"] < LESS < fitted["high"]
+    assert fitted.value == pytest.approx(LESS, rel=0.1) and fitted.low < LESS < fitted.high
 
 
 def test_from_the_far_side_alone_it_is_missed():

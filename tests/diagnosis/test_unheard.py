@@ -9,8 +9,10 @@ import pytest
 
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.error_size import ErrorSize
 from plop.diagnosis.responses import Answer, Job, run_job
-from plop.diagnosis.verdict import Verdict, among
+from plop.diagnosis.unnamed import among
+from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.library import library
 from tests.diagnosis.world import World
@@ -33,9 +35,9 @@ class Three(World):
 
 def test_a_law_that_moves_nothing_is_told_with_a_limit_that_nothing_reaches():
     found = Three().told({"swelling": 0.2}, ["swelling", "adhesion"])
-    assert found.verdict.named == ["swelling"]
+    assert found.verdict.named == ("swelling",)
     assert "moves nothing" in found.dropped["adhesion"]
-    assert found.limits["adhesion"]["amplitude"] is None and found.limits["swelling"]["amplitude"] is not None
+    assert found.limits["adhesion"].amplitude is None and found.limits["swelling"].amplitude is not None
     assert {f.name for f in found.findings} == {"swelling", "stiffness", "density", "damping"} - {*found.dropped}
 
 
@@ -85,7 +87,7 @@ class OneWay(World):
 
 def test_a_law_of_which_nothing_can_be_taken_away_keeps_its_place():
     found = OneWay().told({"swelling": 0.2}, ["swelling", "toughness"])
-    assert found.verdict.named == ["swelling"]
+    assert found.verdict.named == ("swelling",)
     assert "toughness" in {f.name for f in found.findings} and "toughness" not in found.dropped
 
 
@@ -110,8 +112,8 @@ def test_a_law_that_cannot_be_run_is_told_and_not_among_those_tried():
 
 
 def test_what_names_something_keeps_its_text():
-    verdict = Verdict("EFFECT", ["tilt"], "Missing: tilt.")
-    assert among(verdict, ["tilt"]) is verdict
+    verdict = Verdict(VerdictKind.EFFECT, ("tilt",), "Missing: tilt.")
+    assert among(verdict, ["tilt"], ErrorSize(1.0, 1.0)) is verdict
 
 
 @pytest.mark.parametrize("body", ["1 / 0", "raise SystemExit(0)", "body.v = None", "effect = type(self)(a=99.0)"])

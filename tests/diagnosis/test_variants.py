@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.synthetic_evidence import episodes, state
 from plop.diagnosis.candidates import Column
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.next_motion import next_motion, settling_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.responses import Answer, Job
@@ -61,9 +61,9 @@ def tried_with(*releases: float) -> dict[str, EffectType]:
     return {**library(), "adhesion": type("Tried", (law,), {"variants": variants})}
 
 
-def told(world: World, release: float, *tried: float) -> Diagnosis:
+def told(world: World, release: float, *tried: float) -> Conclusion:
     found = world.told({_bond(release): HIDDEN_PA}, LAWS, tried_with(*tried))
-    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ["adhesion"])
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ("adhesion",))
     return found
 
 
@@ -73,39 +73,39 @@ def traction(world: World, release: float, *tried: float) -> dict[str, float]:
 
 def test_what_cannot_be_told_apart_widens_the_interval():
     fitted = traction(Sticky(alike=True), BETWEEN, SOON, SOME)
-    assert fitted["low"] < HIDDEN_PA * STRENGTH[BETWEEN] / STRENGTH[SOME]
-    assert fitted["high"] > HIDDEN_PA * STRENGTH[BETWEEN] / STRENGTH[SOON] > HIDDEN_PA
+    assert fitted.low < HIDDEN_PA * STRENGTH[BETWEEN] / STRENGTH[SOME]
+    assert fitted.high > HIDDEN_PA * STRENGTH[BETWEEN] / STRENGTH[SOON] > HIDDEN_PA
 
 
 def test_the_verdict_says_which_settings_do_as_well_and_what_motion_would_tell():
     found = told(Sticky(alike=True), BETWEEN, SOON, SOME)
     given = found.findings[0].parameters["release_s"]
-    assert {given["value"], *given["also"]} == {SOON, SOME}
-    assert f"release_s = {given['value']:g} (or {given['also'][0]:g}) s" in found.verdict.text
+    assert {given.value, *given.alternatives} == {SOON, SOME}
+    assert f"release_s = {given.value:g} (or {given.alternatives[0]:g}) s" in found.verdict.text
     motion = settling_motion(found)
     assert next_motion(found) is None and motion is not None
-    assert motion["episode"] in {e.name for e in found.evidence} and motion["episode"] in motion["text"]
-    own = short_number(found.findings[0].parameters["traction_pa"]["value"])
-    assert f"release_s = {given['value']:g} s with traction_pa = {own} Pa, or " in motion["text"]
-    assert list(motion["separation"]) == [f"release_s = {given['also'][0]:g} s"]
-    assert next_step(found).startswith("Add it: `plop augment") and next_step(found).endswith(motion["text"])
+    assert motion.episode in {e.name for e in found.evidence} and motion.episode in motion.text
+    own = short_number(found.findings[0].parameters["traction_pa"].value)
+    assert f"release_s = {given.value:g} s with traction_pa = {own} Pa, or " in motion.text
+    assert list(motion.separation) == [f"release_s = {given.alternatives[0]:g} s"]
+    assert next_step(found).startswith("Add it: `plop augment") and next_step(found).endswith(motion.text)
 
 
 def test_a_setting_that_is_known_asks_for_no_motion():
     found = told(Sticky(alike=False), SOME, SOON, SOME)
-    assert found.findings[0].parameters["release_s"]["also"] == [] and settling_motion(found) is None
+    assert found.findings[0].parameters["release_s"].alternatives == () and settling_motion(found) is None
     assert next_step(found).endswith("how far the error has fallen.")
 
 
 def test_with_one_setting_alone_the_truth_is_outside():
     """What the other test would be worth if the interval were wide anyway."""
-    assert traction(Sticky(alike=True), BETWEEN, SOME)["high"] < HIDDEN_PA
+    assert traction(Sticky(alike=True), BETWEEN, SOME).high < HIDDEN_PA
 
 
 def test_what_does_worse_does_not_widen_it():
     own, both = traction(Sticky(alike=False), SOME, SOME), traction(Sticky(alike=False), SOME, SOON, SOME)
     for name in ("value", "low", "high"):
-        assert both[name] == pytest.approx(own[name], rel=0.05)
+        assert getattr(both, name) == pytest.approx(getattr(own, name), rel=0.05)
 
 
 def test_only_other_settings_of_the_same_law_are_fitted_beside():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.table import Measured
@@ -71,7 +71,7 @@ class World(ABC):
 
     def told(
         self, hidden: dict[str, float], laws: Iterable[str], types: dict[str, EffectType] | None = None
-    ) -> Diagnosis:
+    ) -> Conclusion:
         """Hide something in one set of episodes, nothing in the reference, and diagnose."""
         return diagnose(
             self.measured(1, hidden),

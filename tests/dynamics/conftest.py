@@ -8,7 +8,7 @@ import torch
 
 from plop.dynamics.interface import ToolStep
 from plop.gaussians.state import Gaussians
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 
 
 def block_of(count: int, seed: int = 0) -> Gaussians:

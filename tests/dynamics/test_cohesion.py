@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from torch.testing import assert_close
 
 from plop.dynamics.cohesion import expected_places, held_together, natural_strays_m
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.dynamics.rest import RestPlaces
 from tests.dynamics.conftest import block_of

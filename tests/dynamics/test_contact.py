@@ -9,15 +9,14 @@ import pytest
 import torch
 from scipy.spatial import ConvexHull
 
-from plop.dynamics.contact import SolidTool
-from plop.dynamics.episodes import MeasuredView
-from plop.dynamics.filtering import UpdateConfig, update
+from plop.dynamics.filter.particle_filter import UpdateConfig, update
+from plop.dynamics.filter.tool_contact import SolidTool
 from plop.dynamics.interface import at_rest
-from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.losses.physical import Neighbourhood
 from plop.geometry.cameras import Camera, look_at
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.render.losses import Target
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from tests.dynamics.conftest import blade, pose
 from tests.support.small_episode import SIZE, coloured_block
 
@@ -71,13 +70,13 @@ def updated(contact: float) -> tuple[torch.Tensor, torch.Tensor]:
     )
     seen = render(block, camera)
     everywhere = torch.ones(SIZE, SIZE, dtype=torch.bool)
-    target = Target(seen.rgb.detach(), seen.depth_m.detach(), seen.alpha.detach() > 0.5, everywhere)
+    target = Target(camera, seen.rgb.detach(), seen.depth_m.detach(), seen.alpha.detach() > 0.5, everywhere)
     state = replace(at_rest(block), has_history=True)
     tool = SolidTool.of(plate(), pose(0.03, 0.02, TOP_M - PRESSED_M))
     found = update(
         state,
         block,
-        [MeasuredView(camera, target)],
+        [target],
         Neighbourhood.of(block.means),
         0.06,
         UpdateConfig(iterations=30, views=1, contact=contact),

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from plop.dynamics.convolution import DirectConv3d
+from plop.dynamics.i2n.convolution import DirectConv3d
 
 
 def by_pytorch(layer: DirectConv3d, x: torch.Tensor) -> torch.Tensor:

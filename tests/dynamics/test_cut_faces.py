@@ -8,10 +8,9 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from plop.dynamics.cut_faces import narrowed_at_cut
+from plop.dynamics.cut import advance_sides, narrowed_at_cut
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.sides import advance_sides
 from plop.geometry.rigid import matrix_to_quat, quat_multiply
 from tests.dynamics.conftest import pose
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from plop.dynamics.filtering import UpdateConfig, run_filter
-from plop.dynamics.trivial import ConstantVelocity, Persistence
+from plop.dynamics.baselines import ConstantVelocity, Persistence
+from plop.dynamics.filter.particle_filter import UpdateConfig, run_filter
 from plop.gaussians.covariance import scales_quats_from_covariance
 from plop.recordings.recording import Recording
 from tests.support.small_episode import PUSH_M, write_episode

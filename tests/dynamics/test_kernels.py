@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from plop.dynamics.kernels import NODES_PER_AXIS, _spread, axis_weights, build_stencil
+from plop.dynamics.particle_grid.kernels import NODES_PER_AXIS, _spread, axis_weights, build_stencil
 
 
 @pytest.mark.parametrize("kernel", list(NODES_PER_AXIS))

@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from plop.dynamics.features import object_features, rigid_displacement
-from plop.dynamics.frames import tool_frame
-from plop.dynamics.i2n import I2NConfig
+from plop.dynamics.i2n.features import object_features, rigid_displacement
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model_io import load_model, save_model
+from plop.dynamics.i2n.network import I2NConfig
+from plop.dynamics.i2n.tool_frame import tool_frame
 from plop.dynamics.interface import ParticleState, ToolStep, at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.model_io import load_model, save_model
 from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.errors import PlopError
 from plop.geometry.rigid import matrix_to_quat, quat_multiply

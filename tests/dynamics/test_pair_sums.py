@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from plop.dynamics.pair_sums import TINY, alike_sum, rigid_sum, stretched_sum
+from plop.dynamics.losses.pair_sums import TINY, alike_sum, rigid_sum, stretched_sum
 
 
 @pytest.fixture

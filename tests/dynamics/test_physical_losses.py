@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
-from plop.dynamics.physical_losses import Neighbourhood, isometry, local_rotations, rigidity, rotation_similarity
+from plop.dynamics.losses.physical import Neighbourhood, isometry, local_rotations, rigidity, rotation_similarity
 from plop.geometry.rigid import matrix_to_quat, quat_from_rotation_vector, quat_multiply, quat_to_matrix
 
 TURN = torch.tensor([0.1, -0.2, 0.3])

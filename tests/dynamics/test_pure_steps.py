@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from plop.dynamics.baselines import ConstantVelocity, Persistence
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.initial_scene import InitialScene
 from plop.dynamics.interface import DynamicsModel, ParticleState
-from plop.dynamics.model import PlopConfig, PlopModel
 from plop.dynamics.rollout import rollout
-from plop.dynamics.trivial import ConstantVelocity, Persistence
 from plop.models import augment
 from plop.physics.adapters.filled_model import EngineState, FilledEngineModel
 from plop.physics.effects.library import effect_type

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from plop.dynamics.sides import advance_sides, is_blade
+from plop.dynamics.cut import advance_sides, is_blade
 from tests.dynamics.conftest import blade, pose
 
 

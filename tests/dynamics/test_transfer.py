@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from plop.dynamics.kernels import NODES_PER_AXIS, Stencil, build_stencil
-from plop.dynamics.transfer import g2p, p2g, p2g_sums
+from plop.dynamics.particle_grid.kernels import NODES_PER_AXIS, Stencil, build_stencil
+from plop.dynamics.particle_grid.transfer import g2p, p2g, p2g_sums
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stages.rollout.stage as rollout
-from plop.dynamics.trivial import Persistence
+from plop.dynamics.baselines import Persistence
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
 from stages.eval.stage import STAGE, EvalConfig

@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from plop.gaussians.splat_ply import read_splat
 from plop.geometry.rigid import transform_points
+from plop.geometry.view import MaskLabel
 from plop.pipeline.stage import Input, Output
-from plop.recordings.recording import MaskLabel, Mesh, Recording
+from plop.recordings.recording import Mesh, Recording
 from plop.recordings.set import RecordingSet
-from plop.render.sh import C0
+from plop.render.rasterizer.sh import C0
 from plop.sensors.silhouette import outline
 from stages.fit_init.stage import STAGE, FitInitConfig
 from stages.fit_init.tool_splats import sample_mesh

@@ -3,7 +3,7 @@ import torch
 from torch.testing import assert_close
 
 from plop.geometry.rigid import quat_to_matrix
-from plop.recordings.recording import View
+from plop.geometry.view import View
 from stages.fit_init.held_out import choose_held_out
 from stages.fit_init.shell import (
     Surface,

@@ -8,8 +8,8 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import pose_from_euler_xyz, transform_points
 from plop.recordings.recording import Mesh
+from plop.render.rasterizer.sh import C0
 from plop.render.scene import render_scene
-from plop.render.sh import C0
 from stages.fit_init.tool_splats import drawn_in, sample_mesh, splats_on
 
 LENGTH_M, HEIGHT_M, THICK_M = 0.12, 0.03, 0.002

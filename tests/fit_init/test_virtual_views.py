@@ -5,9 +5,9 @@ import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
-from plop.render.mesh_raycast import Look, MeshRenderer
-from plop.render.texture import SolidTexture
+from plop.geometry.view import MaskLabel, View
+from plop.render.virtual_cameras.mesh_raycast import Look, MeshRenderer
+from plop.render.virtual_cameras.texture import SolidTexture
 from stages.fit_init.episode import fit_object
 from stages.fit_init.held_out import score_view
 from stages.fit_init.shell import surface_from_views
@@ -49,8 +49,7 @@ def box_views(cameras: list[Camera]) -> list[View]:
     """See a box on a black table: what is mixed into its colour darkens it."""
     black = Look(SolidTexture.from_seed(3), table=(0.0, 0.0, 0.0), nothing=(0.0, 0.0, 0.0))
     renderer = MeshRenderer(box_sequence(gap_m=0.0, height_m=0.06), black)
-    seen = [renderer.render(0, camera) for camera in cameras]
-    return [View(camera, shown.rgb, shown.depth_m, shown.mask) for camera, shown in zip(cameras, seen)]
+    return [renderer.render(0, camera) for camera in cameras]
 
 
 def test_outlines_of_a_box_are_no_wider_than_it_is_and_have_its_own_colour():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.cloud_ply import read_cloud
+from plop.geometry.clouds.cloud_ply import read_cloud
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.pipeline.stage import Input, Output
 from stages.fuse.stage import STAGE, FuseConfig
@@ -82,7 +82,7 @@ def test_a_registration_without_a_finite_answer_is_not_kept(tmp_path, monkeypatc
         for i, c in enumerate(cameras)
     ]
     write_set(tmp_path / "set", {"a": {}}, cameras=wrong, truth=cameras)
-    monkeypatch.setattr("plop.geometry.registration._NORMALS_AGREE", 2.0)
+    monkeypatch.setattr("plop.geometry.clouds.registration._NORMALS_AGREE", 2.0)
     summary = fuse(tmp_path / "set", tmp_path / "out")
     facts = json.loads((tmp_path / "out" / "fuse.json").read_text())["episodes"]["a"]
     assert not facts["registered"]
@@ -224,3 +224,16 @@ def test_bad_settings_are_explained(tmp_path, config):
     write_set(tmp_path / "set", {"a": {}}, cameras=ring(2))
     with pytest.raises(PlopError):
         fuse(tmp_path / "set", tmp_path / "out", config)
+
+
+def test_depth_beside_its_colour_is_warned_of_where_calibrate_has_not_judged(tmp_path):
+    write_set(tmp_path / "set", {"a": {}}, cameras=ring())
+    assert not fuse(tmp_path / "set", tmp_path / "good").warnings
+    with h5py.File(tmp_path / "set" / "episodes" / "a.h5", "r+") as file:
+        name = sorted(file["cameras"])[0]
+        depth = file[f"cameras/{name}/depth_m"]
+        depth[0] = np.roll(depth[0], 12, axis=1)
+    said = [text for text in fuse(tmp_path / "set", tmp_path / "out").warnings if "not aligned to colour" in text]
+    assert len(said) == 1 and f"camera {name}" in said[0] and "plop calibrate" in said[0]
+    (tmp_path / "set" / "calibration.json").write_text(json.dumps({"episodes": {}}))
+    assert not any("not aligned" in text for text in fuse(tmp_path / "set", tmp_path / "judged").warnings)

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import invert_rigid
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
+from plop.render.rasterizer.sh import sh_to_rgb
 from plop.render.rigid_motion import moved_rigidly, rotated_sh
-from plop.render.sh import sh_to_rgb
 
 POSE = np.eye(4)
 POSE[:3, :3] = Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from plop.geometry.cameras import Camera, look_at
-from plop.recordings.recording import MaskLabel, Mesh
+from plop.geometry.view import MaskLabel
+from plop.recordings.recording import Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.boards import Board, board_pose, calibrate_intrinsics, find_board, read_images
-from plop.geometry.handeye import difference
+from plop.geometry.calibration.boards import Board, board_pose, calibrate_intrinsics, find_board, read_images
+from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import pose_from_euler_xyz
 
 MATRIX = np.array([[600.0, 0, 322], [0, 602, 238], [0, 0, 1]])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.agreement import DepthView, disagreement, interpolate_depth
-from plop.geometry.cloud_ply import read_cloud, write_cloud
-from plop.geometry.plane import find_plane
-from plop.geometry.pointcloud import (
+from plop.geometry.calibration.depth_agreement import DepthView, disagreement, interpolate_depth
+from plop.geometry.clouds.cloud_ply import read_cloud, write_cloud
+from plop.geometry.clouds.plane import find_plane
+from plop.geometry.clouds.pointcloud import (
     PointCloud,
     check_metres,
     cloud_from_depth,
@@ -21,9 +21,10 @@ from plop.geometry.pointcloud import (
     surface_distance_m,
     voxel_average,
 )
-from plop.geometry.registration import register
+from plop.geometry.clouds.registration import register
+from plop.geometry.clouds.tsdf import fuse_tsdf
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.geometry.tsdf import DepthFrame, fuse_tsdf
+from plop.geometry.view import View
 from tests.geometry.scene import ellipsoid_distance, render, ring
 
 
@@ -173,7 +174,7 @@ def test_registration_without_overlap_or_with_nan():
 
 
 def test_volume_gives_the_surface_and_its_frames_lie_on_it():
-    frames = [DepthFrame(c, np.where(mask == 1, depth, 0), rgb) for c, rgb, depth, mask in views(ring(10))]
+    frames = [View(c, rgb, np.where(mask == 1, depth, 0), mask) for c, rgb, depth, mask in views(ring(10))]
     cloud = fuse_tsdf(frames, 0.002)
     distance = np.abs(ellipsoid_distance(cloud.points))
     assert len(cloud) > 2000 and np.median(distance) < 3e-4
@@ -184,6 +185,6 @@ def test_volume_gives_the_surface_and_its_frames_lie_on_it():
 
 
 def test_volume_of_nothing_is_an_error():
-    camera, rgb, depth, _ = views(ring(1))[0]
+    camera, rgb, depth, mask = views(ring(1))[0]
     with pytest.raises(PlopError, match="nothing to fuse"):
-        fuse_tsdf([DepthFrame(camera, 0 * depth, rgb)], 0.002)
+        fuse_tsdf([View(camera, rgb, 0 * depth, mask)], 0.002)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from plop.errors import PlopError
-from plop.geometry.convex import convex_surface
+from plop.geometry.meshes.convex import convex_surface
 
 SIZE_M = np.array([0.08, 0.05, 0.04])
 

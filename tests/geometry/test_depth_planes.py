@@ -1,7 +1,7 @@
 import numpy as np
 
 from plop.geometry.cameras import Camera, look_at
-from plop.geometry.depth_planes import pixel_planes
+from plop.geometry.clouds.depth_planes import pixel_planes
 from tests.geometry.scene import ellipsoid_distance, render, ring
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plop.geometry.convex import convex_surface
-from plop.geometry.extent import box_edges_m
+from plop.geometry.meshes.convex import convex_surface
+from plop.geometry.meshes.extent import box_edges_m
 
 CORNERS = np.array([[x, y, z] for x in (-0.04, 0.04) for y in (-0.025, 0.025) for z in (0, 0.04)])
 

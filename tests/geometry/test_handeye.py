@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.handeye import HAND_EYE_METHODS, difference, hand_eye, robot_world
+from plop.geometry.handeye.solve import HAND_EYE_METHODS, difference, hand_eye, robot_world
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from stages.calibrate.handeye_folder import read_handeye
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
-from plop.geometry.handeye import difference, hand_eye
-from plop.geometry.handeye_fit import fit_hand_eye
-from plop.geometry.handeye_judge import HandEyeFault, judge_hand_eye, moving_poses
-from plop.geometry.handeye_readings import OTHER_MOUNT
+from plop.geometry.handeye.fit import fit_hand_eye
+from plop.geometry.handeye.judge import HandEyeFault, judge_hand_eye, moving_poses
+from plop.geometry.handeye.readings import OTHER_MOUNT
+from plop.geometry.handeye.solve import difference, hand_eye
 from plop.geometry.pose_matrices import is_transposed, matrix_fault
 from plop.geometry.rigid import check_rigid, invert_rigid, pose_from_euler_xyz
 from stages.calibrate.handeye_folder import read_handeye

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.bundle_adjust import align_poses, refine_scan
+from plop.geometry.calibration.bundle_adjust import align_poses, refine_scan
+from plop.geometry.calibration.time_offset import offset_by_correlation, offset_by_search
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.geometry.time_offset import offset_by_correlation, offset_by_search
 
 
 def speed(time):

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
+from plop.geometry.view import MaskLabel
 from plop.recordings.readers.droid.writer import write_video
-from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import MaskRules
 from tests.ingest.droid_runs import edit, episode_of, ingest, said
 from tests.support.droid_scene import EXT1, EXT2, Scene, exterior_poses, flange_path, make_episode, world_from_tool

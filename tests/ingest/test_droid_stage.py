@@ -13,8 +13,8 @@ import pytest
 
 from plop.errors import PlopError
 from plop.geometry.rigid import pose_from_euler_xyz
+from plop.geometry.view import MaskLabel
 from plop.recordings.readers.droid.writer import write_video
-from plop.recordings.recording import MaskLabel
 from stages.ingest.masks import GeometricMasker, MaskRules, Picture
 from tests.ingest.droid_runs import edit, episode_of, ingest, said
 from tests.support.droid_scene import (

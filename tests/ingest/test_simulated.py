@@ -17,10 +17,11 @@ import pytest
 import trimesh
 
 from plop.errors import PlopError
+from plop.geometry.view import MaskLabel
 from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.readers.declared_units import WORLD_FROM_UP
 from plop.recordings.readers.mesh.sequence import MeshSequence, write_mesh_sequence
-from plop.recordings.recording import MaskLabel, Recording
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet, split_names
 from plop.recordings.truth import Truth, write_without_truth
 from stages.ingest.resting import check_table

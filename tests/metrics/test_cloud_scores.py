@@ -7,6 +7,7 @@ from scipy.stats import wasserstein_distance
 from skimage.metrics import hausdorff_distance
 
 from plop.geometry.cameras import Camera, look_at
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.chamfer import cd_mm, cd_sq_mm2, nearest_distances
 from plop.metrics.clouds import Cloud, back_project_all, paired_samples
 from plop.metrics.emd import emd_mm
@@ -65,36 +66,33 @@ def test_empty_clouds_are_undefined_and_sizes_are_checked():
         emd_mm(CLOUD_A, CLOUD_B)
 
 
-def plane_view(distance_m: float) -> tuple[Camera, np.ndarray]:
+def plane_view(distance_m: float) -> View:
     pose = look_at(np.array([0.0, 0, 0.5]), np.zeros(3), np.array([0.0, 1, 0]))
     camera = Camera("top", 40, 40, np.array([[80.0, 0, 20], [0, 80, 20], [0, 0, 1]]), pose)
-    return camera, np.full((40, 40), distance_m)
+    mask = np.full((40, 40), MaskLabel.OBJECT, np.uint8)
+    return View(camera, np.zeros((40, 40, 3), np.uint8), np.full((40, 40), distance_m), mask)
 
 
 def test_back_projection_of_a_plane_lies_on_the_plane_and_skips_unmeasured_pixels():
-    camera, depth = plane_view(0.5)
-    depth[0, 0], depth[1, 1] = 0, np.nan
-    cloud = back_project_all([camera], [depth], [np.ones((40, 40), bool)])
+    view = plane_view(0.5)
+    view.depth_m[0, 0], view.depth_m[1, 1] = 0, np.nan
+    cloud = back_project_all([view])
     assert len(cloud) == 1598
     assert np.abs(cloud.points[:, 2]).max() < 1e-12
     assert np.abs(cloud.points[:, :2]).max() == pytest.approx(19.5 / 80 * 0.5)
 
 
 def test_common_random_numbers_give_zero_for_equal_clouds_where_independent_draws_do_not():
-    camera, depth = plane_view(0.5)
-    mask = np.ones((40, 40), bool)
-    cloud = back_project_all([camera], [depth], [mask], seed=0)
-    other = back_project_all([camera], [depth], [mask], seed=1)
+    cloud, other = (back_project_all([plane_view(0.5)], seed=seed) for seed in (0, 1))
     assert emd_mm(*paired_samples(cloud, cloud, 300)) == 0
     assert emd_mm(*paired_samples(cloud, other, 300)) > 1
 
 
 def test_one_missing_pixel_changes_at_most_one_point_of_the_sample():
-    camera, depth = plane_view(0.5)
-    mask = np.ones((40, 40), bool)
-    full = back_project_all([camera], [depth], [mask])
-    mask[20, 20] = False
-    less = back_project_all([camera], [depth], [mask])
+    view, known = plane_view(0.5), np.ones((40, 40), bool)
+    full = back_project_all([view])
+    known[20, 20] = False
+    less = back_project_all([view], [known])
     a, b = paired_samples(full, less, 300)
     assert len({tuple(p) for p in a} ^ {tuple(p) for p in b}) <= 2
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from plop.geometry.cameras import Camera, look_at
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.frame import CONVENTIONS, FrameOptions, composite_over_black, score_frame
-from plop.recordings.recording import MaskLabel, View
 
 CAMERA = Camera(
     "c",

@@ -1,27 +1,34 @@
 """The table over environments: shape, seeds, Markdown, markers."""
 
-import json
-
 import pytest
 
+from plop.artifacts.atomic_file import write_json
 from plop.errors import PlopError
+from plop.metrics.scores import PARTS, Scores
 from plop.metrics.table import collect, gains_to_markdown, replace_between_markers, to_markdown
+
+BOTH = ("plop", "persistence")
 
 
 def write_scores(path, shift=0.0, lpips=None):
     def parts(cd):
         return {part: {"cd_mm": cd + add, "lpips": lpips} for part, add in (("episode", 0), ("end", 2), ("start", 0))}
 
-    episodes = {
-        "a": {"plop": parts(1 + shift), "persistence": parts(4)},
-        "b": {"plop": parts(2 + shift), "persistence": parts(4)},
-    }
-    methods = {method: parts(0) for method in ("plop", "persistence")}
-    path.write_text(
-        json.dumps(
-            {"methods": methods, "episodes": episodes, "seed": 0, "conventions": {"cd_mm": "...", "lpips": "..."}}
-        )
+    scores = Scores(
+        environment="box",
+        method="plop",
+        seed=0,
+        conventions={"cd_mm": "...", "lpips": "..."},
+        unavailable={},
+        notes=(),
+        methods={method: {part: dict.fromkeys(("cd_mm", "lpips")) for part in PARTS} for method in BOTH},
+        better_than_persistence_percent={},
+        episodes={
+            "a": {"plop": parts(1 + shift), "persistence": parts(4)},
+            "b": {"plop": parts(2 + shift), "persistence": parts(4)},
+        },
     )
+    write_json(path, scores.to_json(), sort_keys=False)
     return path
 
 
@@ -88,11 +95,11 @@ def test_only_the_text_between_the_markers_changes():
         replace_between_markers(page, "other", "new")
 
 
-@pytest.mark.parametrize("content", [None, "{", "[]", '{"methods": {}}'])
+@pytest.mark.parametrize("content", [None, "{", "[]", '{"methods": {}}', '{"schema": 1, "methods": {}}'])
 def test_files_that_are_not_scores_are_named(tmp_path, content):
     path = tmp_path / "s.json"
     if content is not None:
         path.write_text(content)
-    with pytest.raises(PlopError, match="not scores") as caught:
+    with pytest.raises(PlopError, match="cannot be read|another version") as caught:
         collect({"e": path})
     assert "s.json" in caught.value.where

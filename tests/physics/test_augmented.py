@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
+from plop.dynamics.baselines import Persistence
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.model_io import save_model
 from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep, at_rest
-from plop.dynamics.model import PlopConfig, PlopModel
-from plop.dynamics.model_io import save_model
-from plop.dynamics.trivial import Persistence
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, innermost, load_model
 from plop.physics.adapters.augmented import AugmentedModel, _interpolated

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import polar
 
-from plop.physics.engine.elastic import kirchhoff_stress
+from plop.physics.engine.kernels.elastic import kirchhoff_stress
 from plop.physics.engine.material import ElasticLaw
 
 MU, LAME = 3.0, 7.0

@@ -11,7 +11,7 @@ import torch
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.dynamics.interface import ToolStep, at_rest
 from plop.errors import PlopError
-from plop.geometry.convex import convex_surface
+from plop.geometry.meshes.convex import convex_surface
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict
 from plop.physics.adapters.filled import EngineBase, filled_particles
 from plop.physics.adapters.filled_model import FilledEngineModel

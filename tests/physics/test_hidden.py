@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plop.errors import PlopError
-from plop.physics.adapters.response import scaled_to
+from plop.errors import PlopError, SignalTooWeakError
 from plop.physics.effects.library import library
-from plop.physics.scenes import hidden
+from plop.physics.hidden.choose import choose
+from plop.physics.hidden.response import scaled_to
+from plop.physics.hidden.wish import parse_hidden
 from plop.physics.scenes.scene import Scene
 from plop.physics.scenes.sealed import open_answer, seal_answer
-from plop.physics.scenes.wish import parse_hidden
 
 
 def test_hidden_effects_are_read_as_typed():
@@ -71,10 +71,10 @@ def test_the_amplitude_gives_the_wanted_signal(curve):
 
 BOTH_WAYS = """
 from dataclasses import replace
-from plop.physics.adapters.response import Response
+from plop.physics.hidden.response import Response
 from plop.physics.scenes.scene import Scene
 from plop.physics.scenes import find_scene
-from plop.physics.scenes.wish import parse_hidden
+from plop.physics.hidden.wish import parse_hidden
 from pathlib import Path
 
 scene = replace(Scene.read(find_scene(Path("block.toml"))), spacing_m=0.009, dx_m=0.018, episodes=2)
@@ -119,14 +119,14 @@ class EveryEffect:
 
 
 def test_random_draws_are_repeatable_various_and_never_decoys(monkeypatch):
-    monkeypatch.setattr(hidden, "Response", EveryEffect)
+    monkeypatch.setattr("plop.physics.hidden.choose.Response", EveryEffect)
     known, names = library(), []
     for seed in range(24):
         scene = Scene(seed=seed)
         one, again = (
             [
                 repr(effect)
-                for effect in hidden.choose(
+                for effect in choose(
                     scene, parse_hidden(["random", "random"]), snr=0.0, noise_floor_m=1e-3, effects=known
                 )
             ]
@@ -138,9 +138,9 @@ def test_random_draws_are_repeatable_various_and_never_decoys(monkeypatch):
 
 
 def test_too_much_signal_is_an_error_that_says_how_much_is_possible(monkeypatch):
-    monkeypatch.setattr(hidden, "Response", EveryEffect)
-    with pytest.raises(PlopError, match="cannot give the wanted signal") as caught:
-        hidden.choose(Scene(), parse_hidden(["viscosity"]), snr=1e4, noise_floor_m=1e-3, effects=library())
+    monkeypatch.setattr("plop.physics.hidden.choose.Response", EveryEffect)
+    with pytest.raises(SignalTooWeakError, match="cannot give the wanted signal") as caught:
+        choose(Scene(), parse_hidden(["viscosity"]), snr=1e4, noise_floor_m=1e-3, effects=library())
     assert "SNR" in str(caught.value.found)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.engine.tool_contact import tool_gap
+from plop.physics.engine.kernels.tool_contact import tool_gap
 from plop.physics.engine.tool_motion import ToolKind, ToolShape
 from plop.physics.scenes.tools import blade_mesh, box_mesh, cylinder_mesh
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from plop.pipeline.cluster import spread
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 
 
@@ -25,19 +27,18 @@ class PiecesConfig:
 def write_pieces(inputs: Inputs, config: PiecesConfig, out: Output) -> Summary:
     """Write one file a piece; keep those that an earlier run finished."""
     text = "".join(path.read_text() for path in sorted(inputs["raw"].path.iterdir()))
-    for piece in range(config.pieces):
-        name = f"piece_{piece}"
-        if not out.is_done(name):
-            with (out.path / "attempts.log.tmp").open("a") as log:
-                log.write(f"{name}\n")
-            draft = out.path / f"{name}.txt.tmp"
-            draft.write_text(text)
-            time.sleep(config.pause_s)
-            draft.write_text(f"{text}{piece + config.seed}\n")
-            os.replace(draft, out.path / f"{name}.txt")
-            out.mark_done(name)
-        out.progress(piece + 1, config.pieces, name)
+    out.map([f"piece_{number}" for number in range(config.pieces)], partial(_write_piece, text, config), jobs=1)
     return Summary(figures={"pieces": config.pieces, "environment": inputs["raw"].path.name})
+
+
+def _write_piece(text: str, config: PiecesConfig, name: str, out: Output) -> None:
+    with (out.path / "attempts.log.tmp").open("a") as log:
+        log.write(f"{name}\n")
+    draft = out.path / f"{name}.txt.tmp"
+    draft.write_text(text)
+    time.sleep(config.pause_s)
+    draft.write_text(f"{text}{int(name.removeprefix('piece_')) + config.seed}\n")
+    os.replace(draft, out.path / f"{name}.txt")
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,20 @@ def compare(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
     return Summary()
 
 
+def map_pieces(inputs: Inputs, config: PiecesConfig, out: Output) -> Summary:
+    """Write in each piece which process wrote it, wherever pieces are carried out."""
+    names = [f"piece_{k}" for k in range(config.pieces)]
+    list(spread(partial(write_process, out.path, config.pause_s), names, 1))
+    return Summary(figures={"environment": "blocks"})
+
+
+def write_process(folder: Path, pause_s: float, name: str) -> str:
+    """Write one piece."""
+    time.sleep(pause_s)
+    (folder / f"{name}.txt").write_text(str(os.getpid()))
+    return name
+
+
 def fail(inputs: Inputs, config: JoinConfig, out: Output) -> Summary:
     """Write half of something, then run out of disk."""
     (out.path / "half.tmp").write_text("half")
@@ -84,6 +99,7 @@ FIT = Stage(
 TRAIN = Stage(
     "train", 1, "Compare.", JoinConfig, {"recordings": RECORDINGS, "init": InputSpec(("fit-init",), "Fits.")}, compare
 )
+MAPPED = Stage("ingest", 1, "Map.", PiecesConfig, {"raw": InputSpec((), "A folder.")}, map_pieces)
 FULL_DISK = Stage("fuse", 1, "Fail.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, fail)
 
 

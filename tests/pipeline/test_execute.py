@@ -12,7 +12,7 @@ import pytest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop.pipeline.execute import Outcome, execute, plan
-from plop.pipeline.stage import Stage, Summary
+from plop.pipeline.stage import Choice, Stage, Summary
 from plop_cli.status import unfinished
 from tests.pipeline import fake_stages as fake
 
@@ -81,7 +81,7 @@ def test_optional_input_can_be_left_out(store: Store):
 def test_an_input_that_only_the_user_names_is_not_guessed(store: Store):
     ingest(store)
     fuse = run(store, fake.FUSE).artifact
-    spec = replace(fake.FIT.inputs["clouds"], only_named=True)
+    spec = replace(fake.FIT.inputs["clouds"], choice=Choice.NAMED)
     fit = replace(fake.FIT, inputs={**fake.FIT.inputs, "clouds": spec})
     assert set(sources(run(store, fit))) == {"recordings"}
     assert set(sources(run(store, fit, inputs={"clouds": fuse.address}))) == {"recordings", "clouds"}

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
@@ -40,11 +40,11 @@ def measured(first: int, effects: tuple[Effect, ...] = ()) -> list[Episode]:
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory) -> Callable[[list[Episode]], Diagnosis]:
+def told(tmp_path_factory) -> Callable[[list[Episode]], Conclusion]:
     folder: Path = tmp_path_factory.mktemp("jobs")
     reference = Measured(measured(20))
 
-    def run(episodes: list[Episode]) -> Diagnosis:
+    def run(episodes: list[Episode]) -> Conclusion:
         runs = Runs(folder, jobs=2)
         return diagnose(Measured(episodes), ENGINE, library(), runs, reference=reference, effects=EFFECTS, shams=99)
 
@@ -67,9 +67,9 @@ def test_a_hidden_effect_is_named_and_adding_it_lowers_the_error(told):
     assert best.name == "swelling" and best.passes(), (best, found.verdict)
     assert "swelling" in found.verdict.named and "drag" not in found.verdict.named
     value = best.parameters["rate_per_s"]
-    assert value["value"] == pytest.approx(HIDDEN["rate_per_s"], rel=0.3)
-    assert found.verdict.evidence["left"] < found.size.error
-    fitted = effect_type("swelling")(rate_per_s=value["value"])
+    assert value.value == pytest.approx(HIDDEN["rate_per_s"], rel=0.3)
+    assert found.verdict.evidence.left < found.size.error
+    fitted = effect_type("swelling")(rate_per_s=value.value)
     held_out = measured(10, (HIDDEN,))[:2]
     assert error_m(held_out, (fitted,)) < 0.6 * error_m(held_out, ())
 
@@ -77,6 +77,6 @@ def test_a_hidden_effect_is_named_and_adding_it_lowers_the_error(told):
 def test_nothing_hidden_nothing_detectable(told):
     found = told(measured(0))
     assert found.verdict.kind == "NOTHING DETECTABLE", found.verdict
-    assert found.verdict.named == []
+    assert found.verdict.named == ()
     limit = found.limits["swelling"]
     assert 0 < limit["amplitude"] < abs(HIDDEN["rate_per_s"]) and limit["unit"] == "1/s"

@@ -166,12 +166,12 @@ def test_a_misspelt_setting_is_found_before_anything_runs(
 @pytest.mark.parametrize("name", ["demo", "cpu", "cpu-recordings", "paper"])
 def test_profiles_fit_the_stages(name: str):
     profile = read_profile(name)
-    assert profile.seeds and profile.engine == (name == "cpu")
+    assert profile.seeds and profile.also == (("train.engine",) if name == "cpu" else ())
     for command, values in profile.settings.items():
         resolve(stage_ref(command).load().config, command, (name, values))
 
 
 def test_a_profile_takes_over_what_it_is_based_on():
     base, alone = read_profile("cpu"), read_profile("cpu-recordings")
-    assert alone.settings == base.settings and alone.seeds == base.seeds and base.engine and not alone.engine
+    assert alone.settings == base.settings and alone.seeds == base.seeds and base.also and not alone.also
     assert base.settings["identify"]["split"] == "train", "the engine learns from no test episode"

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.recording import MaskLabel, Recording
+from plop.geometry.view import MaskLabel
+from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet, check_patterns
 from tests.recordings.test_writer import write
 

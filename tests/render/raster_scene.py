@@ -6,7 +6,7 @@ from torch import Tensor
 
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera, look_at
-from plop.render.interface import Rendering
+from plop.render.rasterizer.interface import Rendering
 
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
 

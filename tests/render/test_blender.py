@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.render.blender import BlenderRenderer, blender_command, subdivided
-from plop.render.mesh_raycast import Look, MeshRenderer
-from plop.render.texture import SolidTexture
+from plop.render.virtual_cameras.blender import BlenderRenderer, blender_command, subdivided
+from plop.render.virtual_cameras.mesh_raycast import Look, MeshRenderer
+from plop.render.virtual_cameras.texture import SolidTexture
 from tests.render.box_sequence import box_sequence
 from tests.render.test_mesh_raycast import camera_aslant
 
@@ -69,7 +69,7 @@ def test_blender_draws_the_same_scene_from_the_same_place() -> None:
     with BlenderRenderer(sequence, LOOK, [camera], executable=os.environ["PLOP_BLENDER"], samples=8) as blender:
         for frame in range(2):
             view = exact.render(frame, camera)
-            drawn = blender.recolour(view, frame, camera)
+            drawn = blender.recolour(view, frame)
             body = view.mask == 1
             agree = np.corrcoef(view.rgb[body].ravel().astype(float), drawn.rgb[body].ravel().astype(float))[0, 1]
             assert agree > 0.85

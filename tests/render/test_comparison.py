@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from plop.geometry.cameras import Camera, look_at
+from plop.geometry.view import MaskLabel, View
 from plop.metrics.surface_distance import distance_map_mm, scale_end_mm
-from plop.recordings.recording import MaskLabel, View
-from plop.render.comparison import compared_views
-from plop.render.enlarge import Crop, enlarged, enlarged_mask
-from plop.render.panels import PANEL_PX, Layout, Titles, distance_colours, millimetres
+from plop.render.pictures.comparison import compared_views
+from plop.render.pictures.enlarge import Crop, enlarged, enlarged_mask
+from plop.render.pictures.panels import PANEL_PX, Layout, Titles, distance_colours, millimetres
 
 
 def camera(height: int = 60, width: int = 80) -> Camera:

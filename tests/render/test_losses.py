@@ -6,8 +6,7 @@ from torch.testing import assert_close
 
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
-from plop.recordings.recording import MaskLabel, View
-from plop.render.interface import Rendering
+from plop.geometry.view import MaskLabel, View
 from plop.render.losses import (
     RenderWeights,
     anisotropy_hinge,
@@ -17,6 +16,7 @@ from plop.render.losses import (
     target_from_view,
     target_over_measured,
 )
+from plop.render.rasterizer.interface import Rendering
 
 SIZE = 40
 

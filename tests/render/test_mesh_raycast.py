@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from plop.geometry.cameras import Camera, look_at
-from plop.recordings.recording import MaskLabel
-from plop.render.mesh_raycast import Light, Look, MeshRenderer
-from plop.render.texture import SolidTexture, seed_from
+from plop.geometry.view import MaskLabel
+from plop.render.virtual_cameras.mesh_raycast import Light, Look, MeshRenderer
+from plop.render.virtual_cameras.texture import SolidTexture, seed_from
 from tests.render.box_sequence import box_sequence
 
 TEXTURE = SolidTexture.from_seed(3)
@@ -51,7 +51,7 @@ def test_every_object_pixel_lies_on_the_box_and_every_silhouette_agrees_with_the
 
 
 def test_looking_only_where_something_moves_changes_no_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
-    from plop.render import mesh_raycast
+    from plop.render.virtual_cameras import mesh_raycast
 
     sequence, camera = box_sequence(), camera_aslant()
     quick = MeshRenderer(sequence, FLAT).render(2, camera)

@@ -10,8 +10,8 @@ from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
 from plop.geometry.rigid import pose_from_euler_xyz, quat_multiply, transform_points
-from plop.render.projection import LOW_PASS_PX2
-from plop.render.rasterize import render, render_many
+from plop.render.rasterizer.projection import LOW_PASS_PX2
+from plop.render.rasterizer.rasterize import render, render_many
 from tests.render.raster_scene import FIELDS, camera_at, random_gaussians, with_gradients
 
 BACKENDS = ("torch", "numba")

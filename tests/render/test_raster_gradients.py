@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from plop.gaussians.state import Gaussians
-from plop.render.interface import Rendering
-from plop.render.rasterize import render, render_many
+from plop.render.rasterizer.interface import Rendering
+from plop.render.rasterizer.rasterize import render, render_many
 from tests.render.gsplat_on_cpu import without_cuda
 from tests.render.raster_scene import FIELDS, camera_at, random_gaussians, relative_error, weighted_sum, with_gradients
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings.recording import MaskLabel
-from plop.render.recorder import Disturbances, cameras_of, disturbed_render
-from plop.render.settings import CameraSettings
-from plop.sensors.faults import parse_faults
+from plop.geometry.view import MaskLabel
+from plop.render.virtual_cameras.recorder import Disturbances, cameras_of, disturbed_render
+from plop.render.virtual_cameras.settings import CameraSettings
+from plop.sensors.faults.library import parse_faults
 from tests.render.box_sequence import box_sequence
 
 SETTINGS = CameraSettings(size=32, cameras=2, supersample=1)

@@ -7,10 +7,10 @@ import torch
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians, concatenate
 from plop.geometry.cameras import Camera, look_at
-from plop.recordings.recording import MaskLabel, View
+from plop.geometry.view import MaskLabel, View
+from plop.render.pictures.video import VideoWriter
+from plop.render.rasterizer.sh import C0
 from plop.render.scene import render_scene, tool_above_table
-from plop.render.sh import C0
-from plop.render.video import VideoWriter
 from plop.render.view_file import ViewFile, ViewWriter
 
 CAMERA = Camera(

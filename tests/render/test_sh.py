@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from plop.render.sh import sh_basis, sh_to_rgb
+from plop.render.rasterizer.sh import sh_basis, sh_to_rgb
 
 
 def test_basis_is_orthonormal_on_the_sphere():

@@ -6,51 +6,41 @@ import json
 import re
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from plop.artifacts.manifest import Manifest
+from plop.diagnosis.limits import Limit
+from plop.diagnosis.result import Ranked
+from plop.diagnosis.verdict import Reason
+from plop.parameters import Estimate
 from plop.pipeline.stage import Input, Output
 from stages.compare import stage as compare_stage
 from stages.compare.stage import CompareConfig
 from tests.support.compare_scene import make_inputs
+from tests.support.diagnoses import diagnosis, ranked, verdict
 
 NASTY = "<script>alert(1)</script>"
 
 
-def parameter(value: float, unit: str) -> dict:
-    return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": unit, "at_bound": False}
+def parameter(value: float, unit: str) -> Estimate:
+    return Estimate(value, 0.9 * value, 1.1 * value, unit)
 
 
-def ranked(effect: str, gain: float, p: float, reasons: list[str], kind: str = "physics") -> dict:
-    return {
-        "effect": effect,
-        "kind": kind,
-        "help": NASTY,
-        "gain": gain,
-        "gain_error": 0.05,
-        "p": p,
-        "size_mm": 1.5,
-        "parameters": {f"{effect}_pa_s": parameter(40.0, "Pa s")},
-        "reasons": reasons,
-    }
+def law(effect: str, gain: float, p: float, *reasons: Reason, **changes: Any) -> Ranked:
+    parameters = {f"{effect}_pa_s": parameter(40.0, "Pa s")}
+    return ranked(effect, parameters, help=NASTY, gain=gain, p=p, reasons=reasons, **changes)
 
 
-DIAGNOSIS = {
-    "schema": 1,
-    "error": 6.0,
-    "floor": 1.1,
-    "closed_share": 0.9,
-    "shams": {"count": 199},
-    "episodes": ["box_000"],
-    "verdict": {"kind": "EFFECT", "named": ["viscosity"], "text": "Missing: viscosity."},
-    "ranking": [ranked("viscosity", 0.7, 0.005, []), ranked("tilt", 0.01, 0.4, ["p = 0.400 > 0.02", "gain 1 %"])],
-    "base": ranked("base parameters", 0.0, 0.9, ["p = 0.900 > 0.02"], "base"),
-    "sensors": [],
-    "dropped": {},
-    "limits": {"adhesion": {"parameter": "traction_pa", "amplitude": 12.0, "unit": "Pa", "displacement_m": 2e-4}},
-}
+DIAGNOSIS = diagnosis(
+    verdict("EFFECT", "viscosity", text="Missing: viscosity."),
+    law("viscosity", 0.7, 0.005),
+    law("tilt", 0.01, 0.4, Reason.CHANCE, Reason.SMALL_GAIN),
+    base=law("base parameters", 0.0, 0.9, Reason.CHANCE, kind="base"),
+    limits={"adhesion": Limit(12.0, "Pa", "traction_pa", 2e-4)},
+)
 
 
 def with_manifest(path: Path, stage: str, mark: str, **sources: str) -> Input:
@@ -79,10 +69,10 @@ def report_inputs(folder: Path) -> dict[str, Input]:
             compare_stage.run(measured, CompareConfig(jobs=1, frames=1, pictures=False), Output(out))
             found[f"comparisons.{k}"] = with_manifest(out, "compare", f"cmp{k}", recordings="rec", model=f"model{k}")
             (folder / f"model_{k}").mkdir()
-            effects = [{"effect": "viscosity", "parameters": {"viscosity_pa_s": parameter(40.0, "Pa s")}}] * k
+            effects = [{"effect": "viscosity", "parameters": {"viscosity_pa_s": parameter(40.0, "Pa s").to_json()}}] * k
             (folder / f"model_{k}" / "model.json").write_text(json.dumps({"kind": "augmented", "effects": effects}))
             found[f"models.{k}"] = with_manifest(folder / f"model_{k}", "augment", f"model{k}", diagnosis="diag")
-    (folder / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
+    DIAGNOSIS.write(folder)
     found["diagnoses.0"] = with_manifest(folder, "diagnose", "diag", model="model0")
     return found
 

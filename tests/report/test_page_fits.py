@@ -6,16 +6,19 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html import escape, unescape
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.verdict import Reason
+from plop.parameters import NOT_DETERMINED, Estimate
 from plop.pipeline.stage import Input, Output
-from plop.statistics.determined import NOT_DETERMINED
 from stages.report.stage import ReportConfig, run
-from tests.report.report_inputs import DIAGNOSIS, parameter, ranked, visible, with_manifest
+from tests.report.report_inputs import DIAGNOSIS, law, visible, with_manifest
+from tests.support.diagnoses import ranked
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -30,25 +33,25 @@ FLAGS = (
 )
 LONG = "base_with_a_name_of_many_parts_that_nobody_would_want_to_type_twice"
 OPEN = {
-    "traction_pa": parameter(300.0, "Pa") | {"low": 184.0, "high": 7890.0},
-    "release_s": {"value": 0.1, "low": None, "high": None, "unit": "s", "chosen": True, "also": [0.03, 0.3]},
+    "traction_pa": Estimate(300.0, 184.0, 7890.0, "Pa", open=True),
+    "release_s": Estimate(0.1, unit="s", alternatives=(0.03, 0.3), fitted=False, open=True),
 }
-"""As a diagnosis of before wrote it, without "determined"."""
-WORSE = DIAGNOSIS | {
-    "ranking": [
-        ranked("viscosity", 0.7, 0.005, []),
-        ranked("adhesion", 0.2, 0.1, ["p"]) | {"parameters": OPEN},
-        *(ranked(name, -2.04, 1.0, ["gain -204.0 % <= 5 %"]) | {"gain_error": 3.1} for name in ("tilt", "fibres")),
-    ],
-    "base": ranked("stiffness", -2.0, 1.0, ["gain -200.0 % <= 5 %"], "base"),
-    "closed_share": -31.4,
-}
+WORSE = replace(
+    DIAGNOSIS,
+    ranking=(
+        law("viscosity", 0.7, 0.005),
+        ranked("adhesion", OPEN, gain=0.2, p=0.1, reasons=(Reason.CHANCE,)),
+        *(law(name, -2.04, 1.0, Reason.NO_HELP, gain_error=3.1) for name in ("tilt", "fibres")),
+    ),
+    base=law("stiffness", -2.0, 1.0, Reason.NO_HELP, kind="base"),
+    closed_share=-31.4,
+)
 KINDS = ("several", "one", "undiagnosed", "untested", "six")
 
 
-def diagnosed(folder: Path, facts: dict[str, Any]) -> Input:
+def diagnosed(folder: Path, found: Diagnosis) -> Input:
     folder.mkdir()
-    (folder / "diagnosis.json").write_text(json.dumps(facts))
+    found.write(folder)
     return with_manifest(folder, "diagnose", "diag", model="model0")
 
 
@@ -57,7 +60,7 @@ def pages(inputs, tmp_path_factory) -> dict[str, Path]:
     """Make one page of each kind of run."""
     folder = tmp_path_factory.mktemp("pages")
     two = {**inputs, "diagnoses.0": diagnosed(folder / "worse", WORSE)}
-    every = DIAGNOSIS | {"episodes": ["box_000", "box_001"]}
+    every = replace(DIAGNOSIS, episodes=("box_000", "box_001"))
     alone = {name: inputs[name] for name in ("recordings", "init", "comparisons.0", "models.0")}
     six = {
         f"comparisons.{k}": with_manifest(

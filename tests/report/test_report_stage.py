@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
 from stages.report.stage import ReportConfig, check_inputs, run
-from tests.report.report_inputs import DIAGNOSIS, NASTY, ranked, visible, with_manifest
+from tests.report.report_inputs import DIAGNOSIS, NASTY, law, visible, with_manifest
+from tests.support.diagnoses import verdict
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -65,7 +66,7 @@ def test_the_page_says_what_was_found(page):
 
 def test_only_the_first_of_several_reasons_is_written_out(page):
     html = page.read_text()
-    assert "<details><summary>p = 0.400 &gt; 0.02, and 1 more</summary>gain 1 %</details>" in html
+    assert "<details><summary>p = 0.400 &gt; 0.02, and 1 more</summary>gain 1.0 % &lt;= 5 %</details>" in html
 
 
 def test_episodes_that_were_fitted_to_are_not_called_held_out(page):
@@ -83,7 +84,7 @@ def test_nothing_is_called_held_out_when_the_fit_is_not_known(inputs, tmp_path):
 
 def test_the_page_says_which_episodes_were_held_out_of_the_fit(page, inputs, tmp_path):
     assert "Held out of every fit: box_001; fitted to: box_000." in visible(page)
-    (tmp_path / "diagnosis.json").write_text(json.dumps(DIAGNOSIS | {"episodes": ["box_000", "box_001"]}))
+    replace(DIAGNOSIS, episodes=("box_000", "box_001")).write(tmp_path)
     every = with_manifest(tmp_path, "diagnose", "diag", model="model0")
     summary = run({**inputs, "diagnoses.0": every}, ReportConfig(frames=2), Output(tmp_path))
     assert {row["over"] for row in summary.table} == {"all episodes, none held out"}
@@ -102,11 +103,10 @@ def test_what_the_base_was_fitted_to_is_not_held_out(inputs, tmp_path):
 
 
 def test_a_base_parameter_is_not_told_with_the_share_of_some_effect(inputs, tmp_path):
-    base = ranked("stiffness", 0.6, 0.005, [], "base")
-    for named, told in (([], True), (["stiffness"], False)):
-        verdict = {"kind": "BASE PARAMETER" if named else "NONE OF THESE", "named": named, "text": "It differs."}
-        facts = DIAGNOSIS | {"verdict": verdict, "base": base, "closed_share": 0.02}
-        (tmp_path / "diagnosis.json").write_text(json.dumps(facts))
+    base = law("stiffness", 0.6, 0.005, kind="base")
+    for named, told in (((), True), (("stiffness",), False)):
+        said = verdict("BASE PARAMETER" if named else "NONE OF THESE", *named)
+        replace(DIAGNOSIS, verdict=said, base=base, closed_share=0.02).write(tmp_path)
         given = with_manifest(tmp_path, "diagnose", "diag", model="model0")
         run({**inputs, "diagnoses.0": given}, ReportConfig(frames=2), Output(tmp_path))
         said = visible(tmp_path / "report.html")
@@ -116,8 +116,8 @@ def test_a_base_parameter_is_not_told_with_the_share_of_some_effect(inputs, tmp_
 
 def test_sensors_that_were_not_looked_for_are_not_called_sound(page, inputs, tmp_path):
     assert "No sensor fault was found." in visible(page)
-    diagnosis = inputs["diagnoses.0"]
-    blind = Input(diagnosis.path, replace(diagnosis.manifest, config={"sensors": False}))
+    replace(DIAGNOSIS, sensors=None).write(tmp_path)
+    blind = Input(tmp_path, inputs["diagnoses.0"].manifest)
     run({**inputs, "diagnoses.0": blind}, ReportConfig(frames=2), Output(tmp_path))
     said = visible(tmp_path / "report.html")
     assert "Sensor faults were not looked for." in said and "No sensor fault" not in said
@@ -217,3 +217,23 @@ def test_a_camera_that_is_not_there_is_refused_before_anything_else(inputs, tmp_
         check_inputs({"recordings": inputs["recordings"]}, ReportConfig(camera="cam_99"))
     assert "cam_00" in caught.value.expected and caught.value.found == "cam_99"
     check_inputs({"recordings": inputs["recordings"]}, ReportConfig(camera="cam_00"))
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"schema": 7}', '{"schema": 2, "verdict": {"kind": "EFFECT"}}'])
+def test_a_diagnosis_that_cannot_be_read_is_refused_with_its_place(inputs, tmp_path, content):
+    (tmp_path / "diagnosis.json").write_text(content)
+    with pytest.raises(PlopError) as caught:
+        run(
+            {**inputs, "diagnoses.0": with_manifest(tmp_path, "diagnose", "d", model="model0")},
+            ReportConfig(),
+            Output(tmp_path),
+        )
+    assert "diagnosis.json" in caught.value.where and "plop diagnose" in caught.value.fix
+
+
+@pytest.mark.parametrize("content", ["{", '{"estimates": {"youngs_modulus_pa": {"low": 3}}}', '{"effects": [{}]}'])
+def test_a_model_that_cannot_be_read_is_refused_with_its_place(inputs, tmp_path, content):
+    (tmp_path / "model.json").write_text(content)
+    with pytest.raises(PlopError) as caught:
+        run({**inputs, "models.0": with_manifest(tmp_path, "identify", "model0")}, ReportConfig(), Output(tmp_path))
+    assert "model.json" in caught.value.where and caught.value.fix

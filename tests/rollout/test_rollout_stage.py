@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import stages.rollout.stage as stage
-from plop.dynamics.trivial import Persistence
+from plop.dynamics.baselines import Persistence
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.trajectory import Trajectory

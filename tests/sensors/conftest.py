@@ -8,9 +8,9 @@ import pytest
 
 from plop.physics.scenes.demo import CutPlan, demo_episode
 from plop.recordings.readers.mesh.resample import resampled
-from plop.render.recorder import Disturbances, record
-from plop.render.settings import CameraSettings
-from plop.sensors.faults import parse_faults
+from plop.render.virtual_cameras.recorder import Disturbances, record
+from plop.render.virtual_cameras.settings import CameraSettings
+from plop.sensors.faults.library import parse_faults
 
 CAMERAS = [f"cam_{index:02d}" for index in range(6)]
 FAULTY = [

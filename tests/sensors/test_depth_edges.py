@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from plop.recordings.recording import View
-from plop.sensors.depth_edges import depth_steps, edge_alignment, tolerance_px
+from plop.geometry.view import View
+from plop.sensors.checks.depth_edges import depth_steps, edge_alignment, tolerance_px
 from tests.support.droid_scene import EXT1, Scene, exterior_poses, flange_path, world_from_tool
 
 SIZES = [(64, 48, 60.0), (160, 120, 140.0)]

@@ -11,12 +11,12 @@ import pytest
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
 from plop.sensors.correct import correct_view, found_faults
-from plop.sensors.estimate import estimate_sensors, pool
-from plop.sensors.faults import FAULTS
-from plop.sensors.fit import LEAST_SIGMA, fit_camera
-from plop.sensors.parameters import COUNT
-from plop.sensors.residuals import SYSTEMATIC_M, residuals
-from plop.sensors.scene import camera_scene, tool_track
+from plop.sensors.estimation.camera_frames import camera_scene, tool_track
+from plop.sensors.estimation.estimate import estimate_sensors, pool
+from plop.sensors.estimation.fit import LEAST_SIGMA, fit_camera
+from plop.sensors.estimation.parameters import COUNT
+from plop.sensors.estimation.residuals import SYSTEMATIC_M, residuals
+from plop.sensors.faults.library import FAULTS
 from tests.sensors.conftest import CAMERAS, film
 
 TRUE = {
@@ -117,7 +117,7 @@ def test_a_correction_undoes_the_faults(faulty, found):
             before, after = (_table_rms(view) for view in (raw, fixed.view))
             assert after < 0.00125 and (camera == "cam_03" or before > 2 * after)
         late = correct_view(recording, "cam_00", last, faults)
-        assert late.scene_time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
+        assert late.time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
         untouched = correct_view(recording, "cam_00", 0, found_faults([]))
         np.testing.assert_array_equal(untouched.view.depth_m, recording.view("cam_00", 0).depth_m)
 

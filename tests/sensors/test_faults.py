@@ -8,7 +8,7 @@ import pytest
 from plop.errors import PlopError
 from plop.geometry.cameras import look_at
 from plop.geometry.rigid import invert_rigid
-from plop.sensors.faults import FAULTS, Faults, frame_share, parse_faults
+from plop.sensors.faults.library import FAULTS, Faults, frame_share, parse_faults
 
 POSE = look_at(np.array([0.3, 0.1, 0.2]), np.zeros(3), np.array([0, 0, 1.0]))
 DEPTH = np.array([[0.3, 0.0], [0.5, 1.2]], np.float32)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.sensors.finding import Viewed, effect_m, joint_effect_m
-from plop.sensors.parameters import COUNT, SLICES
+from plop.sensors.estimation.finding import Viewed, effect_m, joint_effect_m
+from plop.sensors.estimation.parameters import COUNT, SLICES
 
 VIEWED = Viewed(np.array([0.0, 0.0, 0.4]), 0.05, 0.1)
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.recordings.recording import View
-from plop.sensors.support_plane import find_support, turned
+from plop.geometry.view import View
+from plop.sensors.checks.support_plane import find_support, turned
 from tests.support.droid_scene import EXT1, TABLE_Z, Scene, exterior_poses
 
 

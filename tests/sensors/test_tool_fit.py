@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.recordings.recording import View
-from plop.sensors.tool_fit import THROUGH, ToolLook, all_axes
+from plop.geometry.view import View
+from plop.sensors.checks.tool_fit import THROUGH, ToolLook, all_axes
 from tests.support.droid_scene import TABLE_Z, Scene, exterior_poses, flange_path, knife, world_from_tool
 
 POSE = world_from_tool(flange_path(2, high=0.2))[0]

@@ -17,9 +17,9 @@ from plop.pipeline.stage import Input
 from plop.recordings.recording import Camera, Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
+from plop.render.rasterizer.sh import C0
 from plop.render.rigid_motion import moved_rigidly
 from plop.render.scene import render_scene
-from plop.render.sh import C0
 
 STEP_M = 0.004
 """Each half moves this far a frame."""

@@ -11,8 +11,8 @@ import torch
 from plop.dynamics.episodes import Actions
 from plop.dynamics.interface import DynamicsModel, ParticleState, at_rest
 from plop.gaussians.state import Gaussians
-from plop.geometry.convex import convex_surface
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.convex import convex_surface
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import effect_type
 from plop.physics.engine.material import Material

@@ -10,16 +10,16 @@ import numpy as np
 import torch
 import trimesh
 
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.dynamics.interface import at_rest
-from plop.dynamics.model_io import MODEL_SCHEMA
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.pipeline.stage import Input
 from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.recordings.set import RecordingSet
-from plop.render.recorder import record
-from plop.render.settings import CameraSettings
+from plop.render.virtual_cameras.recorder import record
+from plop.render.virtual_cameras.settings import CameraSettings
 from tests.render.box_sequence import BLADE, BLADE_FACES, box_sequence
 
 FRAMES = 9

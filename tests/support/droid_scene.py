@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import pose_from_euler_xyz, transform_points
+from plop.geometry.view import MaskLabel
 from plop.recordings.readers.droid.writer import RawCamera, write_droid_episode
-from plop.recordings.recording import MaskLabel, Mesh
+from plop.recordings.recording import Mesh
 
 TABLE_Z = 0.02
 BLOCK = np.array([[0.46, -0.05, TABLE_Z], [0.54, 0.05, TABLE_Z + 0.06]])

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from plop.dynamics.cut import advance_sides
 from plop.dynamics.interface import ToolStep, at_rest
-from plop.dynamics.sides import advance_sides
 from plop.gaussians.splat_ply import write_splat
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera, look_at
 from plop.recordings.recording import Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
-from plop.render.rasterize import render
+from plop.render.rasterizer.rasterize import render
 from tests.dynamics.conftest import blade, block_of, pose
 
 FRAMES = 6

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 import trimesh
 
-from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.physics.adapters.base_io import base_to_dict
@@ -20,8 +20,8 @@ from plop.pipeline.stage import Input
 from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
-from plop.render.recorder import record
-from plop.render.settings import CameraSettings
+from plop.render.virtual_cameras.recorder import record
+from plop.render.virtual_cameras.settings import CameraSettings
 from tests.support.coarse_episodes import BASE, SCENE, gaussians
 
 POINTS = 500

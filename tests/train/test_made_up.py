@@ -10,8 +10,8 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from plop.dynamics.model import PlopModel
-from plop.dynamics.model_io import save_model
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.model_io import save_model
 from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
 from plop.models import trained_on
@@ -151,8 +151,8 @@ def test_a_stopped_run_keeps_the_episodes_that_were_made_up(inputs, tmp_path, mo
 
 
 def test_a_learned_model_makes_nothing_up(inputs, tmp_path):
-    from plop.dynamics.i2n import I2NConfig
-    from plop.dynamics.model import PlopConfig
+    from plop.dynamics.i2n.model import PlopConfig
+    from plop.dynamics.i2n.network import I2NConfig
 
     save_model(tmp_path / "learned", PlopModel(PlopConfig(network=I2NConfig(width=4))), training={})
     (tmp_path / "out").mkdir()

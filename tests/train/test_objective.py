@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from plop.dynamics.filtering import UpdateConfig
+from plop.dynamics.filter.particle_filter import UpdateConfig
 from plop.recordings.set import RecordingSet
 from stages.train.objective import SMOOTH_M, _Rollout, _track_error
 from stages.train.tracks import Track, load_track, track_episode

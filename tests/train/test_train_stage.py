@@ -14,7 +14,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from plop.dynamics.model import PlopModel
+from plop.dynamics.i2n.model import PlopModel
 from plop.errors import PlopError
 from plop.models import judges_of, load_model, trained_on
 from plop.pipeline.stage import Input, Output

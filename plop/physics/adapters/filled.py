@@ -8,8 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from plop.physics.effects import hooks
-from plop.physics.effects.effect import Effect
+from plop.physics.effects.effect import Effect, at_rest
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.fill import fill_surface
 from plop.physics.engine.material import Material
@@ -89,7 +88,7 @@ def filled_particles(
     damping = _SETTLE_DAMPING * _slowest_per_s(base.material, height_m)
     calm = replace(base.material, damping_per_s=damping)
     config = replace(base.config, table_z_m=table_z_m)
-    resting = hooks.at_rest(effects)
+    resting = at_rest(effects)
     for k, lasting in enumerate((*_SETTLE_ROUNDS, *(_SETTLE_ROUNDS[:1] * _MORE_ROUNDS)), 1):
         start = replace(particles, positions=wanted, velocities=None, affine=None)
         particles = simulate(start, calm, None, np.array([0, lasting / damping]), config, effects=resting).final

@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from plop.dynamics.cut_faces import narrowed_at_cut
+from plop.dynamics.cut import narrowed_at_cut
 from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
-from plop.gaussians.carried import carried
-from plop.geometry.convex import convex_surface
+from plop.gaussians.deformation import carried
+from plop.geometry.meshes.convex import convex_surface
 from plop.physics.adapters.filled import EngineBase, filled_particles
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.particles import Particles

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,73 +11,39 @@ from joblib import Parallel, delayed
 from scipy.stats import t as student
 
 from plop.errors import PlopError
+from plop.parameters import Estimate, Parameter
 from plop.physics.calibration.recorded_motion import Case
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
 from plop.statistics.cluster_robust import clusters
-from plop.statistics.determined import Allowed, determined
 
 _LEVELS = 6
 """How often a step may be shortened before the fit counts as converged."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """How one number of a `Material` is varied."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    step: float
-    """Finite difference, in the parameter's own scale."""
-    logarithmic: bool = False
-    """Vary the logarithm."""
-
-    def encode(self, value: float) -> float:
-        """Value -> coordinate of the fit."""
-        return float(np.log(np.clip(value, self.low, self.high))) if self.logarithmic else value
-
-    def decode(self, coordinate: float) -> float:
-        """Coordinate of the fit -> value, kept inside the bounds."""
-        value = float(np.exp(coordinate)) if self.logarithmic else coordinate
-        return float(np.clip(value, self.low, self.high))
+def _of_material(
+    name: str, unit: str, low: float, high: float, step: float, source: str, *, logarithmic: bool = False
+) -> Parameter:
+    given = getattr(Material(), name)
+    return Parameter(name, unit, low, high, step, default=given, logarithmic=logarithmic, source=source)
 
 
+_COULOMB = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
 PARAMETERS = {
     p.name: p
     for p in (
-        Parameter("youngs_modulus_pa", "Pa", 1e2, 1e8, 0.05, logarithmic=True),
-        Parameter("poisson", "-", 0.0, 0.49, -0.01),
-        Parameter("density_kg_m3", "kg/m^3", 20.0, 2e4, 0.05, logarithmic=True),
-        Parameter("damping_per_s", "1/s", 0.0, 200.0, 1.0),
-        Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, 2.0),
-        Parameter("table_friction", "-", 0.0, 2.0, 0.03),
-        Parameter("tool_friction", "-", 0.0, 2.0, 0.03),
-        Parameter("toughness_j_m2", "J/m^2", 0.0, 1e3, 2.0),
-        Parameter("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, logarithmic=True),
+        _of_material("youngs_modulus_pa", "Pa", 1e2, 1e8, 0.05, "Hooke's law", logarithmic=True),
+        _of_material("poisson", "-", 0.0, 0.49, -0.01, "Hooke's law"),
+        _of_material("density_kg_m3", "kg/m^3", 20.0, 2e4, 0.05, "Newton's second law", logarithmic=True),
+        _of_material("damping_per_s", "1/s", 0.0, 200.0, 1.0, "mass-proportional Rayleigh damping; Bathe 1996, ch. 9"),
+        _of_material("viscosity_pa_s", "Pa s", 0.0, 1e3, 2.0, "Kelvin-Voigt solid; Larson 1999"),
+        _of_material("table_friction", "-", 0.0, 2.0, 0.03, _COULOMB),
+        _of_material("tool_friction", "-", 0.0, 2.0, 0.03, _COULOMB),
+        _of_material("toughness_j_m2", "J/m^2", 0.0, 1e3, 2.0, "Griffith 1921; Atkins 2009, ch. 2"),
+        _of_material("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, "regularised Coulomb friction", logarithmic=True),
     )
 }
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One fitted parameter."""
-
-    value: float
-    low: float
-    """Lower end of the 95 % interval; -inf when the data do not say."""
-    high: float
-    """Upper end of the 95 % interval; inf when the data do not say."""
-    unit: str
-    at_bound: bool
-    """The fit ran into the allowed range: the number is a limit, not a measurement."""
-
-
-def is_determined(name: str, estimate: Estimate) -> bool:
-    """Tell whether the data determine a parameter, see `plop.statistics.determined`."""
-    p = PARAMETERS[name]
-    return determined(name, asdict(estimate), Allowed(p.low, p.high, p.step, p.logarithmic))
+"""The numbers of a `Material` that can be fitted, by name."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +191,7 @@ class _Fit:
             for p, c, w in zip(self.parameters, here, width, strict=True)
         ]
         return {
-            p.name: Estimate(v, low, high, p.unit, bool(b))
+            p.name: Estimate(v, low, high, p.unit, bool(b)).within(p)
             for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)
         }
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.jit import kernel
+from plop.physics.engine.kernels.tool_contact import tool_gap
 from plop.physics.engine.material import Material
-from plop.physics.engine.tool_contact import tool_gap
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
@@ -118,7 +115,7 @@ class Adhesion(Effect):
     variants = tuple({"release_s": release} for release in (0.03, 0.1, 0.3))
     remembers = {"bond": ((), 0.0), "slip": ((3,), 0.0)}
 
-    def before(self, body: Engine, dt: float) -> None:
+    def before(self, body: Body, dt: float) -> None:
         """Pull."""
         if body.tool_now[0] == 0:
             return

@@ -5,21 +5,18 @@ from __future__ import annotations
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.jit import kernel
+from plop.physics.engine.kernels.tool_contact import STIFFNESS, in_outline, tool_gap
 from plop.physics.engine.material import Material
-from plop.physics.engine.tool_contact import STIFFNESS, in_outline, tool_gap
 from plop.physics.engine.tool_motion import ToolKind
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
@@ -235,7 +232,7 @@ class Cohesion(Effect):
         """Energy of separation of a whole bond: the area under the traction [J/m^2]."""
         return self["traction_pa"] * self["opening_m"] / 2
 
-    def before(self, body: Engine, dt: float) -> None:
+    def before(self, body: Body, dt: float) -> None:
         """Join what the blade has just passed, wear it down, and pull."""
         partner, share, rest, normal, strength, peak = (body.memory[f"cohesion.{name}"] for name in self.remembers)
         kind, pose, faces, thickness = body.tool_now

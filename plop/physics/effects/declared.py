@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 from collections.abc import Iterator
 from difflib import get_close_matches
@@ -15,6 +14,7 @@ import numpy as np
 from plop.errors import PlopError
 from plop.parameters import Parameter
 from plop.physics.effects.effect import Effect, Kind
+from plop.physics.user_code import line_of
 
 HOOKS = ("material", "config", "before", "stress", "after", "slowest_step_s", "at_rest")
 TEXTS = ("name", "help", "law", "source")
@@ -152,34 +152,3 @@ def _mistaken_hooks(effect: type[Effect]) -> Iterator[Mistake]:
 
 def _seen(value: Any) -> str:
     return "nothing" if value is None else repr(value)[:80]
-
-
-def line_of(effect: type[Effect], name: str, path: Path) -> int:
-    """Find where a class, or a class of the same file that it derives from, sets a name.
-
-    Args:
-        effect: The class.
-        name: Of a class variable or a method.
-        path: The file.
-
-    Returns:
-        The line, counted from 1; where the class begins, if nothing sets it.
-    """
-    bases = [base.__name__ for base in effect.__mro__[: effect.__mro__.index(Effect)]]
-    classes = {node.name: node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ClassDef)}
-    for node in (classes[base] for base in bases if base in classes):
-        for statement in node.body:
-            if name in _names(statement):
-                return statement.lineno
-    return classes[effect.__name__].lineno if effect.__name__ in classes else 1
-
-
-def _names(statement: ast.stmt) -> list[str]:
-    match statement:
-        case ast.FunctionDef(name=name):
-            return [name]
-        case ast.Assign(targets=targets):
-            return [target.id for target in targets if isinstance(target, ast.Name)]
-        case ast.AnnAssign(target=ast.Name(id=name)):
-            return [name]
-    return []

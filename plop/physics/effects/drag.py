@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 
 class Drag(Effect):
@@ -28,7 +24,7 @@ class Drag(Effect):
     source = "Rayleigh's drag equation; Batchelor, An Introduction to Fluid Dynamics, 1967, ch. 5"
     amplitudes = (Parameter("per_m", "1/m", 0.0, 1e3, step=20.0, typical=200.0, help="drag coefficient c"),)
 
-    def before(self, body: Engine, dt: float) -> None:
+    def before(self, body: Body, dt: float) -> None:
         """Slow down; exact for a free body, v / (1 + c |v| dt), so that no step is too long."""
         speed = np.sqrt(np.einsum("ni,ni->n", body.v, body.v))
         body.v /= (1 + np.float32(self["per_m"] * dt) * speed)[:, None]

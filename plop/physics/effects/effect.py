@@ -1,25 +1,21 @@
 """What an effect is: one law with parameters that have units, a range, and a value that means 'absent'.
 
-A law acts through the hooks below; each does nothing unless an effect overrides it. The engine calls them
-in every time step with itself as `body`, whose arrays are those of the module `plop.physics.engine.engine`:
-`x`, `v`, `c`, `f`, `mass`, `volume`, `side`, `cut`, `number`, the effect's own arrays in `memory`, the
-tool's `pose` (see `kernel_poses`), and `extra`, the Kirchhoff stress that effects add. `body.material` and
-`body.elastic` are the base's parameters, `body.tool_now` is the tool as the kernels take it, and forces from
-table and tool that an effect adds should be counted in `body.impulse` [2, 3] [N s].
+A law acts through the hooks below; each does nothing unless an effect overrides it. The engine calls them in every time
+step with a `body`, whose arrays are those of `plop.physics.effects.body.Body`.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from plop.parameters import Parameter, checked_values
-
-if TYPE_CHECKING:
-    from plop.physics.engine.config import EngineConfig
-    from plop.physics.engine.engine import Engine
-    from plop.physics.engine.material import Material
+from plop.physics.effects.body import Body
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.law import Hook, call, misused
+from plop.physics.engine.material import Material
 
 Kind = Literal["physics", "decoy", "base"]
 
@@ -77,6 +73,10 @@ class Effect:
         """Tell whether all amplitudes are 0."""
         return all(self.values[p.name] == 0 for p in self.amplitudes)
 
+    def overrides(self, hook: Hook) -> bool:
+        """Tell whether the law's class has its own version of a hook of the time step."""
+        return getattr(type(self), hook) is not getattr(Effect, hook)
+
     def material(self, material: Material) -> Material:
         """Change the base's parameters before the run."""
         return material
@@ -89,13 +89,13 @@ class Effect:
         """Give the law under which an object comes to rest before its first frame: as it acts after a long time."""
         return self
 
-    def before(self, body: Engine, dt: float) -> None:
+    def before(self, body: Body, dt: float) -> None:
         """Act before a time step: forces change `body.v` in place."""
 
-    def stress(self, body: Engine, dt: float) -> None:
+    def stress(self, body: Body, dt: float) -> None:
         """Add Kirchhoff stress to `body.extra`, float32 [N, 6] (xx, yy, zz, xy, xz, yz) [Pa], in place."""
 
-    def after(self, body: Engine, dt: float) -> None:
+    def after(self, body: Body, dt: float) -> None:
         """Act after a time step: flow rules change `body.f` and the effect's memory in place."""
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
@@ -103,6 +103,14 @@ class Effect:
         return np.inf
 
 
-def overrides(effect: Effect, hook: str) -> bool:
-    """Tell whether an effect's class has its own version of a hook."""
-    return getattr(type(effect), hook) is not getattr(Effect, hook)
+def at_rest(effects: Sequence[Effect]) -> list[Effect]:
+    """Give the laws under which an object comes to rest.
+
+    Raises:
+        PlopError: The hook raised or gave no effect.
+    """
+    given = [(effect, call(effect, "at_rest")) for effect in effects]
+    for effect, resting in given:
+        if not isinstance(resting, Effect) or resting.name != effect.name:
+            raise misused(effect, "at_rest", f"an effect {effect.name}", repr(resting)[:80])
+    return [resting for _, resting in given]

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.jit import kernel
 from plop.physics.engine.material import Material
 from plop.physics.engine.time_step import wave_step_s
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 _ONE = np.float32(1)
 
@@ -59,7 +55,7 @@ class Fibres(Effect):
     shapes = (Parameter("angle_deg", "deg", -180.0, 180.0, step=0.0, help="direction, from x towards y"),)
     variants = tuple({"angle_deg": angle} for angle in (0.0, 45.0, 90.0, 135.0))
 
-    def stress(self, body: Engine, dt: float) -> None:
+    def stress(self, body: Body, dt: float) -> None:
         """Pull along the fibres."""
         angle = np.deg2rad(self["angle_deg"])
         half_pa = self["ratio"] * body.material.youngs_modulus_pa / 2

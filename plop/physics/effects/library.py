@@ -7,16 +7,16 @@ import importlib.util
 import inspect
 import pkgutil
 import sys
-import traceback
 from collections.abc import Iterable
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 
 import plop.physics.effects as package
-from plop.errors import PlopError, UserCodeError
-from plop.physics.effects.declared import check_declared, line_of
+from plop.errors import PlopError
+from plop.physics.effects.declared import check_declared
 from plop.physics.effects.effect import Effect
+from plop.physics.user_code import line_of, user_error
 
 EffectType = type[Effect]
 
@@ -118,21 +118,3 @@ def load_effect_file(path: Path) -> list[EffectType]:
     for effect in effects:
         check_declared(effect, path)
     return effects
-
-
-def user_error(path: Path, error: BaseException) -> PlopError:
-    """Say which line of a user's file an error came from."""
-    line = next(
-        (
-            frame.lineno
-            for frame in reversed(traceback.extract_tb(error.__traceback__))
-            if Path(frame.filename).resolve() == path.resolve()
-        ),
-        getattr(error, "lineno", None),
-    )
-    return UserCodeError(
-        "The effect file has an error.",
-        where=f"{path}, line {line}" if line else str(path),
-        found=f"{type(error).__name__}: {error}",
-        fix="Correct that line and run again.",
-    )

@@ -5,20 +5,17 @@ from __future__ import annotations
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import eigen_symmetric, left_cauchy_green
-from plop.physics.engine.elastic import kirchhoff_stress
 from plop.physics.engine.jit import kernel
-from plop.physics.engine.transfer import row_major
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
+from plop.physics.engine.kernels.elastic import kirchhoff_stress
+from plop.physics.engine.kernels.transfer import row_major
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)
@@ -61,7 +58,7 @@ def yield_flow(f, flow, law, mu, lam, yield_pa, hardening_pa):
     Takes:
         f: Elastic deformation gradient, updated, [N, 3, 3]; its volume and its rotation are kept.
         flow: Updated: equivalent plastic strain so far [N].
-        law, mu, lam: The base's law, see `plop.physics.engine.elastic`.
+        law, mu, lam: The base's law, see `plop.physics.engine.kernels.elastic`.
         yield_pa, hardening_pa: First yield stress; its growth with the plastic strain [Pa].
     """
     a, v, g = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
@@ -115,7 +112,7 @@ class Plasticity(Effect):
         """First yield stress [Pa]."""
         return 1e3 / self["softness_per_kpa"] if self["softness_per_kpa"] else np.inf
 
-    def after(self, body: Engine, dt: float) -> None:
+    def after(self, body: Body, dt: float) -> None:
         """Flow."""
         hardening_pa = 3 * self["hardening"] * body.material.shear_pa
         yield_flow(

@@ -5,17 +5,14 @@ from __future__ import annotations
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
 from copy import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import add_deviator, left_cauchy_green
 from plop.physics.engine.jit import kernel
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 _ONE = np.float32(1)
 
@@ -88,12 +85,12 @@ class Relaxation(Effect):
         resting._fades_at_once = True
         return resting
 
-    def stress(self, body: Engine, dt: float) -> None:
+    def stress(self, body: Body, dt: float) -> None:
         """Exchange part of the base's stress for the branch's."""
         shear_pa = np.float32(self["ratio"] * body.material.shear_pa)
         branch_stress(body.f, body.memory["relaxation.branch"], shear_pa, body.extra)
 
-    def after(self, body: Engine, dt: float) -> None:
+    def after(self, body: Body, dt: float) -> None:
         """Strain the branch and let it relax."""
         if self._fades_at_once:
             return

@@ -5,19 +5,16 @@ from __future__ import annotations
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import add_deviator, isochoric_strain
-from plop.physics.engine.elastic import kirchhoff_stress
 from plop.physics.engine.jit import kernel
-from plop.physics.engine.transfer import row_major
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
+from plop.physics.engine.kernels.elastic import kirchhoff_stress
+from plop.physics.engine.kernels.transfer import row_major
 
 _ONE = np.float32(1)
 
@@ -27,7 +24,7 @@ def softened_stress(f, peak, law, mu, lam, loss, scale, extra):
     """Take away the share that is lost below the largest strain so far.
 
     Takes:
-        f, law, mu, lam: Deformation gradient [N, 3, 3] and the base's law, see `plop.physics.engine.elastic`.
+        f, law, mu, lam: Deformation gradient [N, 3, 3] and the base's law, see `plop.physics.engine.kernels.elastic`.
         peak: Updated: largest I1bar - 3 so far [N].
         loss, scale: Largest share lost [-]; distance below the peak, in I1bar - 3, over which it is lost.
         extra: Added to, [N, 6] [Pa].
@@ -59,7 +56,7 @@ class Softening(Effect):
     variants = ({"strain": 0.02},)
     remembers = {"peak": ((), 0.0)}
 
-    def stress(self, body: Engine, dt: float) -> None:
+    def stress(self, body: Body, dt: float) -> None:
         """Reduce the base's deviatoric stress."""
         loss, scale = np.float32(self["loss"]), np.float32(3 * self["strain"] ** 2)
         softened_stress(body.f, body.memory["softening.peak"], *body.elastic, loss, scale, body.extra)

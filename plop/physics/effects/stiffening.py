@@ -4,20 +4,16 @@ from __future__ import annotations
 
 # Numba infers the types of kernels; their docstrings say what they take.
 # mypy: disallow-untyped-defs=False
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.strain import add_deviator, isochoric_strain, left_cauchy_green
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.jit import kernel
 from plop.physics.engine.material import Material
 from plop.physics.engine.time_step import wave_step_s
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 
 @kernel()
@@ -44,7 +40,7 @@ class Stiffening(Effect):
         Parameter("growth", "-", 0.0, 500.0, step=5.0, typical=100.0, help="growth of the modulus with I1bar - 3"),
     )
 
-    def stress(self, body: Engine, dt: float) -> None:
+    def stress(self, body: Body, dt: float) -> None:
         """Add the cubic term."""
         stiffening_stress(body.f, np.float32(self["growth"] * body.material.shear_pa), body.extra)
 

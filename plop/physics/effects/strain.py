@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
-from plop.physics.engine.elastic import determinant
-from plop.physics.engine.transfer import row_major
+from plop.physics.engine.kernels.elastic import determinant
+from plop.physics.engine.kernels.transfer import row_major
 
 _ZERO = np.float32(0)
 _ONE = np.float32(1)

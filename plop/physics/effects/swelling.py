@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plop.parameters import Parameter
+from plop.physics.effects.body import Body
 from plop.physics.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from plop.physics.engine.engine import Engine
 
 
 class Swelling(Effect):
@@ -32,6 +28,6 @@ class Swelling(Effect):
         """An object that grows never comes to rest: it does so before, and grows from the first frame on."""
         return type(self)()
 
-    def after(self, body: Engine, dt: float) -> None:
+    def after(self, body: Body, dt: float) -> None:
         """Grow."""
         body.f *= np.float32(np.exp(-self["rate_per_s"] * dt / 3))

@@ -10,7 +10,7 @@ from plop.physics.engine.material import Material
 
 
 class Toughness(Effect):
-    """Fracture energy beyond the base's, in `plop.physics.engine.toughness`; the sum is not below 0."""
+    """Fracture energy beyond the base's, in `plop.physics.engine.kernels.toughness`; the sum is not below 0."""
 
     name = "toughness"
     help = "cutting costs energy: the edge drags the material along"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from plop.physics.effects import hooks
-from plop.physics.effects.effect import Effect, overrides
-from plop.physics.engine import grid, tool_contact, toughness, transfer
+from plop.physics.engine import law
 from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.kernels import grid, tool_contact, toughness, transfer
+from plop.physics.engine.law import Hook, Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.time_step import highest_speed_m_s, run_step_s
@@ -40,25 +40,22 @@ class Engine:
         material: Material,
         tool: ToolMotion | None,
         config: EngineConfig,
-        effects: Sequence[Effect] = (),
+        effects: Sequence[Law] = (),
     ) -> None:
         self.effects = [effect for effect in effects if not effect.absent]
         for effect in self.effects:
-            material, config = hooks.changed(effect, "material", material), hooks.changed(effect, "config", config)
+            material, config = law.changed(effect, "material", material), law.changed(effect, "config", config)
         self.material, self.tool, self.config = material, tool, config
         self._take(particles)
         self.mass = (self.volume * material.density_kg_m3).astype(np.float32)
         self.memory = self._memories(particles)
         self.pose, self.impulse = np.zeros((6, 3), np.float32), np.zeros((2, 3))
-        self._hooks = {
-            hook: [effect for effect in self.effects if overrides(effect, hook)]
-            for hook in ("before", "stress", "after")
-        }
+        self._hooks = {hook: [effect for effect in self.effects if effect.overrides(hook)] for hook in get_args(Hook)}
         self.extra = np.zeros((len(self.x) if self._hooks["stress"] else 0, 6), np.float32)
         self.steps, self.halvings = 0, 0
         self._travelled, self._room = np.inf, 0
         self._constants()
-        limits = {repr(effect): hooks.slowest_step_s(effect, material, config) for effect in self.effects}
+        limits = {repr(effect): law.slowest_step_s(effect, material, config) for effect in self.effects}
         speed = highest_speed_m_s(self.v, self.tool)
         self._base_step_s = run_step_s(material, config, speed, limits, len(self.x))
 
@@ -281,9 +278,9 @@ class Engine:
         self.impulse[0] += self._impulses.sum(0, dtype=np.float64)
         return self.impulse
 
-    def _act(self, hook: str, dt: float) -> None:
+    def _act(self, hook: Hook, dt: float) -> None:
         for effect in self._hooks[hook]:
-            trouble = hooks.act(effect, hook, self, dt)
+            trouble = law.act(effect, hook, self, dt)
             if trouble is not None:
                 raise UnstableStepError(trouble, effect.name)
 

@@ -10,9 +10,10 @@ import numba
 from numba import njit
 
 from plop.compute.kernel_cache import watch_sources
+from plop.compute.plain import plain
 
-numba.config.THREADING_LAYER = "omp"
-"""Chosen, not probed: open3d brings an older TBB, and numba warns when it finds that one."""
+if not plain():  # chosen, not probed: open3d brings an older TBB, and numba warns when it finds that one
+    numba.config.THREADING_LAYER = "omp"
 
 _ENGINE = Path(__file__).parent
 
@@ -25,6 +26,6 @@ def kernel(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Callable
     """
 
     def compile_function(function: Callable[..., Any]) -> Callable[..., Any]:
-        return watch_sources(njit(parallel=parallel, fastmath=True, cache=True)(function), _ENGINE)
+        return watch_sources(njit(parallel=parallel, fastmath=True, cache=not plain())(function), _ENGINE)
 
     return compile_function

@@ -9,9 +9,9 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 
 from plop.errors import PlopError
-from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.engine import Engine, UnstableStepError
+from plop.physics.engine.law import Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.tool_motion import ToolMotion
@@ -50,7 +50,7 @@ def simulate(
     times: np.ndarray,
     config: EngineConfig | None = None,
     *,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[Law] = (),
     on_frame: Callable[[Engine, int], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EngineTrajectory:
@@ -142,15 +142,15 @@ def advance_safely(engine: Engine, start_s: float, end_s: float) -> np.ndarray:
 def _unstable(engine: Engine, time_s: float, reason: UnstableStepError) -> PlopError:
     material, parameter = engine.material, "youngs_modulus_pa"
     fix = "Give a smaller dt_s or courant; check that stiffness, density and tool speed are in Pa, kg/m^3 and m/s."
-    if reason.effect is not None:
-        parameter = f"effect {reason.effect}"
+    effects = " or ".join(effect.name for effect in engine.effects)
+    blamed = reason.effect if reason.effect is not None else effects if engine.config.dt_s is None else ""
+    if blamed:
+        parameter = f"effect {blamed}"
     elif engine.config.dt_s is not None:
         parameter = "dt_s"
-    elif engine.effects:
-        parameter = f"effect {' or '.join(effect.name for effect in engine.effects)}"
     elif material.viscosity_pa_s > material.youngs_modulus_pa * engine.longest_step_s:
         parameter = "viscosity_pa_s"
-    if parameter.startswith("effect "):
+    if blamed:
         fix = (
             "Choose a smaller amplitude; in an effect of your own, look at its hooks: `slowest_step_s` tells the "
             "engine to take shorter steps."

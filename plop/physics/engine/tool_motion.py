@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
-from plop.geometry.convex import sides_of
-from plop.geometry.tool import ToolGeometry
+from plop.geometry.meshes.convex import sides_of
+from plop.geometry.meshes.tool import ToolGeometry
 
 BLADE_ASPECT = 0.25
 """A tool whose smallest extent is a smaller share of its middle one is a blade: it parts what it passes. Any other

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plop.physics.engine import tool_contact, transfer
+from plop.physics.engine.kernels import tool_contact, transfer
 
 _SORTED = ("x", "v", "c", "f", "side", "fixed", "cut", "number")
 
@@ -55,7 +55,7 @@ class Tracers:
         self._report = np.zeros(chunks, np.float32)
 
     def mark_sides(self, pose: np.ndarray, faces: np.ndarray, thickness: np.ndarray, band: np.float32) -> None:
-        """See `plop.physics.engine.tool_contact.mark_sides`."""
+        """See `plop.physics.engine.kernels.tool_contact.mark_sides`."""
         tool_contact.mark_sides(
             self.x, self.side, self.cut, self.fixed, self.radius, pose, faces, thickness, band, self._bounds
         )
@@ -63,7 +63,7 @@ class Tracers:
     def carry(
         self, origin: np.ndarray, dims: np.ndarray, inv_dx: np.float32, step: np.float32, velocity: np.ndarray
     ) -> None:
-        """Move with the grid, see `plop.physics.engine.transfer.carry`."""
+        """Move with the grid, see `plop.physics.engine.kernels.transfer.carry`."""
         transfer.carry(
             self.x, self.v, self.c, self.f, self.side, self._bounds, origin, dims, inv_dx, step, velocity, self._report
         )

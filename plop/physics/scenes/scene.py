@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from plop.errors import PlopError
-from plop.physics.effects import hooks
-from plop.physics.effects.effect import Effect
+from plop.physics.effects.effect import Effect, at_rest
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
@@ -218,7 +217,7 @@ def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *
 
 def settled(particles: Particles, material: Material, config: EngineConfig, effects: Sequence[Effect]) -> Particles:
     """Let an object come to rest on the table, strongly damped; gives its state without speed."""
-    resting = hooks.at_rest(effects)
+    resting = at_rest(effects)
     damped = replace(material, damping_per_s=max(material.damping_per_s, _SETTLE_DAMPING_PER_S))
     for _ in range(_SETTLE_ROUNDS):
         particles = simulate(particles, damped, None, np.array([0.0, _SETTLE_S]), config, effects=resting).final

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.geometry.rigid import pose_from_euler_xyz
-from plop.geometry.tool import ToolGeometry
 from plop.physics.engine.tool_motion import ToolMotion
 
 _ASIDE = 0.15

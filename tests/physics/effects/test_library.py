@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.physics.effects import hooks
+from plop.physics.effects.effect import at_rest
 from plop.physics.effects.library import effect_type, library
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.engine import Engine
@@ -221,7 +221,7 @@ def test_a_law_at_rest_is_that_law(tmp_path, monkeypatch, body, told):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(USER.format(hook="def at_rest(self):", body=body))
     with pytest.raises(PlopError) as caught:
-        hooks.at_rest([library(["mine.py"])["mine"](a=0.5)])
+        at_rest([library(["mine.py"])["mine"](a=0.5)])
     assert told in f"{caught.value.where} {caught.value.expected}"
 
 
@@ -233,7 +233,7 @@ def test_a_law_of_one_s_own_may_be_a_kind_of_the_library_s(tmp_path, base):
     )
     kind = library([path])["mine"]
     law = kind(**{kind.amplitudes[0].name: kind.amplitudes[0].typical})
-    (resting,) = hooks.at_rest([law])
+    (resting,) = at_rest([law])
     assert type(resting) is kind and (resting.absent or resting.values == law.values)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from plop.dynamics.model_io import MODEL_SCHEMA
+from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.models import effects_of, load_model
 from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.effects import trust

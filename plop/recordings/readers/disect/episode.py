@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
+from plop.recordings.array_checks import Part
 from plop.recordings.readers.declared_units import (
     WORLD_FROM_UP,
     Declared,
@@ -29,7 +30,7 @@ from plop.recordings.readers.declared_units import (
     together,
 )
 from plop.recordings.readers.disect.usd_nodes import NODES, UsdNodes, read_usd_nodes
-from plop.recordings.readers.mesh.npz_file import Part, read_npz
+from plop.recordings.readers.mesh.npz_file import read_npz
 from plop.recordings.readers.mesh.sequence import MeshSequence, check_mesh_sequence
 from plop.recordings.readers.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from plop.errors import PlopError
-from plop.geometry.tool_damage import check_tool_mesh
+from plop.geometry.meshes.tool_checks import check_tool_mesh
 from plop.recordings.recording import Mesh
 
 LARGEST_M = 1.0

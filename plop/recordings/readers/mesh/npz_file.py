@@ -4,42 +4,12 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from plop.errors import PlopError
-
-
-@dataclass(frozen=True)
-class Part:
-    """What one array should be."""
-
-    shape: tuple[int | None, ...]
-    """None is any length."""
-    kinds: str = "buif"
-    """Kinds of numbers, as in `numpy.dtype.kind`."""
-    advice: Mapping[tuple[int | None, ...], str] = field(default_factory=dict)
-    """What to do about an array of a shape that is a known mistake."""
-
-    def misfit(self, array: np.ndarray | h5py.Dataset) -> tuple[str, str] | None:
-        """Tell what is expected and what is there instead; None when it fits. Nothing is read of a dataset."""
-        have = array.shape or ()
-        if _alike(have, self.shape) and (array.dtype.kind in self.kinds or 0 in have):
-            return None
-        numbers = "numbers" if "f" in self.kinds else "whole numbers"
-        lengths = " x ".join("n" if want is None else str(want) for want in self.shape)
-        return f"{numbers}, {lengths}", f"{array.dtype}, {' x '.join(map(str, have)) or 'a single value'}"
-
-    def fix(self, array: np.ndarray | h5py.Dataset) -> str | None:
-        """What to do about an array of another shape; None when nothing is known of it."""
-        return next((text for shape, text in self.advice.items() if _alike(array.shape or (), shape)), None)
-
-
-def _alike(have: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
-    return len(have) == len(wanted) and all(want in (None, length) for want, length in zip(wanted, have, strict=True))
+from plop.recordings.array_checks import Part
 
 
 def read_npz(

@@ -22,8 +22,9 @@ import numpy as np
 from plop.artifacts.atomic_file import whole, write_json
 from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
+from plop.recordings.array_checks import Part
 from plop.recordings.readers.declared_units import WorldFrame, declared_in_side_file, seconds_from
-from plop.recordings.readers.mesh.npz_file import Part, read_npz
+from plop.recordings.readers.mesh.npz_file import read_npz
 from plop.recordings.readers.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 MESH_SEQUENCE_SCHEMA = 1

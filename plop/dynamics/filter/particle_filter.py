@@ -1,0 +1,254 @@
+"""The particle filter over Gaussians: predict, update on the measured frame, resample (PLOP, Sec. III-C).
+
+The likelihood is the rendering loss. The update looks for the displacement field that lowers it: a smooth
+field on a coarse grid, u(x) = U0(x) + side U1(x), where U1 opens the cut between particles on its two
+sides, and isometry keeps neighbours together. Particles that no camera sees follow their surroundings, and what a
+pressing tool covers gives way to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from plop.dynamics.episodes import Actions, measured_views
+from plop.dynamics.filter.tool_contact import SolidTool
+from plop.dynamics.initial_surface import first_surface
+from plop.dynamics.interface import DynamicsModel, ParticleState, at_rest
+from plop.dynamics.losses.physical import Neighbourhood, isometry, local_rotations
+from plop.dynamics.particle_grid.grid import GridBox, fit_grid
+from plop.dynamics.particle_grid.kernels import Stencil, build_stencil
+from plop.dynamics.particle_grid.transfer import g2p
+from plop.gaussians.state import Gaussians
+from plop.geometry.rigid import (
+    matrix_to_quat,
+    quat_conjugate,
+    quat_from_rotation_vector,
+    quat_multiply,
+    rotation_vector_from_quat,
+)
+from plop.recordings.recording import Recording
+from plop.render.losses import RenderWeights, Target, render_loss
+from plop.render.rasterizer.rasterize import render
+
+
+@dataclass(frozen=True)
+class UpdateConfig:
+    """How the filter updates a predicted state; the defaults are written only here."""
+
+    iterations: int = 40
+    """Gradient steps a frame."""
+    views: int = 2
+    """Views in each of them, drawn in turn."""
+    cells_across: float = 7.0
+    """Cells of the displacement grid along the object's longest extent."""
+    step_m: float = 4e-4
+    """First step of Adam on the displacement [m]; falls to a tenth by a cosine."""
+    opacity_step: float = 0.02
+    """Step of Adam on the opacity logit [-]; 0 leaves opacities alone."""
+    isometry: float = 1.0
+    """Weight of the isometry term, counted in units of 0.1 m as depth is [-]."""
+    contact: float = 1.0
+    """Weight of how deep Gaussians lie inside a solid tool, in units of 0.1 m [-]; 0 lets them."""
+    smoothness: float = 0.3
+    """Weight of the difference between neighbouring grid nodes, in units of 0.1 m [-]."""
+    weights: RenderWeights = field(default_factory=RenderWeights)
+    """Weights of the rendering loss."""
+
+
+@dataclass(frozen=True)
+class FilterStep:
+    """One frame of the filter."""
+
+    frame: int
+    predicted: ParticleState
+    updated: ParticleState
+    innovation: dict[str, dict[str, float]]
+    """Per camera: {"l1", "depth_mm", "updated_l1", "updated_depth_mm"} of predicted and updated state."""
+
+
+def run_filter(
+    model: DynamicsModel,
+    recording: Recording,
+    initial: Gaussians,
+    config: UpdateConfig,
+    *,
+    cameras: list[str] | None = None,
+    generator: torch.Generator | None = None,
+    score: bool = True,
+) -> Iterator[FilterStep]:
+    """Filter one episode, frame by frame.
+
+    Args:
+        model: Predicts; also resamples.
+        recording: The episode.
+        initial: Gaussians at frame 0.
+        config: The update.
+        cameras: Cameras to use; all when absent.
+        generator: Draws what the model draws.
+        score: Measure the innovation per camera (costs two renderings a camera).
+
+    Yields:
+        Frames 1 to T - 1.
+    """
+    actions = Actions.of(recording, initial.means.device)
+    state = at_rest(initial, first_surface(recording, initial))
+    pairs = Neighbourhood.of(initial.means)
+    length = float((initial.means.amax(0) - initial.means.amin(0)).max())
+    for frame in range(1, len(actions)):
+        with torch.no_grad():
+            predicted = model.step(state, actions.step(frame - 1), generator=generator)
+        lineage = _first_ancestors(state.gaussians, predicted.gaussians)
+        if lineage is not None:
+            pairs, state = pairs.following(lineage), state.select(lineage)
+        views = measured_views(recording, frame, cameras, initial.means.device)
+        tool = SolidTool.of(actions.tool, actions.world_from_tool[frame])
+        updated = update(predicted, state.gaussians, views, pairs, length, config, tool)
+        innovation = _innovation(predicted, updated, views) if score else {}
+        yield FilterStep(frame, predicted, updated, innovation)
+        state = updated
+
+
+def _first_ancestors(before: Gaussians, after: Gaussians) -> Tensor | None:
+    """Row of `before` that each row of `after` descends from, by lineage and place; None if nothing changed."""
+    if len(before) == len(after) and torch.equal(before.ids, after.ids):
+        return None
+    # Several Gaussians may share an ancestor at frame 0: of those, take the nearest.
+    order = torch.argsort(before.ids, stable=True)
+    sorted_ids = before.ids[order]
+    low = torch.searchsorted(sorted_ids, after.ids)
+    high = torch.searchsorted(sorted_ids, after.ids, right=True)
+    best = order[low.clamp_max(len(order) - 1)]
+    distance = (before.means[best] - after.means).norm(dim=-1)
+    for step in range(1, int((high - low).max())):
+        other = order[(low + step).clamp_max(len(order) - 1)]
+        far = (before.means[other] - after.means).norm(dim=-1)
+        nearer = (low + step < high) & (far < distance)
+        best, distance = torch.where(nearer, other, best), torch.where(nearer, far, distance)
+    return best
+
+
+def settled(initial: Gaussians, views: list[Target], config: UpdateConfig, rounds: int) -> Gaussians:
+    """Update the first frame on its own views, so that it lies where later updates would put it.
+
+    A fit weighs colour, depth and shape otherwise than the update does: without this the first step moves the
+    object by that difference (0.15 mm in simulated recordings), which looks like motion from then on.
+
+    Args:
+        initial: Gaussians as fitted to frame 0.
+        views: Measured views of frame 0.
+        config: The update.
+        rounds: Updates; each begins with a full step again. With none the Gaussians stay as they are.
+    """
+    length = float((initial.means.amax(0) - initial.means.amin(0)).max())
+    for _ in range(rounds):
+        initial = update(at_rest(initial), initial, views, Neighbourhood.of(initial.means), length, config).gaussians
+    return initial
+
+
+class _Displacement:
+    """The unknowns of one update: two fields on a grid, and the opacity logits."""
+
+    def __init__(self, state: ParticleState, spacing_m: float) -> None:
+        means = state.gaussians.means
+        alone = torch.zeros(len(means), dtype=torch.int64, device=means.device)
+        self.box: GridBox = fit_grid(means, alone, 1, spacing_m, stride=1, room=1)
+        self.stencil: Stencil = build_stencil(means - self.box.origin[0], spacing_m, self.box.shape, "quadratic")
+        self.fields = means.new_zeros(self.box.size, 6).requires_grad_()
+        self.logits = torch.logit(state.gaussians.opacities.clamp(1e-4, 1 - 1e-4)).requires_grad_()
+        self.state = state
+
+    def shift(self) -> Tensor:
+        """Displacement of each particle, shape [N, 3] [m]."""
+        both = g2p(self.fields, self.stencil)
+        return both[:, :3] + self.state.side[:, None] * both[:, 3:]
+
+    def roughness(self) -> Tensor:
+        """Mean absolute difference between neighbouring nodes [m], scalar."""
+        grid = self.fields.reshape(*self.box.shape, 6)
+        parts = [grid.diff(dim=axis).abs().mean() for axis in range(3) if self.box.shape[axis] > 1]
+        return torch.stack(parts).mean()
+
+    def apply(self) -> Gaussians:
+        """The Gaussians, displaced."""
+        gaussians = self.state.gaussians
+        return gaussians.with_(means=gaussians.means + self.shift(), opacities=torch.sigmoid(self.logits))
+
+
+def update(
+    predicted: ParticleState,
+    before: Gaussians,
+    views: list[Target],
+    pairs: Neighbourhood,
+    length_m: float,
+    config: UpdateConfig,
+    tool: SolidTool | None = None,
+) -> ParticleState:
+    """Move a predicted state towards the measured views (Eq. 4).
+
+    Args:
+        predicted: Prediction for this frame.
+        before: State of the last frame, the same Gaussians in the same order.
+        views: Measured views; with none the prediction stays.
+        pairs: Neighbours at frame 0, indices into the predicted state.
+        length_m: Longest extent of the object [m].
+        config: The update.
+        tool: Where the tool is in this frame, if nothing can be inside it.
+
+    Returns:
+        Updated state; rotations follow the neighbourhoods' best rotation since the last frame.
+    """
+    if not views:
+        return predicted
+    unknown = _Displacement(predicted, length_m / config.cells_across)
+    intact = pairs.severed(predicted.side)
+    groups = [{"params": [unknown.fields], "lr": config.step_m}]
+    if config.opacity_step > 0:
+        groups.append({"params": [unknown.logits], "lr": config.opacity_step})
+    optimiser = torch.optim.Adam(groups)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.iterations, eta_min=config.step_m / 10)
+    unit = config.weights.depth_unit_m
+    for iteration in range(config.iterations):
+        moved = unknown.apply()
+        loss = (config.isometry * isometry(intact, moved) + config.smoothness * unknown.roughness()) / unit
+        if tool is not None and config.contact > 0:
+            loss = loss + config.contact * tool.overlap_m(moved.means) / unit
+        chosen = [views[(iteration * config.views + k) % len(views)] for k in range(min(config.views, len(views)))]
+        for view in chosen:
+            loss = loss + render_loss(render(moved, view.camera), view, config.weights)[0] / len(chosen)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+    with torch.no_grad():
+        return _with_motion(predicted, before, unknown.apply().detach(), intact)
+
+
+def _with_motion(predicted: ParticleState, before: Gaussians, moved: Gaussians, pairs: Neighbourhood) -> ParticleState:
+    turn = matrix_to_quat(local_rotations(pairs, before.means, moved.means, len(moved)))
+    # The shapes are the prediction's (an engine and a blade change them): turned back to the start, then as measured.
+    back = quat_conjugate(quat_from_rotation_vector(predicted.last_rotation))
+    quats = torch.nn.functional.normalize(quat_multiply(turn, quat_multiply(back, moved.quats)), dim=-1)
+    return replace(
+        predicted,
+        gaussians=moved.with_(quats=quats),
+        last_translation=moved.means - before.means,
+        last_rotation=rotation_vector_from_quat(turn),
+        has_history=True,
+    )
+
+
+def _innovation(predicted: ParticleState, updated: ParticleState, views: list[Target]) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    with torch.no_grad():
+        for view in views:
+            row = {}
+            for prefix, state in (("", predicted), ("updated_", updated)):
+                _, terms = render_loss(render(state.gaussians, view.camera), view)
+                row[f"{prefix}l1"] = float(terms["l1"])
+                row[f"{prefix}depth_mm"] = float(terms["depth_m"]) * 1e3
+            found[view.camera.name] = row
+    return found

@@ -1,0 +1,1 @@
+"""The PLOP model: I2N and what stands around it."""

@@ -1,0 +1,102 @@
+"""Model files: weights in safetensors, everything else in JSON beside them.
+
+model.safetensors    weights
+model.json           {"schema", "kind": "plop", "config": {...}, "training": {...}}
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from plop.artifacts.atomic_file import whole, write_json
+from plop.artifacts.layouts import Model
+from plop.dynamics.i2n.model import PlopConfig, PlopModel
+from plop.dynamics.i2n.network import I2NConfig
+from plop.dynamics.resampling import ResamplingConfig
+from plop.errors import PlopError
+
+MODEL_SCHEMA = 1
+
+
+def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | None = None) -> None:
+    """Write a model's two files, each whole or not at all.
+
+    Args:
+        folder: Existing folder.
+        model: The model.
+        training: Facts to keep beside it (JSON types).
+    """
+    weights = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
+    with whole(Model(folder).weights) as scratch:
+        save_file(weights, scratch)
+    facts = {"schema": MODEL_SCHEMA, "kind": "plop", "config": asdict(model.config), "training": dict(training or {})}
+    write_json(Model(folder).facts, facts)
+
+
+def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
+    """Read a model.
+
+    Args:
+        folder: Payload of `train`.
+        device: Where it shall run.
+
+    Returns:
+        The model in evaluation mode.
+
+    Raises:
+        PlopError: A file is missing, damaged or of another schema.
+    """
+    facts = read_facts(folder)
+    model = PlopModel(config_from_dict(facts["config"]))
+    path = Model(folder).weights
+    try:
+        model.load_state_dict(load_file(path))
+    except (OSError, SafetensorError, RuntimeError) as error:
+        raise PlopError(
+            "The model's weights cannot be read.",
+            where=path,
+            expected="weights that fit model.json",
+            found=str(error).splitlines()[0],
+            fix="Run `plop train` again.",
+        ) from error
+    return model.to(device).eval()
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """Read model.json and check its schema."""
+    path = Model(folder).facts
+    try:
+        facts: dict[str, Any] = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise PlopError(
+            "This is not a model.",
+            where=path,
+            expected="model.json of `plop train`",
+            found=str(error),
+            fix="Run `plop train`, or correct the address.",
+        ) from error
+    if facts.get("schema") != MODEL_SCHEMA:
+        raise PlopError(
+            "The model has another schema.",
+            where=path,
+            expected=f"schema {MODEL_SCHEMA}",
+            found=f"schema {facts.get('schema')}",
+            fix="Update plop, or train again.",
+        )
+    return facts
+
+
+def config_from_dict(data: Mapping[str, Any]) -> PlopConfig:
+    """Rebuild the configuration from its JSON form."""
+    parts = dict(data)
+    parts["network"] = I2NConfig(**parts["network"])
+    parts["resampling"] = ResamplingConfig(**parts["resampling"])
+    return PlopConfig(**parts)

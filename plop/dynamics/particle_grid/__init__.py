@@ -1,0 +1,1 @@
+"""A grid around the particles, and the transfers between both."""

@@ -1,0 +1,1 @@
+"""Calibrate cameras: boards, bundle adjustment, clocks, and whether their depth agrees."""

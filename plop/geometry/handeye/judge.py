@@ -1,0 +1,312 @@
+"""Judge hand-eye poses before their answer is used: consistent, of the right size, and with motion that can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from plop.geometry.handeye.fit import HandEyeFit, fit_hand_eye
+from plop.geometry.handeye.pairs import check_pose_pairs
+from plop.geometry.handeye.readings import other_readings
+from plop.geometry.rigid import invert_rigid
+
+NAMED_UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
+
+
+@dataclass(frozen=True)
+class HandEyeRule:
+    """When a hand-eye answer may be used.
+
+    Three right answers of real rigs let the board wander by 2.0 to 4.4 mm (0.4 to 0.7 % of its distance) and 0.1 to
+    0.7 deg; wrong readings of the same data by 79 to 344 mm and 18 to 33 deg. What cameras and robots add grows with
+    the distance, so the limit does; what a wrong reading adds grows with the motion, so it is limited by that, too.
+    """
+
+    max_spread_of_distance: float = 0.03
+    """Largest wandering of the board, relative to its mean distance from the camera: 4 times what right ones show."""
+    least_limit_mm: float = 8.0
+    """A limit below this would blame close boards for the robot's own error: twice what right ones show [mm]."""
+    max_spread_deg: float = 2.5
+    """Largest wandering of its orientation: four times what right ones show [deg]."""
+    max_of_motion: float = 1 / 3
+    """Largest wandering relative to the motion, whatever its size: wrong readings keep half of it and more."""
+    scale_tolerance: float = 0.01
+    """A scale this close to 1 is no error: 4 mm at 0.4 m, what right answers spread; a real, right set shows 0.979
+    (0.962 to 0.997)."""
+    max_uncertainty_mm: float = 15.0
+    """Largest standard error of where the camera puts things: twice it is the 30 mm within which `calibrate` can still
+    register cameras to each other [mm]."""
+    max_uncertainty_of_distance: float = 0.02
+    """It may be as large relative to the board's mean distance: what large rigs see is farther, and coarser."""
+    doubtful_uncertainty_mm: float = 5.0
+    """A larger one is told [mm]."""
+    longest_on_gripper_m: float = 0.3
+    """What sits on the gripper (camera, or board) is taken to be nearer to it than this, or at least nearer than twice
+    the distance of the other thing from the base: else both poses are inverted, which is as consistent [m]."""
+    clearly: float = 3.0
+    """Another reading is named when it lets the board wander this much less than the given one, and all are that
+    wander at most this much more than the best."""
+
+
+RULE = HandEyeRule()
+
+
+class HandEyeFault(Enum):
+    """Why an answer is not used."""
+
+    NONE = "none"
+    INCONSISTENT = "inconsistent"
+    SCALE = "scale"
+    UNDETERMINED = "undetermined"
+    ROLES = "roles"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What hand-eye poses are worth."""
+
+    fault: HandEyeFault
+    fit: HandEyeFit
+    """As given."""
+    scaled: HandEyeFit
+    """With the board's scale fitted."""
+    limit_mm: float
+    """Largest wandering of the board that passes [mm]."""
+    limit_deg: float
+    """The same of its orientation [deg]."""
+    limit_uncertainty_mm: float
+    """Largest standard error that passes [mm]."""
+    on_gripper_m: float
+    """Distance from the gripper of what sits on it: the camera, or the board of a fixed camera [m]."""
+    at_base_m: float
+    """Distance from the base of the other one [m]."""
+    likely: tuple[str, ...] = ()
+    """Other readings that would make the set consistent, with camera and board in likely places."""
+    unlikely: tuple[str, ...] = ()
+    """The same, but the board behind the camera, or what sits on the gripper farther away than the base."""
+    turns: tuple[float, float] | None = None
+    """Turns of robot and board between the same two poses where they differ most, when they differ [deg]."""
+
+    @property
+    def scale_is_off(self) -> bool:
+        """Tell whether the board's scale differs from 1 beyond its interval."""
+        low, high = self.scaled.scale_interval
+        return not low <= 1 <= high
+
+    def why(self, square_mm: float | None = None) -> str:
+        """Say in one sentence why the answer is not used; empty when it may be.
+
+        Args:
+            square_mm: Edge of a square as told, where the board was looked for with it [mm].
+        """
+        if self.fault is HandEyeFault.SCALE:
+            return self.scale_text(square_mm)
+        if self.fault is HandEyeFault.UNDETERMINED:
+            return (
+                f"the motion is too small, or too much about one axis, for its noise ({_mm(self.fit.spread_mm)}, "
+                f"{self.fit.spread_deg:.1f} deg): it leaves the camera's place open by "
+                f"{_mm(self.fit.uncertainty_mm)} (limit {self.limit_uncertainty_mm:.0f}). Record "
+                "more poses that turn by 20 degrees and more about two axes"
+            )
+        if self.fault is HandEyeFault.NONE:
+            return ""
+        if self.fault is HandEyeFault.ROLES:
+            return (
+                f"what sits on the gripper would be {self.on_gripper_m:.2f} m away from it, what stands still "
+                f"{self.at_base_m:.2f} m from the robot's base{self._otherwise('it would be the other way round')}"
+            )
+        moves = (
+            f"the board, which stands still, would move by {_mm(self.fit.spread_mm)} "
+            f"and {self.fit.spread_deg:.1f} deg (limits {self.limit_mm:.1f} mm, {self.limit_deg:.1f} deg)"
+        )
+        if self.likely or self.unlikely:
+            return f"{moves}{self._otherwise('it would stay where it is')}"
+        if self.turns is not None:
+            return (
+                f"{moves}; between two poses the robot turns by {self.turns[0]:.0f} deg and the board by "
+                f"{self.turns[1]:.0f}: check that the pairs belong together, and the convention and unit of the "
+                "rotations"
+            )
+        return (
+            f"{moves}; robot and board turn alike, so that their positions are wrong: check units, and which frame "
+            "the positions are of"
+        )
+
+    def _otherwise(self, then: str) -> str:
+        """Tell the readings that would mend it, the likely ones first."""
+        first, second = (self.likely, self.unlikely) if self.likely else (self.unlikely, ())
+        said = f"; {then} if {', or if '.join(first)}" if first else ""
+        return said + (
+            f" (less likely, for where camera and board would be: if {', or if '.join(second)})" if second else ""
+        )
+
+    @property
+    def doubtful(self) -> bool:
+        """Tell whether the motion leaves the camera's place more open than one likes."""
+        return self.fit.uncertainty_mm > RULE.doubtful_uncertainty_mm
+
+    def scale_text(self, square_mm: float | None = None, *, advise: bool = True) -> str:
+        """Name the board's scale with its interval, and what to do if `advise`."""
+        scale, (low, high) = self.scaled.scale, self.scaled.scale_interval
+        for factor, unit in NAMED_UNITS.items():
+            for value, whose in ((factor, "board"), (1 / factor, "robot")):
+                if abs(scale / value - 1) < 0.05:
+                    return (
+                        f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): give "
+                        "both in metres"
+                    )
+        told = square_mm or 30.0
+        said = f"scale {scale:.3f} ({low:.3f} to {high:.3f})"
+        if square_mm:
+            what = f"the board's squares are {told * scale:.1f} mm, not {told:.1f}: {said}"
+        else:
+            what = f"the board's size is wrong: {said}; squares told as {told:.0f} mm are {told * scale:.1f} mm"
+        return what + (
+            "; measure the board and give its size, or take the fitted one with --fit-board-scale" if advise else ""
+        )
+
+
+def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mount: str) -> Judgement:
+    """Tell whether pairs of poses give an answer that may be used, and if not, what would explain them.
+
+    Args:
+        base_from_gripper: Shape [N, 4, 4] [m].
+        cam_from_board: Shape [N, 4, 4] [m].
+        mount: "wrist" or "fixed".
+
+    Raises:
+        PlopError: The poses cannot be used at all (see `check_pose_pairs`).
+    """
+    robot, board = check_pose_pairs(base_from_gripper, cam_from_board)
+    moving = moving_poses(robot, mount)
+    limits = _limits(moving, board)
+    fit, scaled = fit_hand_eye(moving, board), fit_hand_eye(moving, board, free_scale=True)
+    places = _places(fit, mount)
+    fault = _fault(fit, scaled, (*limits, _open_limit(board)), places)
+    if fault not in (HandEyeFault.INCONSISTENT, HandEyeFault.ROLES):
+        return Judgement(fault, fit, scaled, *limits, _open_limit(board), *places)
+    given = None if fault is HandEyeFault.ROLES else fit
+    likely, unlikely = consistent_readings(robot, board, mount, given)
+    if given is None:  # the given one is consistent, too: only what puts things into likely places says more
+        unlikely = ()
+    elif not likely + unlikely and _consistent(fit, _noise_limits(board)):
+        fault = HandEyeFault.UNDETERMINED  # no more than noise, but a third of what the robot moved
+    return Judgement(
+        fault,
+        fit,
+        scaled,
+        *limits,
+        _open_limit(board),
+        *places,
+        likely,
+        unlikely,
+        _different_turns(robot, board, limits[1]),
+    )
+
+
+def moving_poses(robot: np.ndarray, mount: str) -> np.ndarray:
+    """Give the poses of what moves against the board's place: gripper in base, or base in gripper."""
+    return robot if mount == "wrist" else invert_rigid(robot)
+
+
+def consistent_readings(
+    robot: np.ndarray, board: np.ndarray, mount: str, given: HandEyeFit | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Name the other readings that make a set consistent, clearly better than as given; likely ones, unlikely ones.
+
+    Args:
+        robot: base_from_gripper, shape [N, 4, 4] [m].
+        board: cam_from_board, shape [N, 4, 4] [m].
+        mount: "wrist" or "fixed".
+        given: The fit of the poses as given; None where they are consistent.
+    """
+    values: dict[str, float] = {}
+    likely: dict[str, bool] = {}
+    for reading in other_readings(robot, board, mount):
+        moving = moving_poses(reading.robot, reading.mount)
+        if not (np.isfinite(moving).all() and np.isfinite(reading.board).all()):
+            continue
+        limits = _limits(moving, reading.board)
+        if not _consistent(fit_hand_eye(moving, reading.board, steps=1), tuple(5 * each for each in limits)):
+            continue  # the closed form of a right reading is near already
+        fit = fit_hand_eye(moving, reading.board)
+        if _consistent(fit, limits) and fit.uncertainty_mm <= _open_limit(reading.board):
+            value = _value(fit, reading.board)
+            if value < values.get(reading.name, np.inf):
+                values[reading.name] = value
+                on_gripper, at_base = _places(fit, reading.mount)
+                likely[reading.name] = on_gripper < at_base and bool((reading.board[:, 2, 3] > 0).all())
+    least = min(values.values(), default=0.0)
+    if given is not None and least * RULE.clearly > _value(given, board):
+        return (), ()
+    named = sorted((n for n in values if values[n] <= max(RULE.clearly * least, 1e-3)), key=values.__getitem__)
+    return tuple(n for n in named if likely[n]), tuple(n for n in named if not likely[n])
+
+
+def _places(fit: HandEyeFit, mount: str) -> tuple[float, float]:
+    """Give the distances of the thing on the gripper and of the thing that stands still [m]."""
+    ends = [float(np.linalg.norm(pose[:3, 3])) for pose in (fit.moving_from_cam, fit.fixed_from_board)]
+    return (ends[0], ends[1]) if mount == "wrist" else (ends[1], ends[0])
+
+
+def _fault(
+    fit: HandEyeFit, scaled: HandEyeFit, limits: tuple[float, float, float], places: tuple[float, float]
+) -> HandEyeFault:
+    low, high = scaled.scale_interval
+    off = low > 1 + RULE.scale_tolerance or high < 1 - RULE.scale_tolerance
+    if off and scaled.scale > 0 and _consistent(scaled, limits):
+        return HandEyeFault.SCALE
+    if not _consistent(fit, limits):
+        return HandEyeFault.INCONSISTENT
+    if fit.uncertainty_mm > limits[2]:
+        return HandEyeFault.UNDETERMINED
+    on_gripper, at_base = places
+    return HandEyeFault.ROLES if on_gripper > max(RULE.longest_on_gripper_m, 2 * at_base) else HandEyeFault.NONE
+
+
+def _consistent(fit: HandEyeFit, limits: Sequence[float]) -> bool:
+    return fit.spread_mm <= limits[0] and fit.spread_deg <= limits[1]
+
+
+def _noise_limits(board: np.ndarray) -> tuple[float, float]:
+    """Give what cameras and robots may add, whatever the motion [mm, deg]."""
+    distance = float(np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
+    return max(RULE.max_spread_of_distance * distance, RULE.least_limit_mm), RULE.max_spread_deg
+
+
+def _open_limit(board: np.ndarray) -> float:
+    distance = float(np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
+    return max(RULE.max_uncertainty_mm, RULE.max_uncertainty_of_distance * distance)
+
+
+def _limits(moving: np.ndarray, board: np.ndarray) -> tuple[float, float]:
+    motion = max(np.linalg.norm(p[:, :3, 3] - p[:, :3, 3].mean(0), axis=1).mean() for p in (moving, board)) * 1e3
+    turns = [Rotation.from_matrix(poses[:, :3, :3]) for poses in (moving, board)]
+    turned = np.rad2deg(max((each.mean().inv() * each).magnitude().mean() for each in turns))
+    noise = _noise_limits(board)
+    return float(min(noise[0], RULE.max_of_motion * motion)), float(min(noise[1], RULE.max_of_motion * turned))
+
+
+def _value(fit: HandEyeFit, board: np.ndarray) -> float:
+    return fit.spread_mm + float(np.deg2rad(fit.spread_deg) * np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
+
+
+def _different_turns(robot: np.ndarray, board: np.ndarray, limit_deg: float) -> tuple[float, float] | None:
+    """Compare turns between the same two poses: they do not depend on frames, so that only wrong rotations differ."""
+    first, second = np.triu_indices(len(robot), 1)
+    a, b = (
+        np.rad2deg((r[first].inv() * r[second]).magnitude())
+        for r in (Rotation.from_matrix(poses[:, :3, :3]) for poses in (robot, board))
+    )
+    if np.sqrt(np.mean((a - b) ** 2)) <= 2 * limit_deg:
+        return None
+    worst = int(np.argmax(np.abs(a - b)))
+    return float(a[worst]), float(b[worst])
+
+
+def _mm(value: float) -> str:
+    return f"{value:.1f} mm" if value < 100 else f"{value:.0f} mm" if np.isfinite(value) else "any distance"

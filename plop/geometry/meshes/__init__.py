@@ -1,0 +1,1 @@
+"""Triangle meshes: closed surfaces, and the tool."""

@@ -1,0 +1,1 @@
+"""The kernels of the time step, compiled by numba."""

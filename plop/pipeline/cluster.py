@@ -1,0 +1,229 @@
+"""Carry out tasks on a Dask cluster: each stage run is one piece, and what does not wait for another runs beside it.
+
+Workers see the workspace under the same path, and have the same plop. What a run makes is the same as without a
+cluster: an artifact is written whole, by whoever makes it. A worker that is lost costs the runs that it was at: these
+begin again elsewhere, and go on from the pieces that are finished.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from plop.artifacts.store import Store
+from plop.compute.cluster import connected
+from plop.errors import PlopError
+from plop.physics.effects.trust import trusting
+from plop.pipeline.execute import Outcome, execute
+from plop.pipeline.listener import Listener
+from plop.pipeline.registry import StageRef
+from plop.pipeline.tasks import Finished, Runner, Task, addresses, given, in_order
+
+
+@contextmanager
+def runner(
+    store: Store,
+    listener: Callable[[Task], Listener],
+    *,
+    scheduler: str | None = None,
+    keep_going: bool = False,
+    trust_effects: bool = False,
+) -> Iterator[Runner]:
+    """Give what carries out tasks: this process, or the workers of a Dask scheduler.
+
+    Args:
+        store: The workspace.
+        listener: Gives who is told what a task does.
+        scheduler: Address of the scheduler.
+        keep_going: Whether a failure stops only what needs it.
+        trust_effects: Whether workers run the effect files that came inside a model.
+
+    Raises:
+        PlopError: Nobody answers at the address.
+    """
+    if not scheduler:
+        yield Runner(store, listener, keep_going)
+        return
+    with connected(scheduler) as client:
+        store.root.mkdir(parents=True, exist_ok=True)
+        yield ClusterRunner(store, listener, keep_going, client=client, trust_effects=trust_effects)
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a worker tells of a run."""
+
+    key: tuple[str, str]
+    skipped: bool
+    seconds: float
+    warnings: list[str]
+
+
+@dataclass
+class ClusterRunner(Runner):
+    """Carries out tasks on the workers of a Dask scheduler."""
+
+    client: Any = None
+    """The `distributed.Client`."""
+    trust_effects: bool = False
+
+    def run(self, tasks: Iterable[Task]) -> Finished:
+        """Carry out tasks and all that they need; give each as it finishes.
+
+        Raises:
+            PlopError: One fails, unless `keep_going`; or workers or the scheduler are lost.
+        """
+        from distributed import as_completed
+
+        running: dict[Any, Task] = {}
+        made: dict[Task, Any] = {}
+        try:
+            for task in in_order(tasks):
+                if self._runs_here(task):
+                    outcome = self._here(task, made)
+                    made[task] = Made(outcome.artifact.key, outcome.skipped, outcome.seconds, [])
+                    yield task, outcome
+                else:
+                    made[task] = self._submitted(task, addresses(task, made))
+                    running[made[task]] = task
+            if running and not self.client.scheduler_info()["workers"]:
+                self.listener(next(iter(running.values()))).warn("the scheduler has no workers yet; waiting for some")
+            for future in as_completed(list(running)):
+                yield running[future], self._outcome(running[future], future)
+        finally:
+            with suppress(Exception):  # whatever ends this, a lost scheduler included: nobody waits for the rest
+                self.client.cancel([future for future in running if not future.done()], force=True)
+
+    def _runs_here(self, task: Task) -> bool:
+        """Tell whether a task is there already, or hands out its own work to the scheduler."""
+        return (task.there is not None and not task.force) or _hands_out(task.config)
+
+    def _here(self, task: Task, made: Mapping[Task, Any]) -> Outcome:
+        """Carry out a task in this process, once what it needs is made."""
+        keys = {}
+        for other in task.before:
+            result = self._result(made[other])
+            if isinstance(result, PlopError):
+                raise result
+            keys[other] = "@".join(result.key)
+        if _hands_out(task.config):
+            task.config = replace(task.config, scheduler=self.client.scheduler.address)
+        return self.one(task, given(addresses(task, keys)))
+
+    def _submitted(self, task: Task, inputs: Mapping[str, Any]) -> Any:
+        facts = (task.ref, str(self.store.workspace), task.config, task.force, self.trust_effects, _version())
+        command = task.ref.command.replace(" ", "-")
+        return self.client.submit(make, *facts, dict(inputs), key=f"{command}-{task.about}-{id(task):x}", pure=False)
+
+    def _outcome(self, task: Task, future: Any) -> Outcome | PlopError:
+        result = self._result(future)
+        if isinstance(result, PlopError):
+            if not self.keep_going:
+                raise result
+            self.failed[task] = result
+            return result
+        artifact = self.store.get(*result.key)
+        if artifact is None:
+            raise PlopError(
+                "A worker made an artifact that is not in the workspace here.",
+                where=self.store.workspace,
+                expected="@".join(result.key),
+                fix="Give a folder that this machine and all workers share, under one path.",
+            )
+        moved = None if task.name is None else self.store.set_name(task.name, artifact)
+        outcome = Outcome(artifact, result.skipped, result.seconds, result.warnings, moved)
+        self.listener(task).finished(task.ref.command, outcome)
+        return outcome
+
+    def _result(self, future: Any) -> Made | PlopError:
+        """Wait for what a worker tells.
+
+        Raises:
+            Exception: What went wrong there is no error for people.
+        """
+        if isinstance(future, Made):
+            return future
+        error = future.exception()
+        if error is None:
+            made: Made = future.result()
+            return made
+        if isinstance(error, PlopError):
+            return error
+        if type(error).__name__ in ("KilledWorker", "CancelledError", "FutureCancelledError", "CommClosedError"):
+            return PlopError(
+                "Workers, or the scheduler, were lost while a stage ran.",
+                where=self.client.scheduler.address,
+                found=str(error) or type(error).__name__,
+                fix="Their logs say why (memory?). Run the same command again: what is finished is kept.",
+            )
+        raise error
+
+
+def make(
+    ref: StageRef,
+    workspace: str,
+    config: Any,
+    force: bool,
+    trust_effects: bool,
+    version: str,
+    inputs: Mapping[str, Any],
+) -> Made:
+    """Carry out one run in a worker; `inputs` as `addresses` spells them, with what other workers told.
+
+    Raises:
+        PlopError: The worker does not see the workspace, has another plop, or whatever the stage reports.
+    """
+    if not (Path(workspace) / "artifacts").is_dir():
+        raise PlopError(
+            "A worker does not see the workspace.",
+            where=workspace,
+            expected="a folder that this machine and all workers share, under one path",
+            found="no such folder on the worker",
+            fix="Put the workspace there (-w), see docs/how-to/cluster.md.",
+        )
+    if _version() != version:
+        raise PlopError(
+            "A worker has another plop.",
+            expected=version,
+            found=_version(),
+            fix="Start the workers from the environment that `plop` is started from.",
+        )
+
+    def spelt(value: Any) -> Any:
+        return [spelt(one) for one in value] if isinstance(value, list) else _address(value)
+
+    sources = given({name: spelt(value) for name, value in inputs.items()})
+    with trusting(trust_effects):
+        outcome = execute(
+            ref.load(), store=Store(workspace), config=config, inputs=sources, command=ref.command, force=force
+        )
+    return Made(outcome.artifact.key, outcome.skipped, outcome.seconds, outcome.warnings)
+
+
+def spread(task: Callable[[str], Any], names: Sequence[str], jobs: int, /) -> Iterator[Any]:
+    """Carry out the pieces of a stage on all workers, from within one: the mapper of `Output.map` there.
+
+    The worker takes other work while this run waits for its pieces.
+    """
+    from distributed import as_completed, worker_client
+
+    with worker_client() as client:
+        for future in as_completed(client.map(task, names, pure=False)):
+            yield future.result()
+
+
+def _address(value: Any) -> Any:
+    return "@".join(value.key) if isinstance(value, Made) else value
+
+
+def _hands_out(config: Any) -> bool:
+    """Tell whether a stage hands its own work to a scheduler that its settings name."""
+    return any(field.name == "scheduler" for field in fields(config))
+
+
+def _version() -> str:
+    return metadata.version("plop")

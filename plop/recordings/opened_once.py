@@ -1,0 +1,85 @@
+"""Recordings that a run has open: each is opened and checked once, however often it is asked for.
+
+A training step reads one frame of each of its windows; opening and checking the file costs more than that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from plop.recordings.recording import Recording
+
+MOST_OPEN = 32
+"""Recordings that stay open while nobody reads them; HDF5 keeps up to 1 MB of each camera's images."""
+
+Key = tuple[Path, int, int, int]
+"""Path, and what changes when another file takes it: inode, size [bytes] and time of change [ns]."""
+
+
+class OpenRecordings:
+    """Recordings that stay open between uses, the least recently used ones closed when there are too many."""
+
+    def __init__(self) -> None:
+        self._open: dict[Key, Recording] = {}
+        self._users: dict[Key, int] = {}
+        self._checked: set[Key] = set()
+
+    def lend(self, path: Path, opened: Callable[..., Recording]) -> Recording:
+        """Give the recording at a path; `opened(path, checked=..., on_close=...)` opens one."""
+        key = _key(path)
+        if key in self._open:
+            recording = self._open.pop(key)
+        else:
+            recording = opened(path, checked=key in self._checked, on_close=lambda: self._give_back(key))
+        self._open[key] = recording  # the last one is the most recently used
+        self._checked.add(key)
+        self._users[key] = self._users.get(key, 0) + 1
+        return recording
+
+    def _give_back(self, key: Key) -> None:
+        self._users[key] -= 1
+        idle = [each for each in self._open if not self._users[each]]
+        for each in idle[: max(0, len(idle) - MOST_OPEN)]:
+            self._open.pop(each).close_file()
+
+    def close(self) -> None:
+        """Close all of them."""
+        for recording in self._open.values():
+            recording.close_file()
+        self._open.clear()
+
+
+_current: ContextVar[OpenRecordings | None] = ContextVar("open_recordings", default=None)
+
+
+@contextmanager
+def opened_once() -> Iterator[None]:
+    """Let `Recording.open` give, inside the block and on this thread, the same recording for the same file.
+
+    Blocks may lie in each other: the outermost one counts. Its end closes the files.
+    """
+    if _current.get() is not None:
+        yield
+        return
+    run = OpenRecordings()
+    token = _current.set(run)
+    try:
+        yield
+    finally:
+        _current.reset(token)
+        run.close()
+
+
+def of_this_run() -> OpenRecordings | None:
+    """Give the recordings that the block around the caller has open; None outside of one."""
+    return _current.get()
+
+
+def _key(path: Path) -> Key:
+    facts = path.stat()
+    return path, facts.st_ino, facts.st_size, facts.st_mtime_ns

@@ -1,0 +1,1 @@
+"""Virtual RGB-D cameras that record a simulated episode."""

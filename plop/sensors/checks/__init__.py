@@ -1,0 +1,1 @@
+"""Is a recording what its sensors should have given?"""

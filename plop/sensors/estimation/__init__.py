@@ -1,0 +1,1 @@
+"""Estimate the faults of each camera from table and tool."""

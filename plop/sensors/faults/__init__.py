@@ -1,0 +1,1 @@
+"""Faults of sensors, one file each."""

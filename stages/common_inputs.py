@@ -1,0 +1,50 @@
+"""Inputs that several stages declare alike: recordings, models, and what is made from recordings on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from plop.models import engine_of
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Recipe
+from stages import RECORDINGS
+
+
+def recordings_input(help: str, choice: Choice = Choice.LATEST) -> InputSpec:
+    """Declare recordings; `Choice.UNDOUBTED` where a wrong guess would be judged on."""
+    return InputSpec(RECORDINGS, help, choice=choice)
+
+
+def init_input(help: str, of: str = "recordings", choice: Choice = Choice.MADE) -> InputSpec:
+    """Declare the Gaussians of frame 0 of recordings, the input `of`."""
+    return InputSpec(("fit-init",), help, choice=choice, recipe=Recipe({"recordings": of}))
+
+
+def tracks_input(
+    help: str, of: str = "recordings", init: str = "init", settings: Callable[[Any], Mapping[str, Any]] | None = None
+) -> InputSpec:
+    """Declare the filter's states of recordings, followed from the Gaussians `init`, by no model."""
+    return InputSpec(
+        ("filter",), help, choice=Choice.MADE, recipe=Recipe({"recordings": of, "init": init}, settings=settings)
+    )
+
+
+def optional(spec: InputSpec) -> InputSpec:
+    """Declare the same as an input that a stage can do without."""
+    return replace(spec, optional=True)
+
+
+def engine_input(choice: Choice) -> InputSpec:
+    """Declare the engine beside a learned model, fitted to the recordings that the model was made from."""
+    return InputSpec(
+        ("identify",),
+        "engine beside a learned model",
+        optional=True,
+        choice=choice,
+        recipe=Recipe({"recordings": Origin()}, needed=_is_learned),
+    )
+
+
+def _is_learned(config: Any, inputs: Inputs) -> bool:
+    return "model" in inputs and engine_of(inputs["model"].path) is None

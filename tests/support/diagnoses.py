@@ -1,0 +1,73 @@
+"""Diagnoses made by hand: what a test does not say is quiet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from plop.diagnosis.result import Diagnosis, Ranked, SensorFault, Shams
+from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
+from plop.parameters import Estimate
+
+
+def ranked(effect: str, parameters: Mapping[str, Estimate] | None = None, **changes: Any) -> Ranked:
+    """One law, found with 70 % of the error and p = 0.005, that passes."""
+    known: dict[str, Any] = {
+        "kind": "physics",
+        "help": "",
+        "law": "",
+        "source": "",
+        "gain": 0.7,
+        "gain_error": 0.05,
+        "p": 0.005,
+        "contrast": None,
+        "contrast_p": None,
+        "size_mm": 1.5,
+        "shown": 0.7,
+        "shown_by": "",
+        "alone": 0.7,
+        "reasons": (),
+        **changes,
+    }
+    return Ranked(effect, parameters=parameters or {}, passes=not known["reasons"], **known)
+
+
+def base(**changes: Any) -> Ranked:
+    """The stiffness, which does not help."""
+    parameters = {"d_ln_e": Estimate(0.3, 0.2, 0.4, "-")}
+    return ranked("stiffness", parameters, **{"kind": "base", "gain": -2.0, "gain_error": 3.1, "p": 1.0, **changes})
+
+
+def verdict(kind: str, *named: str, text: str = "It is said in one sentence.", **evidence: Any) -> Verdict:
+    """A verdict of this kind."""
+    return Verdict(VerdictKind(kind), named, text, Grounds(**evidence))
+
+
+def diagnosis(said: Verdict, *ranking: Ranked, **changes: Any) -> Diagnosis:
+    """A diagnosis of one episode, with an error of 6 where 1.1 is expected."""
+    known: dict[str, Any] = {
+        "base": base(),
+        "limits": {},
+        "sensors": (),
+        "shams": Shams(199, 0.02),
+        "error": 6.0,
+        "floor": 1.1,
+        "excess": 5.0,
+        "closed_share": 0.9,
+        "next_step": "",
+        "next_motion": None,
+        "episodes": ("box_000",),
+        "reference_episodes": (),
+        "dropped": {},
+        "environment": "box",
+        "seconds": 1.0,
+        "seconds_screen": 0.5,
+        "engine_runs": 3,
+        **changes,
+    }
+    return Diagnosis(verdict=said, ranking=ranking, **known)
+
+
+def clock(camera: str = "cam_02", fault: str = "clock") -> SensorFault:
+    """A camera whose clock is 40 ms off."""
+    return SensorFault(camera, fault, "x", 12.3, {"offset_s": Estimate(0.04, 0.03, 0.05, "s")}, ())
