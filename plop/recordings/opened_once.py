@@ -9,10 +9,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Protocol, TypeVar
 
-if TYPE_CHECKING:
-    from plop.recordings.recording import Recording
+
+class Closable(Protocol):
+    """A recording, as far as is seen of it here."""
+
+    def close_file(self) -> None:
+        """Close its file."""
+
+
+Opened = TypeVar("Opened", bound=Closable)
 
 MOST_OPEN = 32
 """Recordings that stay open while nobody reads them; HDF5 keeps up to 1 MB of each camera's images."""
@@ -25,15 +32,15 @@ class OpenRecordings:
     """Recordings that stay open between uses, the least recently used ones closed when there are too many."""
 
     def __init__(self) -> None:
-        self._open: dict[Key, Recording] = {}
+        self._open: dict[Key, Any] = {}
         self._users: dict[Key, int] = {}
         self._checked: set[Key] = set()
 
-    def lend(self, path: Path, opened: Callable[..., Recording]) -> Recording:
+    def lend(self, path: Path, opened: Callable[..., Opened]) -> Opened:
         """Give the recording at a path; `opened(path, checked=..., on_close=...)` opens one."""
         key = _key(path)
         if key in self._open:
-            recording = self._open.pop(key)
+            recording: Opened = self._open.pop(key)
         else:
             recording = opened(path, checked=key in self._checked, on_close=lambda: self._give_back(key))
         self._open[key] = recording  # the last one is the most recently used

@@ -19,7 +19,7 @@ def roll(inputs, model, folder) -> Input:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rollout, "load_model", lambda path, device: model)
         folder.mkdir()
-        rollout.run(inputs, rollout.RolloutConfig(), Output(folder))
+        rollout.run(inputs, rollout.RolloutConfig(jobs=1), Output(folder))
     return Input(folder)
 
 

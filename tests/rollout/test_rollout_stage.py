@@ -29,7 +29,7 @@ def run(inputs, tmp_path, monkeypatch):
     def rolled(model=None, out="out", inputs=inputs, **config):
         monkeypatch.setattr(stage, "load_model", lambda folder, device: model or Parting())
         (tmp_path / out).mkdir(exist_ok=True)
-        return stage.STAGE.run(inputs, stage.RolloutConfig(**config), Output(tmp_path / out))
+        return stage.STAGE.run(inputs, stage.RolloutConfig(**{"jobs": 1, **config}), Output(tmp_path / out))
 
     return rolled
 
