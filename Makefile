@@ -2,6 +2,7 @@
 # make demo-physics   a hidden effect is found and added; ends with a report
 # make bench-physics  the missing-physics benchmark; goes on where it stopped
 # make test        what CI runs: style, types, tests
+# make docs        the documentation, built strictly into build/site
 # make bench       speed; writes docs/results/bench.json
 # make reproduce DATA=<folder> PROFILE=cpu|cpu-recordings|paper    the nine DiSECt environments, from raw recordings to the table
 # make setup       everything `make demo` needs; the others add what they need themselves
@@ -21,7 +22,7 @@ PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check
 # uv, where it is there, is faster; it does not read pip's configuration, so that pip is asked when uv finds something missing
 install = $(if $(UV),$(UV) pip install -q --python $(BIN)/python -c constraints.txt $(1) || { echo "uv could not: asking pip"; $(PIP) $(1); },$(PIP) $(1))
 
-.PHONY: setup demo demo-physics test bench bench-physics reproduce clean
+.PHONY: setup demo demo-physics test docs bench bench-physics reproduce clean
 
 setup: $(STAMP)
 
@@ -36,6 +37,11 @@ $(STAMP): pyproject.toml constraints.txt scripts/check_machine.py scripts/instal
 $(STAMP)-dev: $(STAMP)
 	@echo "installing what the tests need"
 	@$(call install,-e ".[dev$(,)disect]")
+	@touch $@
+
+$(STAMP)-docs: $(STAMP)
+	@echo "installing what the documentation needs"
+	@$(call install,-e ".[docs]")
 	@touch $@
 
 $(STAMP)-disect: $(STAMP)
@@ -54,6 +60,11 @@ test: $(STAMP)-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	OMP_NUM_THREADS=1 $(BIN)/pytest -q -n $(WORKERS) --dist loadfile --durations 20
+
+# pages, links, anchors and the list of changes: a warning is an error (and --quiet would not count it)
+docs: $(STAMP)-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/towncrier build --draft --version next > build/changes.md
 
 bench: setup
 	$(BIN)/python -m benchmarks.speed

@@ -1,7 +1,7 @@
 """plop: recordings of a robot cutting a soft object in; a learned, scored dynamics model out.
 
-`import plop` is all that a notebook or a planner needs; docs/python.md shows the names at work. A name is imported when
-it is first used, so that `import plop` itself loads nothing heavy.
+`import plop` is all that a notebook or a planner needs; docs/how-to/python.md shows the names at work. A name is
+imported when it is first used, so that `import plop` itself loads nothing heavy.
 """
 
 from __future__ import annotations

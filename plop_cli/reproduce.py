@@ -53,7 +53,7 @@ def reproduce(
         profile: One of `PROFILES`.
         environments: Which ones; empty takes all.
         assignments: `--set` options, `stage.key=value`.
-        out: Folder of the documentation, see `results_page`; None takes `docs` for all environments with the
+        out: Folder of the documentation, see `results_file`; None takes `docs` for all environments with the
             profile's own settings, and otherwise leaves the results in the workspace.
         scheduler: Address of a Dask scheduler: environments, seeds and stages that do not wait for each other run
             side by side on its workers.
@@ -63,7 +63,7 @@ def reproduce(
             that fails does not stop the others; it is reported at the end.
     """
     from plop.metrics.table import to_markdown
-    from plop_cli.results_page import gathered, write_results
+    from plop_cli.results_file import gathered, write_results
 
     chosen = read_profile(profile, PROFILES)
     layers = layers_of(store, chosen, assignments)
@@ -117,7 +117,7 @@ def _command(profile: str, environments: list[str], assignments: list[str], *, w
 
 def _may_replace(console: Console, results: Mapping[str, Any], folder: Path, profile: str) -> bool:
     """Tell whether results hold all environments of those in the documentation, which stay otherwise."""
-    from plop_cli.results_page import missing_in
+    from plop_cli.results_file import missing_in
 
     lacking = missing_in(results, folder, profile)
     if lacking:
@@ -130,7 +130,7 @@ def _may_replace(console: Console, results: Mapping[str, Any], folder: Path, pro
 
 def _picture(environment: str, folder: Path) -> dict[str, Path]:
     """Take the first picture of a part recording, which is the telling one, or the first of all."""
-    from plop_cli.results_page import is_part
+    from plop_cli.results_file import is_part
 
     found = sorted(ScoreFiles(folder).pictures, key=lambda path: (not is_part(path.name), path.name))
     return {environment: found[0]} if found else {}

@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.workspace import Typed, latest
 from plop.pipeline.execute import versions
-from plop_cli.results_page import gathered
+from plop_cli.results_file import gathered
 
 METRICS = {"cd_mm": 2, "emd_mm": 2, "truth_rms_mm": 2, "psnr_db": 1, "j_score": 3}
 """What is shown -> digits."""

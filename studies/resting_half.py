@@ -19,7 +19,7 @@ from plop.dynamics.cut import advance_sides
 from plop.dynamics.episodes import Actions
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
-from plop_cli.results_page import is_part
+from plop_cli.results_file import is_part
 
 
 def halves_mm(recordings: RecordingSet, name: str) -> tuple[float, float]:

@@ -4,7 +4,7 @@ Between two parallel sections the threads of GNU OpenMP, which torch uses, spin 
 Where another program keeps a core busy, a thread that spins holds the core that the thread it waits for needs, and each
 of the hundreds of sections of a step costs a time slice of the scheduler. Who never spins pays for falling asleep and
 waking up in each section. Spinning for about as long as that costs loses at most as much again, whatever happens
-(Karlin et al., Empirical studies of competitive spinning, 1991). docs/speed.md has the three beside each other.
+(Karlin et al., Empirical studies of competitive spinning, 1991). docs/results/speed.md has the three beside each other.
 
 An OpenMP library reads its environment when it is loaded, so this has to happen before torch is imported: `plop` does
 it when it is imported itself, in every command and every worker process. A program that imports torch first sets the

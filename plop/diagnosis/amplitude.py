@@ -23,7 +23,7 @@ from plop.statistics.cluster_robust import Clusters
 RESPONSE_ERROR = 0.25
 """Standard deviation of how much too strongly or too weakly the engine responds to a law [-], and of how much too
 strong or too weak a law must be for it to respond so: the same in all episodes, so that no scatter between them tells.
-A round figure from runs where the truth is known, which docs/results-physics.md gives."""
+A round figure from runs where the truth is known, which docs/results/parts.md gives."""
 STRONGEST_RESPONSE = 1 + float(norm.ppf(0.975)) * RESPONSE_ERROR
 """How much stronger than the engine's a response may be, at most, for an amplitude to count as inside its range."""
 

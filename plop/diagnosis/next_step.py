@@ -26,7 +26,7 @@ def next_step(found: Conclusion) -> str:
     if verdict.kind == VerdictKind.NONE_OF_THESE:
         return (
             "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
-            "(docs/effects.md) and try it: `plop diagnose --effect-file FILE`."
+            "(docs/how-to/write-an-effect.md) and try it: `plop diagnose --effect-file FILE`."
         )
     if verdict.kind == VerdictKind.CONFOUNDED:
         return f"Record motions that tell {' and '.join(verdict.named)} apart."

@@ -18,7 +18,7 @@ class ResamplingConfig:
     """When Gaussians merge and split."""
 
     enabled: bool = True
-    """Off: the set of Gaussians never changes (the comparison in docs/results.md)."""
+    """Off: the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
     merge_below: float = 0.05
     """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor [-]."""
     split_above: float = 20.0

@@ -21,7 +21,7 @@ from plop.tracking.episode import Episode
 
 PARTICLES = 1300
 """Particles that fill the object unless a spacing is given: with half as many, laws that act where the object bends
-or is cut respond with a cosine of 0.7 to the true response instead of 0.85 (docs/results-physics.md)."""
+or is cut respond with a cosine of 0.7 to the true response instead of 0.85 (docs/results/parts.md)."""
 NAMES = ("youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction")
 """Parameters that are fitted unless others are named."""
 

@@ -119,11 +119,6 @@ def _gain(methods: Mapping[str, Any], part: str, metric: str, method: str = "plo
     return 100 * (1 - both[0]["mean"] / both[1]["mean"]) if all(both) and both[1]["mean"] > 0 else None
 
 
-def has_place(page: str, name: str) -> bool:
-    """Tell whether a page has the markers between which text of this name goes."""
-    return _BEGIN.format(name=name) in page
-
-
 def replace_between_markers(page: str, name: str, text: str) -> str:
     """Put text between the markers of this name in a page; raises a PlopError without them."""
     begin, end = _BEGIN.format(name=name), _END.format(name=name)

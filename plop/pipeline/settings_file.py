@@ -32,7 +32,7 @@ def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, A
             where=path,
             expected="TOML",
             found=str(error),
-            fix="Correct that line; docs/start.md shows such a file.",
+            fix="Correct that line; docs/how-to/change-settings.md shows such a file.",
         ) from error
     return settings_by_command(tables, commands, where=str(path))
 

@@ -85,7 +85,7 @@ def read_handeye(
             expected="poses.json, or robot_data*.yaml with marker_data*.yaml, or pose_*/data.json, or a "
             "finished pose (easy_handeye's .yaml or .calib, poses.json with world_from_cam)",
             found="none of them",
-            fix="See docs/stages/calibrate.md for the layouts.",
+            fix="See docs/how-to/hand-eye.md for the layouts.",
         )
     notes: list[str] = []
     chosen = choose_mount(folder, pairs.mount, mount, notes)
@@ -104,7 +104,7 @@ def readable(folder: Path, read: Callable[[], Any]) -> Any:
         raise PlopError(
             "The poses of a hand-eye calibration cannot be read.",
             where=folder,
-            expected="complete files as docs/stages/calibrate.md shows",
+            expected="complete files as docs/how-to/hand-eye.md shows",
             found=said,
         ) from error
 

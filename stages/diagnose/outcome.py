@@ -26,7 +26,7 @@ def diagnosis_of(
     seconds: float = 0.0,
     engine_runs: int = 0,
 ) -> Diagnosis:
-    """Collect everything that was found; see docs/stages/diagnose.md.
+    """Collect everything that was found; see docs/reference/outputs.md.
 
     Args:
         found: What the evidence says.

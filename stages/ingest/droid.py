@@ -282,7 +282,7 @@ def _finish(
             where=root,
             expected="one usable episode or more",
             found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
-            fix=f"{advice} See docs/your-data.md for what an episode must have.".strip(),
+            fix=f"{advice} See docs/how-to/droid-layout.md for what an episode must have.".strip(),
         )
     test = _test_names(usable, config)
     train = [name for name in usable if name not in test]

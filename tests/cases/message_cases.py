@@ -85,7 +85,7 @@ def foreign(name: str, make: Callable[[Path], None], reader: str, words: tuple[s
         "formats of other projects brought to plop",
         make,
         (f"ingest {reader} raw",),
-        refused=(*words, "does not read yet", f"plop ingest {nearest}", "docs/your-data.md"),
+        refused=(*words, "does not read yet", f"plop ingest {nearest}", "docs/how-to/droid-layout.md"),
     )
 
 

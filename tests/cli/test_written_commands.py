@@ -53,10 +53,12 @@ def faults(line: str) -> list[str]:
     if not line.startswith(("plop ", "--")):
         return []
     words = shlex.split(line.replace("'", "").split(" -> ")[0]) if line.count('"') % 2 == 0 else line.split()
+    if words[:2] == ["plop", "run"] and len(words) > 2:
+        words = ["plop", *words[2:]]  # a stage by another way
     if words[0] == "plop":
         name = next((name for n in (2, 1) if (name := " ".join(words[1 : 1 + n])) in options()), "")
         if not name:
-            wrong = words[1].isidentifier() and words[1] != "ingest"  # others: <stage>, --help
+            wrong = words[1].isidentifier() and words[1].islower() and words[1] != "ingest"  # <stage>, STAGE, --help
             return [f"no command {words[1]}"] if wrong else []
         known = options()[name]
     else:
@@ -104,8 +106,8 @@ def unknown(text: str) -> list[str]:
     return [wrong for span in commands for wrong in faults(span)] + [option for option in alone if option not in known]
 
 
-NOT_OURS = {"blender.py", "blender_scene.py"}
-"""Modules that write command lines of another program."""
+NOT_OURS = {"blender.py", "blender_scene.py", "results_file.py"}
+"""Modules that write command lines of another program: Blender, git."""
 
 
 @pytest.mark.parametrize("floor", ["plop", "stages", "plop_cli"])
@@ -127,4 +129,5 @@ def test_wrong_commands_are_seen() -> None:
     assert faults("--keep-skipped true") == ["--keep-skipped takes no value"]
     assert faults("$ plop diagnose --modell base") == ["no option --modell"]
     assert faults("plop diagnoze --model base") == ["no command diagnoze"]
+    assert faults("plop run diagnose --modell base") == ["no option --modell"]
     assert not faults("plop diagnose --model base --recordings mystery  # the verdict")

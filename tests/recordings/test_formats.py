@@ -80,7 +80,9 @@ def test_a_reader_takes_its_own_and_names_any_other(tmp_path, name, reader):
         check_raw_folder(tmp_path / "raw", reader)
     told = caught.value
     assert name in told.problem and told.fix
-    assert (f"plop ingest {form.reader} {tmp_path / 'raw'}" if form.reader else "docs/your-data.md") in told.fix
+    assert (
+        f"plop ingest {form.reader} {tmp_path / 'raw'}" if form.reader else "docs/how-to/droid-layout.md"
+    ) in told.fix
 
 
 @pytest.mark.parametrize(

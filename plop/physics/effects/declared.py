@@ -36,7 +36,7 @@ def check_declared(effect: type[Effect], path: Path) -> None:
             where=f"{path}, line {line_of(effect, name, path)}",
             expected=f"{effect.__name__}.{name}: {expected}",
             found=found,
-            fix="Correct that line; docs/effects.md has a template.",
+            fix="Correct that line; docs/how-to/write-an-effect.md has a template.",
         )
 
 

@@ -79,7 +79,7 @@ def effect_type(name: str, effects: dict[str, EffectType] | None = None) -> Effe
             "There is no such effect.",
             expected=", ".join(known),
             found=name,
-            fix=f"Did you mean {near[0]}?" if near else "See docs/effects.md.",
+            fix=f"Did you mean {near[0]}?" if near else "Choose one of these.",
         )
     return known[name]
 
@@ -96,7 +96,7 @@ def load_effect_file(path: Path) -> list[EffectType]:
             where=path,
             expected="a Python file",
             found="no file",
-            fix="Check the path of --effect-file; docs/effects.md has a template.",
+            fix="Check the path of --effect-file; docs/how-to/write-an-effect.md has a template.",
         )
     spec = importlib.util.spec_from_file_location(f"plop_user_effect_{path.stem}", path)
     assert spec is not None and spec.loader is not None
@@ -113,7 +113,7 @@ def load_effect_file(path: Path) -> list[EffectType]:
             where=path,
             expected="a subclass of Effect",
             found="none",
-            fix="See the template in docs/effects.md.",
+            fix="See the template in docs/how-to/write-an-effect.md.",
         )
     for effect in effects:
         check_declared(effect, path)

@@ -53,5 +53,5 @@ class EngineConfig:
                     where=name,
                     found=str(getattr(self, name)),
                     expected="a positive number; courant in (0, 1], band_cells in 1..8",
-                    fix="docs/engine.md lists every setting with its default.",
+                    fix="Give a value in that range.",
                 )

@@ -138,7 +138,7 @@ def misused(law: Any, hook: str, expected: str, found: str) -> PlopError:
         where=_place(law, hook),
         expected=expected,
         found=found,
-        fix="See the template in docs/effects.md.",
+        fix="See the template in docs/how-to/write-an-effect.md.",
     )
 
 

@@ -14,7 +14,7 @@ from plop.physics.engine.tool_motion import ToolMotion
 LEAST_STEP_S = 2e-6
 """Shortest time step that a run begins with [s]: half a million steps for a second of motion."""
 _PARTICLE_STEP_S = 2.2e-7
-"""Time that a step takes for one particle [s], see docs/effects.md; it only tells how long would have been waited."""
+"""Time that a step takes for one particle [s], see docs/results/parts.md; it estimates the duration in messages."""
 _VISCOUS = 0.1
 """Largest stable explicit viscous step, in dx^2 density / viscosity [-]."""
 

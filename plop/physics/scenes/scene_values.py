@@ -24,7 +24,7 @@ MATERIAL = Material(
 )
 """What an object is made of where the scene does not say otherwise."""
 Built = TypeVar("Built")
-_WRITE = "Write the value as docs/stages/simulate.md shows it."
+_WRITE = "Write the value as docs/how-to/simulate.md shows it."
 
 
 def table_of(value: Any, key: str) -> Mapping[str, Any]:
@@ -35,7 +35,7 @@ def table_of(value: Any, key: str) -> Mapping[str, Any]:
             where=key,
             expected=f"[{key}] with keys",
             found=repr(value),
-            fix="docs/stages/simulate.md shows a scene.",
+            fix="docs/how-to/simulate.md shows a scene.",
         )
     return value
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from plop.recordings.readers.folder_look import Look
 
-PAGE = "docs/your-data.md"
+PAGE = "docs/how-to/droid-layout.md"
 
 
 @dataclass(frozen=True)

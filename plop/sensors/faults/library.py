@@ -130,7 +130,7 @@ def _parse(text: str) -> tuple[type[Fault], str, float, str]:
             where=text,
             expected=", ".join(FAULTS),
             found=name,
-            fix=f"Did you mean {near[0]}?" if near else "See docs/sensors.md.",
+            fix=f"Did you mean {near[0]}?" if near else "Choose one of these.",
         )
     try:
         value = float(number)

@@ -156,5 +156,5 @@ def _bad(path: Path, key: str, expected: str, found: str) -> PlopError:
         where=f"{path}: {key}" if key else path,
         expected=expected,
         found=found,
-        fix="Correct the file (see docs/your-data.md).",
+        fix="Correct the file (see docs/how-to/droid-layout.md).",
     )

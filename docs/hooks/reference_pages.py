@@ -1,0 +1,256 @@
+"""Reference pages made from the code: commands, settings, effects, API; and blocks for pages that are written."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+LAYOUTS = (
+    "plop.recordings.recording",
+    "plop.recordings.readers.mesh.sequence",
+    "plop.gaussians.trajectory",
+    "plop.render.view_file",
+    "plop.models",
+)
+"""Modules whose docstring is the layout of a file."""
+
+
+def rows(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
+    """Write a Markdown table; a bar in a cell is escaped."""
+    text = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for line in lines:
+        cells = [str(cell).replace("|", "\\|").replace("\n", " ") for cell in line]
+        text.append("| " + " | ".join(cells) + " |")
+    return "\n".join(text)
+
+
+def _escaped(text: str) -> str:
+    """Keep what Markdown or HTML would take for its own; code spans stay as they are."""
+    parts = re.split(r"(`[^`]*`)", text)
+    return "".join(part if part.startswith("`") else part.replace("<", "&lt;").replace("*", "\\*") for part in parts)
+
+
+def _code(value: object) -> str:
+    text = str(value)
+    return "" if text == "" else f"`{text}`"
+
+
+# --- commands -------------------------------------------------------------------------------------------------------
+
+
+def _command(ref: Any) -> Any:
+    import typer
+
+    from plop_cli.stage_command import stage_app
+
+    return typer.main.get_command(stage_app(ref))
+
+
+def _usage(name: str, command: Any) -> str:
+    arguments = [p.metavar or p.name.upper() for p in command.params if p.param_type_name == "argument"]
+    return f"```\nplop {' '.join([name, *arguments, '[OPTIONS]'])}\n```"
+
+
+def _plain(text: str | None) -> str:
+    """Take out the escapes that rich asks for."""
+    return _escaped((text or "").replace("\\[", "[").replace("\n", " ").strip())
+
+
+def _options(command: Any, panels: Callable[[str], bool]) -> str:
+    lines = []
+    for parameter in command.params:
+        panel = getattr(parameter, "rich_help_panel", None) or ""
+        if not panels(panel) or getattr(parameter, "hidden", False):
+            continue
+        names = (
+            parameter.opts if parameter.param_type_name == "option" else [parameter.metavar or parameter.name.upper()]
+        )
+        default = getattr(parameter, "show_default", None)
+        lines.append(
+            (_code(", ".join(names)), _plain(parameter.help), _escaped(default) if isinstance(default, str) else "")
+        )
+    if not any(default for *_, default in lines):
+        return rows(["option", "meaning"], (line[:2] for line in lines)) if lines else ""
+    return rows(["option", "meaning", "default"], lines)
+
+
+def commands_page() -> str:
+    """List all commands with their inputs and options; the settings of stages have a page of their own."""
+    import typer
+
+    from plop.pipeline.registry import pipeline
+    from plop_cli.app import app
+
+    stages = {ref.command: _command(ref) for ref in pipeline()}
+    root: Any = typer.main.get_command(app)
+    others = {n: c for n, c in root.commands.items() if n not in {ref.command.split()[0] for ref in pipeline()}}
+    first = next(iter(stages.values()))
+    parts = ["# Commands", "`plop --help` lists them, `plop COMMAND --help` shows every option.", "## Of every stage"]
+    parts += ["Each stage takes these, besides its inputs (below) and its [settings](settings.md).", ""]
+    parts += [_options(first, lambda panel: panel == "Running")]
+    for name, command in stages.items():
+        parts += [f"## {name}", _plain(command.help), _usage(name, command)]
+        parts += [_options(command, lambda panel: panel not in ("Running", "Settings")) or "It has no inputs."]
+        parts += [f"[Settings](settings.md#{_slug(name)}), [what it writes](outputs.md#{_slug(name.split()[0])})."]
+    for name, command in others.items():
+        text = inspect.cleandoc(command.help or "").replace("\b", "")
+        parts += [f"## {name}", _plain(text), _usage(name, command), _options(command, lambda panel: True)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _slug(name: str) -> str:
+    return name.replace(" ", "-")
+
+
+# --- settings -------------------------------------------------------------------------------------------------------
+
+
+def settings_page() -> str:
+    """List every setting of every stage as plop.toml takes it."""
+    from plop.pipeline.registry import pipeline
+    from plop.pipeline.setting_values import describe
+    from plop.pipeline.settings import settings_of
+
+    parts = [
+        "# Settings",
+        "Each is a key of `plop.toml` in the workspace, below `[STAGE]`; an option of the stage's command, "
+        "`--KEY VALUE` with `-` for `_`; and `--set KEY=VALUE`. [Which one wins](../how-to/change-settings.md).",
+    ]
+    for ref in pipeline():
+        lines = []
+        for setting in settings_of(ref.load().config):
+            default = setting.default
+            shown = ", ".join(map(str, default)) if isinstance(default, (tuple, list)) else default
+            shown = getattr(shown, "value", shown)
+            lines.append(
+                (_code(setting.key), _escaped(describe(setting.kind)), _code(shown) or "empty", _escaped(setting.help))
+            )
+        parts += [f"## {ref.command}", rows(["key", "type", "default", "meaning"], lines) if lines else "None."]
+    return "\n\n".join(parts) + "\n"
+
+
+# --- effects --------------------------------------------------------------------------------------------------------
+
+
+def effects_page() -> str:
+    """List the laws of the library and the sensor faults."""
+    from plop.physics.effects.library import library
+    from plop.sensors.faults.library import FAULTS
+
+    parts = [
+        "# Effects and sensor faults",
+        "What an effect is, and how to write one: [Write an effect](../how-to/write-an-effect.md). In the laws, "
+        "tau is the Kirchhoff stress, F the deformation gradient, L the velocity gradient, mu the shear modulus of the "
+        "base, E its Young's modulus.",
+        "- **physics**: what a diagnosis may name.\n"
+        "- **base**: a parameter that every model has; it is refitted beside an effect and named as such.\n"
+        "- **decoy**: a law that slow motion does not show. A method that names one is wrong.",
+    ]
+    for name, effect in library().items():
+        lines = [
+            (_code(p.name), p.unit, f"{p.low:g} to {p.high:g}", _amounts(p), _escaped(p.help))
+            for p in effect.parameters()
+        ]
+        parts += [
+            f"## {name}",
+            f"{_escaped(effect.help)} (*{effect.kind}*)",
+            f"```\n{effect.law}\n```",
+            rows(["parameter", "unit", "range", "tried at", "meaning"], lines),
+            f"{_settings_tried(effect)}Source: {_escaped(effect.source)}.",
+        ]
+    parts.append(
+        "## Sensor faults\n\nTyped as `--fault NAME[.PARAMETER]=VALUE[@CAMERA]`; without a parameter the first "
+        "is meant, without a camera the first, `@*` is all."
+    )
+    lines = [
+        (
+            _code(name),
+            _escaped(fault.help),
+            _code(fault.law),
+            ", ".join(f"`{p.name}` [{p.unit}]" for p in fault.parameters),
+        )
+        for name, fault in FAULTS.items()
+    ]
+    parts.append(rows(["fault", "what it is", "law", "parameters"], lines))
+    return "\n\n".join(parts) + "\n"
+
+
+def _settings_tried(effect: Any) -> str:
+    """Give the settings of shape parameters at which a diagnosis tries a law."""
+    tried = [", ".join(f"`{key}` {value:g}" for key, value in each.items()) for each in effect.variants if each]
+    return f"A diagnosis tries {'; '.join(tried)}.\n\n" if tried else ""
+
+
+def _amounts(parameter: Any) -> str:
+    """Give typical and tried amplitudes; a shape parameter has a default instead."""
+    if not parameter.typical:
+        return f"else {parameter.default:g}"
+    return ", ".join(f"{value:g}" for value in (parameter.typical, *parameter.tried))
+
+
+# --- API, formats, scores -------------------------------------------------------------------------------------------
+
+
+def api_page() -> str:
+    """Document every public name with mkdocstrings, under the name by which it is imported."""
+    import plop
+
+    parts = [
+        "# Python API",
+        "`import plop` offers these names, imported when first used; [how they work together](../how-to/python.md). "
+        "Anything else may move between versions.",
+    ]
+    for name in plop.__all__:
+        found = getattr(plop, name)
+        options = {"show_root_heading": "true", "heading": f"plop.{name}", "toc_label": f"plop.{name}"}
+        lines = "".join(f"\n      {key}: {value}" for key, value in options.items())
+        parts.append(f"[](){{ #plop.{name} }}\n\n::: {found.__module__}.{found.__qualname__}\n    options:{lines}")
+    return "\n\n".join(parts) + "\n"
+
+
+def layout(module: str) -> str:
+    """Give a module's docstring, its indented blocks as code."""
+    text = inspect.getdoc(importlib.import_module(module)) or ""
+    blocks, code = [], False
+    for line in text.splitlines():
+        indented = line.startswith("    ")
+        if indented != code and (line or indented):
+            blocks.append("```")
+            code = indented
+        blocks.append(line[4:] if indented else _escaped(line))
+    return "\n".join([*blocks, "```"] if code else blocks)
+
+
+def scores_block() -> str:
+    """List the scores with their conventions."""
+    from plop.metrics.frame import CONVENTIONS
+
+    return rows(["score", "convention"], ((_code(key), _escaped(text)) for key, text in CONVENTIONS.items()))
+
+
+def formats_block() -> str:
+    """List the formats that `plop ingest` recognises and does not read."""
+    from plop.recordings.readers.formats import FORMATS
+
+    lines = [
+        (form.name, _code(f"plop ingest {form.nearest}"), _escaped(form.advice)) for form in FORMATS if not form.reader
+    ]
+    return rows(["format", "nearest reader", "what to do"], lines)
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "reference/commands.md": commands_page,
+    "reference/settings.md": settings_page,
+    "reference/effects.md": effects_page,
+    "reference/api.md": api_page,
+}
+"""Place in docs/ -> what makes the page."""
+BLOCKS: dict[str, Callable[[], str]] = {
+    "scores": scores_block,
+    "formats": formats_block,
+    **{name.rpartition(".")[2]: (lambda name=name: layout(name)) for name in LAYOUTS},  # type: ignore[misc]
+}
+"""Name in `[[code NAME]]` -> what makes the block."""

@@ -1,0 +1,168 @@
+"""Tables of speed, and of the accuracy of single parts."""
+
+from __future__ import annotations
+
+from statistics import mean
+from typing import Any
+
+from reference_pages import rows
+from result_files import Table, law, percent, rate, read
+
+
+def _speed() -> str:
+    from benchmarks.goals import GOALS
+
+    cases, lines = read("bench")["cases"], []
+    for name, goal in GOALS.items():
+        figure = cases[name] * goal.scale
+        reached = figure <= goal.value if goal.sign == "<=" else figure >= goal.value
+        lines.append(
+            [
+                goal.what,
+                f"{float(f'{figure:.3g}'):g}{goal.unit}",
+                f"{goal.sign} {goal.value:g}{goal.unit}",
+                "yes" if reached else "**no**",
+            ]
+        )
+    return rows(["what", "measured", "goal", "reached"], lines)
+
+
+def _diagnose_time() -> str:
+    lines = [
+        [
+            each["what"],
+            each["laws"],
+            each["engine_runs"],
+            f"{each['screen_s'] / 60:.1f}",
+            f"{each['whole_s'] / 60:.1f}",
+            each["verdict"],
+        ]
+        for each in read("diagnose_time")["diagnoses"]
+    ]
+    return rows(["diagnosis", "laws", "engine runs", "screen [min]", "whole [min]", "verdict"], lines)
+
+
+def _waiting() -> str:
+    def cell(way: dict[str, Any], size: int) -> str:
+        return ", ".join(f"{way[f'{state}_{size}_ms']['median']:.0f}" for state in ("quiet", "busy"))
+
+    lines = [[name, *(cell(way, size) for size in (300, 3000, 10000))] for name, way in read("waiting")["ways"].items()]
+    return rows(["threads", "300 particles: quiet, busy", "3,000", "10,000"], lines)
+
+
+def _held_out() -> str:
+    by: dict[str, list[dict[str, Any]]] = {}
+    for name, episode in read("held_out")["episodes"].items():
+        by.setdefault(name.rsplit("_part", 1)[0].replace("_", "-"), []).append(episode)
+    ways = ("virtual_views 0", "virtual_views 32")
+    lines = []
+    for name, episodes in by.items():
+        cells = [
+            f"{mean(e[way][key] for e in episodes):.{d}f}"
+            for key, d in (("psnr_db", 1), ("depth_error_mm", 2))
+            for way in ways
+        ]
+        lines.append([name, *cells])
+    head = ["PSNR [dB] without", "with", "depth error [mm] without", "with"]
+    return rows(["environment", *head], lines)
+
+
+def _sensors() -> str:
+    result = read("sensors")
+    sets = {"no fault": result["null"]["none"], **result["single"]}
+    lines = []
+    for name, found in sets.items():
+        amount = result["amplitudes"].get(name, "")
+        error = percent(found["median_error"])
+        hit = "" if name == "no fault" else rate(found["found"])
+        lines.append([name, amount, found["cameras"], hit, rate(found["another_found"]), error])
+    return rows(["fault", "size (SI; deg)", "cameras", "found", "another fault reported", "median error"], lines)
+
+
+def _depth_checks() -> str:
+    lines = [
+        [row["set"], row["recordings"], row["named"], row["cameras"], row["unusable"], row["verdicts"].get("good", 0)]
+        for row in read("depth_checks")["rows"]
+        if "recordings" in row
+    ]
+    return rows(["fault of all cameras", "recordings", "named", "cameras", "unusable", 'still "good"'], lines)
+
+
+def _known_laws() -> str:
+    lines = [
+        [law({each["law"]: each["values"]}), *(f"{each[key]:.2f}" for key in ("without_mm", "with_mm", "factor"))]
+        for each in read("known_laws")["laws"]
+    ]
+    return rows(["law", "without it [mm]", "with it [mm]", "best factor of its response"], lines)
+
+
+def _discretisations() -> str:
+    lines = [
+        [motion, *(f"{found[key]:.2f}" for key in ("alone_mm", "mean_mm", "spread_mm", "correlation"))]
+        for motion, found in read("discretisations")["predictions"].items()
+    ]
+    return rows(
+        ["motion", "one run [mm]", "mean of three [mm]", "spread [mm]", "correlation of spread and error"], lines
+    )
+
+
+def _effects() -> str:
+    lines = [
+        [
+            f"`{name}`",
+            f"{found['step_mm']:.3f}",
+            f"{found['typical_mm']:.2f}",
+            f"{100 * found['curved']:.0f} %",
+            f"{100 * found['cost']:+.0f} %",
+        ]
+        for name, found in read("effects")["effects"].items()
+    ]
+    return rows(
+        ["effect", "moves at its step [mm]", "at its typical amplitude [mm]", "nonlinearity", "cost of a time step"],
+        lines,
+    )
+
+
+def _chances() -> str:
+    lines = [
+        [
+            case["misfit"],
+            "yes" if case["reference"] else "no",
+            case["episodes"],
+            rate(case["shams_passed"]),
+            rate(case["named"]),
+        ]
+        for case in read("verdict_chances")["nothing"]
+    ]
+    return rows(["the base errs", "reference", "episodes", "permutation test passed", "something is named"], lines)
+
+
+def _cuts() -> str:
+    keys = {
+        "force_n": "force while cutting [N]",
+        "lift_mm": "lift when drawn out [mm]",
+        "gap_mm": "gap afterwards [mm]",
+        "moved_mm": "moves by [mm]",
+    }
+    lines = []
+    for motion, found in read("cohesive_motions")["motions"].items():
+        for name, changes in found["changed"].items():
+            cells = ["" if changes[0].get(k) is None else f"{mean(one[k] for one in changes):+.2f}" for k in keys]
+            lines.append([f"`{motion}`", name, *cells])
+    return rows(["motion", "law", *keys.values()], lines)
+
+
+TABLES: dict[str, Table] = {
+    "speed": (_speed, ("bench",)),
+    "diagnose-time": (_diagnose_time, ("diagnose_time",)),
+    "waiting": (_waiting, ("waiting",)),
+    "held-out": (_held_out, ("held_out",)),
+    "sensors": (_sensors, ("sensors",)),
+    "depth-checks": (_depth_checks, ("depth_checks",)),
+    "known-laws": (_known_laws, ("known_laws",)),
+    "discretisations": (_discretisations, ("discretisations",)),
+    "effects": (_effects, ("effects",)),
+    "chances": (_chances, ("verdict_chances",)),
+    "cuts": (_cuts, ("cohesive_motions",)),
+}
+"""Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""

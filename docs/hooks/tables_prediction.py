@@ -1,0 +1,87 @@
+"""Tables of predictions: networks and engine on the nine DiSECt environments."""
+
+from __future__ import annotations
+
+from statistics import mean
+
+from reference_pages import rows
+from result_files import Table, read
+
+
+def _gains(part: str = "") -> str:
+    from plop.metrics.table import gains_to_markdown
+
+    return gains_to_markdown(read("disect")[part] if part else read("disect"))
+
+
+def _scores(part: str) -> str:
+    from plop.metrics.table import to_markdown
+
+    return to_markdown(read("disect"), part=part)
+
+
+MODELS = {
+    "network, recordings alone": "disect-cpu-recordings",
+    "network, with simulated episodes": "disect",
+    "engine alone": "disect-engine",
+}
+
+
+def _models() -> str:
+    """Set the means over environments of networks and engine side by side."""
+    names = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "truth_rms_mm": "nodes [mm]", "psnr_db": "PSNR [dB]"}
+    lines = []
+    for model, source in MODELS.items():
+        methods = [each["plop"] for each in read(source)["environments"].values()]
+        cells = []
+        for key in names:
+            digits = 1 if key == "psnr_db" else 2
+            pair = [mean(part[key]["mean"] for part in parts) for parts in (methods, [m["end"] for m in methods])]
+            cells.append(", ".join(f"{value:.{digits}f}" for value in pair))
+        lines.append([model, *cells])
+    return rows(["model", *(f"{title}: whole, end" for title in names.values())], lines)
+
+
+def _halves() -> str:
+    environments = read("cut_halves")["environments"].values()
+    keys = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "nodes_mm": "nodes [mm]"}
+    lines = []
+    for variant in next(iter(environments)):
+        each = [environment[variant] for environment in environments]
+        cells = [f"{mean(one[part][key] for one in each):.2f}" for part in ("episode", "end") for key in keys]
+        lines.append([variant, *cells, f"{mean(one['ms'] for one in each):.0f}"])
+    head = [f"{title}, {part}" for part in ("whole", "end") for title in keys.values()]
+    return rows(["rollout with", *head, "ms a frame"], lines)
+
+
+def _engine_disect() -> str:
+    lines = []
+    for environment in read("engine_disect")["environments"].values():
+        scores = environment["scores"]
+        for episode, fitted in scores["calibrated_7.15mm"].items():
+            stated = scores["stated_7.15mm"][episode]["rms_end_mm"]
+            lines.append(
+                [
+                    episode,
+                    f"{fitted['motion_rms_mm']:.1f}",
+                    f"{stated:.2f}",
+                    f"{fitted['rms_end_mm']:.2f}",
+                    f"{scores['calibrated_5mm'][episode]['rms_end_mm']:.2f}",
+                    environment["points_on_wrong_side"][episode],
+                ]
+            )
+    head = ["test recording", "motion", "as stated", "fitted", "fitted, 5 mm particles", "points beyond the blade"]
+    return rows(head, lines)
+
+
+DISECT, EACH = ("disect",), ("disect-cpu-recordings", "disect", "disect-engine")
+TABLES: dict[str, Table] = {
+    "gains": (_gains, DISECT),
+    "gains-plain": (lambda: _gains("plain"), DISECT),
+    "scores": (lambda: _scores("episode"), DISECT),
+    "scores-end": (lambda: _scores("end"), DISECT),
+    "models": (_models, EACH),
+    "halves": (_halves, ("cut_halves",)),
+    "engine-disect": (_engine_disect, ("engine_disect",)),
+}
+"""Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""
