@@ -67,13 +67,13 @@ docs: $(STAMP)-docs
 	$(BIN)/towncrier build --draft --version next > build/changes.md
 
 bench: setup
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.speed
 
 bench-physics: setup
 	@$(call install,-e ".[bench]")
-	$(BIN)/python -m benchmarks.physics_cameras --minutes 150
-	$(BIN)/python -m benchmarks.physics_points --minutes 90
-	$(BIN)/python -m benchmarks.physics_overview
+	$(BIN)/python -m benchmarks.missing_physics run cameras --minutes 150
+	$(BIN)/python -m benchmarks.missing_physics run points --minutes 90
+	$(BIN)/python -m benchmarks.missing_physics score
 
 reproduce: $(STAMP)-disect
 	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|cpu-recordings|paper" >&2; exit 2; }

@@ -159,7 +159,7 @@ def effects_page() -> str:
             f"{_escaped(effect.help)} (*{effect.kind}*)",
             f"```\n{effect.law}\n```",
             rows(["parameter", "unit", "range", "tried at", "meaning"], lines),
-            f"Source: {_escaped(effect.source)}.",
+            f"{_settings_tried(effect)}Source: {_escaped(effect.source)}.",
         ]
     parts.append(
         "## Sensor faults\n\nTyped as `--fault NAME[.PARAMETER]=VALUE[@CAMERA]`; without a parameter the first "
@@ -176,6 +176,12 @@ def effects_page() -> str:
     ]
     parts.append(rows(["fault", "what it is", "law", "parameters"], lines))
     return "\n\n".join(parts) + "\n"
+
+
+def _settings_tried(effect: Any) -> str:
+    """Give the settings of shape parameters at which a diagnosis tries a law."""
+    tried = [", ".join(f"`{key}` {value:g}" for key, value in each.items()) for each in effect.variants if each]
+    return f"A diagnosis tries {'; '.join(tried)}.\n\n" if tried else ""
 
 
 def _amounts(parameter: Any) -> str:

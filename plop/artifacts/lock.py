@@ -2,56 +2,71 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 POLL_S = 0.2
 
 
 @contextmanager
-def locked(path: Path, on_wait: Callable[[str], None] | None = None) -> Iterator[None]:
+def locked(path: Path, on_wait: Callable[[str], None] | None = None, *, note: Sequence[str] = ()) -> Iterator[None]:
     """Hold a lock file while the block runs; the system drops it when the process dies.
 
     Args:
         path: The lock file; made here and removed at the end.
         on_wait: Called once with the holder's process id when another run holds the lock.
+        note: Lines that others can read while it is held, see `note_of`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle = _acquire(path, on_wait)
+    lock = _lock(path, note)
     try:
-        os.ftruncate(handle, 0)
-        os.write(handle, str(os.getpid()).encode())
+        lock.acquire(timeout=0)
+    except Timeout:
+        if on_wait is not None:
+            on_wait(_lines(path)[0])
+        lock.acquire()
+    try:
         yield
     finally:
-        path.unlink(missing_ok=True)
-        os.close(handle)
+        _drop(lock, path)
 
 
-def _acquire(path: Path, on_wait: Callable[[str], None] | None) -> int:
-    told = False
-    while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.pread(handle, 32, 0).decode(errors="replace")
-            os.close(handle)
-            if on_wait is not None and not told:
-                on_wait(holder)
-                told = True
-            time.sleep(POLL_S)
-            continue
-        if _still_there(handle, path):
-            return handle
-        os.close(handle)  # the last holder removed the file between our open and our lock
-
-
-def _still_there(handle: int, path: Path) -> bool:
+def note_of(path: Path) -> list[str] | None:
+    """Read what the holder of a lock wrote; None where nobody holds it."""
+    if not path.is_file():
+        return None
+    lock = _lock(path)
     try:
-        return os.fstat(handle).st_ino == path.stat().st_ino
-    except FileNotFoundError:
-        return False
+        lock.acquire(timeout=0)
+    except Timeout:
+        return _lines(path)[1:]
+    _drop(lock, path)
+    return None
+
+
+def _lock(path: Path, note: Sequence[str] = ()) -> FileLock:
+    """Prepare a lock of the system's own, which a killed process does not keep: never one of files alone."""
+
+    def write(handle: int) -> None:
+        os.ftruncate(handle, 0)  # what a killed holder left
+        os.write(handle, "\n".join([str(os.getpid()), *note]).encode())
+
+    return FileLock(path, mode=0o644, poll_interval=POLL_S, fallback_to_soft=False, on_acquired=write)
+
+
+def _drop(lock: FileLock, path: Path) -> None:
+    """Remove the file while it is held: who waits for it sees that it is gone, and makes it anew."""
+    with suppress(OSError):  # Windows keeps a file that is open
+        path.unlink()
+    lock.release()
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(errors="replace").split("\n")
+    except OSError:  # just removed; or Windows, which does not show what is locked
+        return [""]

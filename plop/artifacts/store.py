@@ -5,6 +5,9 @@ artifacts/<stage>/.partial-<fingerprint>/   scratch folder of a run that goes on
 artifacts/names.json                        names given with --name
 artifacts/journal.jsonl                     what was made or asked for, in order
 artifacts/.cache/, artifacts/.locks/        may be removed when nothing runs
+
+By hand, since the tools for it (DVC, MLflow) bind results to a Git checkout or to a server; here a folder that can be
+moved holds everything, and what decides a result names it.
 """
 
 from __future__ import annotations

@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from plop.artifacts.atomic_file import whole
 from plop.errors import PlopError
-from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians
+from plop.geometry.ply import read_vertices, write_vertices
 
 _OPACITY_MARGIN = 1e-6
 _SH_C0 = 0.28209479177387814
@@ -34,7 +33,7 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
         PlopError: A number is not finite, or a scale is not positive.
     """
     columns = _columns(gaussians.detach().to("cpu"))
-    table = np.concatenate(list(columns.values()), axis=1).astype("<f4")
+    table = np.ascontiguousarray(np.concatenate(list(columns.values()), axis=1), dtype="<f4")
     if not np.isfinite(table).all():
         bad = next(name for name, values in columns.items() if not np.isfinite(values).all())
         raise PlopError(
@@ -46,10 +45,7 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3))]
     names += [f"f_rest_{i}" for i in range(columns["f_rest"].shape[1])]
     names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-    header = "\n".join([*lines, *(f"property float {name}" for name in names), "end_header", ""])
-    with whole(Path(path)) as scratch:
-        scratch.write_bytes(header.encode("ascii") + table.tobytes())
+    write_vertices(path, table.view([(name, "<f4") for name in names])[:, 0])
 
 
 def write_splat_sequence(folder: str | Path, frames: Iterable[Gaussians], *, prefix: str = "frame_") -> list[Path]:

@@ -1,4 +1,8 @@
-"""Register many overlapping clouds to each other at once (multiway point-to-plane ICP)."""
+"""Register many overlapping clouds to each other at once (multiway point-to-plane ICP).
+
+By hand, since Open3D registers pair by pair before it reconciles the pairs, knows no scale of depth per camera, and
+does not leave alone what the overlap does not constrain.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 The stages and their kernels: project (rasterize_numba_project), colour (rasterize_numba_colour), sort and
 list (rasterize_numba_bins), blend (rasterize_numba_blend). All views of a call share one pass through them.
+By hand, since the library for it, gsplat, which plop takes where there is a GPU, has no kernels for the CPU.
 """
 
 from __future__ import annotations

@@ -6,6 +6,9 @@ that say nothing. Here residuals are put right by how much they are pulled, and 
 what the episodes hold (Bell and McCaffrey, Survey Methodology 28, 2002: bias-reduced linearisation; Pustejovsky and
 Tipton, J. Business & Economic Statistics 36, 2018), both as they would be where an episode scatters as it
 is sensitive.
+
+By hand, since statsmodels' cluster-robust covariance has neither this correction nor these degrees of freedom, without
+which eight episodes look more certain than they are.
 """
 
 from __future__ import annotations

@@ -10,9 +10,9 @@ import torch
 
 from plop.errors import PlopError
 from plop.gaussians.nearest import nearest_distance
-from plop.gaussians.ply_vertices import read_vertices
 from plop.gaussians.state import Gaussians
 from plop.geometry.depth_planes import pixel_planes
+from plop.geometry.ply import read_vertices
 from plop.geometry.rigid import matrix_to_quat
 from plop.recordings.recording import View
 from plop.render.sh import C0

@@ -14,6 +14,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 
 from plop.artifacts.atomic_file import whole
 
@@ -28,11 +29,11 @@ class Progressed:
 
 
 def save_checkpoint(
-    folder: Path, model: nn.Module, averaged: dict[str, Tensor], optimiser: torch.optim.Optimizer, at: Progressed
+    folder: Path, model: nn.Module, averaged: AveragedModel, optimiser: torch.optim.Optimizer, at: Progressed
 ) -> None:
     """Write a checkpoint over the last one."""
     tensors = {f"model.{k}": v.detach().clone() for k, v in model.state_dict().items()}
-    tensors |= {f"averaged.{k}": v.clone() for k, v in averaged.items()}
+    tensors |= {f"averaged.{k}": v.detach().clone() for k, v in averaged.state_dict().items()}
     for index, entry in optimiser.state_dict()["state"].items():
         for key, value in entry.items():
             tensors[f"adam.{index}.{key}"] = torch.as_tensor(value).detach().clone()
@@ -42,7 +43,7 @@ def save_checkpoint(
 
 
 def load_checkpoint(
-    folder: Path, model: nn.Module, averaged: dict[str, Tensor], optimiser: torch.optim.Optimizer
+    folder: Path, model: nn.Module, averaged: AveragedModel, optimiser: torch.optim.Optimizer
 ) -> Progressed | None:
     """Restore a checkpoint into model, averaged weights and optimiser.
 
@@ -58,8 +59,10 @@ def load_checkpoint(
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, KeyError, ValueError):
         return None
+    if _below(tensors, "averaged.").keys() != averaged.state_dict().keys():
+        return None
     model.load_state_dict(_below(tensors, "model."))
-    averaged.update({name: value.to(averaged[name].device) for name, value in _below(tensors, "averaged.").items()})
+    averaged.load_state_dict(_below(tensors, "averaged."))
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in _below(tensors, "adam.").items():
         index, _, name = key.partition(".")

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 
 from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopConfig, PlopModel
@@ -58,7 +59,11 @@ class Schedule:
         return horizons[min(level, len(horizons) - 1)]
 
     def rate_at(self, step: int) -> float:
-        """Learning rate: linear rise over a tenth of the steps, then a cosine to a hundredth."""
+        """Learning rate: linear rise over a tenth of the steps, then a cosine to a hundredth.
+
+        By hand, since torch's schedulers go from step to step, so that a training that was stopped would have to keep
+        their state to go on bit by bit as if it had not been.
+        """
         rise = max(1, self.steps // 10)
         if step < rise:
             return self.learning_rate * (step + 1) / rise
@@ -98,7 +103,7 @@ def optimise(
     with Processes.join(device) as processes:
         model = PlopModel(config).to(device)
         optimiser = torch.optim.AdamW(model.parameters(), lr=plan.learning_rate, weight_decay=1e-4)
-        averaged = {name: value.detach().clone() for name, value in model.state_dict().items()}
+        averaged = averaged_model(model, plan.averaging)
         at = load_checkpoint(out.path, model, averaged, optimiser) or Progressed(0, math.inf, 0)
         step_loss = processes.wrap(TrainingStep(model))
         motions = [_motion(track(i)) for i in range(episodes)]
@@ -106,11 +111,11 @@ def optimise(
         with Journal.open(out.path, at.step, enabled=processes.first) as journal:
             for step in range(at.step, plan.steps):
                 loss, log = _one_step(step_loss, optimiser, track, motions, plan, weights, step, processes)
-                _average(averaged, model, plan.averaging, step)
+                averaged.update_parameters(model)
                 journal.write(step, loss, log)
                 done = step + 1
                 if processes.first and (done % plan.validate_every == 0 or done == plan.steps):
-                    at = _validate(model, averaged, track, judged or episodes, at, done, out, about or {})
+                    at = _validate(averaged, track, judged or episodes, at, done, out, about or {})
                     journal.write(step, loss, {"rollout_error_mm": at.best_error_m * 1e3})
                 at = replace(at, step=done)
                 if processes.first and (done % plan.checkpoint_every == 0 or done == plan.steps):
@@ -145,11 +150,15 @@ def _one_step(
     return processes.mean(float(loss.detach())), log
 
 
-def _average(averaged: dict[str, Tensor], model: nn.Module, decay: float, step: int) -> None:
-    """Move the averaged weights; the decay grows from 0 so that the start does not linger."""
-    decay = min(decay, (1 + step) / (10 + step))
-    for name, value in model.state_dict().items():
-        averaged[name].lerp_(value.detach(), 1 - decay)
+def averaged_model(model: nn.Module, decay: float) -> AveragedModel:
+    """Begin the running average of a model's weights; the decay grows from 0 so that the start does not linger."""
+
+    def moved(average: Tensor, value: Tensor, number: Tensor | int) -> Tensor:
+        return average.lerp(value, 1 - min(decay, int(number) / (9 + int(number))))
+
+    averaged = AveragedModel(model, avg_fn=moved, use_buffers=True)
+    averaged.update_parameters(model)  # the first one is a copy
+    return averaged
 
 
 def _motion(track: Track) -> np.ndarray:
@@ -158,8 +167,7 @@ def _motion(track: Track) -> np.ndarray:
 
 
 def _validate(
-    model: PlopModel,
-    averaged: dict[str, Tensor],
+    averaged: AveragedModel,
     track: Callable[[int], Track],
     episodes: int,
     at: Progressed,
@@ -167,15 +175,13 @@ def _validate(
     out: Output,
     about: Mapping[str, Any],
 ) -> Progressed:
-    """Roll out the training episodes with the averaged weights; write the weights if they are the best so far."""
-    current = {name: value.clone() for name, value in model.state_dict().items()}
-    model.load_state_dict(averaged)
+    """Roll out the training episodes with the averaged model; write its weights if they are the best so far."""
+    model = cast(PlopModel, averaged.module)
     error = sum(rollout_error_m(model, track(i)) for i in range(episodes)) / episodes
     if error <= at.best_error_m or not (out.path / "model.json").exists():
         facts = {**about, "step": step, "rollout_error_mm": error * 1e3}
         save_model(out.path, model, training=facts)
-        at = Progressed(at.step, error, step)
-    model.load_state_dict(current)
+        return Progressed(at.step, error, step)
     return at
 
 

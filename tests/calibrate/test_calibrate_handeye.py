@@ -21,10 +21,10 @@ from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import CalibrateConfig
 from tests.calibrate.test_calibrate_inputs import calibrate, handeye_folder
 from tests.calibrate.test_calibrate_stage import moved
-from tests.geometry.handeye_sets import draw_rig, stretched
-from tests.geometry.scene import ring, write_set
 from tests.geometry.test_boards import MATRIX, photograph, poses
 from tests.geometry.test_handeye import robot_poses
+from tests.support.ellipsoid_scene import ring, write_set
+from tests.support.handeye_sets import draw_rig, stretched
 
 RIG = draw_rig(4, mount="fixed", pairs=14, noise_mm=0.3, noise_deg=0.02, turn_deg=35)
 

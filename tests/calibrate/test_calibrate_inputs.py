@@ -22,9 +22,9 @@ from stages.calibrate import tool_timing
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import STAGE, CalibrateConfig
 from stages.calibrate.tool_timing import episode_offsets
-from tests.geometry.scene import ring, write_set
 from tests.geometry.test_boards import CHARUCO, MATRIX, photograph, poses
 from tests.geometry.test_handeye import robot_poses
+from tests.support.ellipsoid_scene import ring, write_set
 
 BLADE = Mesh(
     np.array([[x, y, z] for x in (0, 0.06) for y in (0, 0.004) for z in (0, 0.05)], float),

@@ -15,7 +15,7 @@ from plop.geometry.rigid import pose_from_euler_xyz
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.calibrate.stage import STAGE, CalibrateConfig
-from tests.geometry.scene import ring, write_set
+from tests.support.ellipsoid_scene import ring, write_set
 
 
 def calibrate(folder: Path, out: Path, config: CalibrateConfig | None = None):

@@ -14,7 +14,7 @@ from stages.calibrate.stage import CalibrateConfig
 from stages.fuse.stage import STAGE as FUSE
 from stages.fuse.stage import FuseConfig
 from tests.calibrate.test_calibrate_stage import calibrate
-from tests.geometry.scene import ring, write_set
+from tests.support.ellipsoid_scene import ring, write_set
 
 
 def change(folder, what):

@@ -15,9 +15,9 @@ from plop.geometry.boards import Board
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.set import RecordingSet
 from tests.cases.case import Case, Done
-from tests.geometry.handeye_sets import draw_rig, stretched
 from tests.geometry.test_boards import photograph, poses
 from tests.support.droid_scene import EXT1, EXT2, Scene, exterior_poses, make_episode
+from tests.support.handeye_sets import draw_rig, stretched
 
 TRUTH = exterior_poses()
 COMMANDS = ("ingest droid raw -q", "calibrate --handeye poses")

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import candidate, episodes, state
 from plop.comparison import discretisations
 from plop.comparison.discretisations import OTHERS, discretised, predicted_by_each
 from plop.diagnosis.evidence import MisfitModel, evidence_of
@@ -18,6 +17,7 @@ from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.material import Material
 from plop.tracking.episode import Episode
 from tests.support.coarse_episodes import coarse_episode
+from tests.support.synthetic_evidence import candidate, episodes, state
 
 BASE = EngineBase(Material(), spacing_m=0.01)
 COLUMN = candidate("tilt").columns[0]

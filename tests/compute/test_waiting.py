@@ -40,7 +40,7 @@ def run(code: str, **environment: str) -> str:
     "entry",
     [
         "import stages.train.stage",
-        "import benchmarks.bench_dynamics",
+        "import benchmarks.speed.dynamics",
         "from plop_cli.app import main; main(['train', '--help'])",
     ],
 )

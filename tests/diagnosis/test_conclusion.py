@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import CANDIDATES, NOISE_M, FakeTable, candidate, episodes, key, state
 from plop.diagnosis.amplitude import RESPONSE_ERROR
 from plop.diagnosis.amplitudes import _moved
 from plop.diagnosis.conclusion import conclusion
@@ -18,6 +17,7 @@ from plop.diagnosis.verdict import Verdict
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import facts_of, rows_of
+from tests.support.synthetic_evidence import CANDIDATES, NOISE_M, FakeTable, candidate, episodes, key, state
 
 SHAMS = 99
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.verdict_chances import HELD, KINDS, SCATTERS, contrast_chances, drawn_grams
 from plop.diagnosis.contrast import P_LARGEST, contrast_of
 from plop.physics.scenes.scene import simulate_episode
 from plop.tracking.episode import episode_from_sequence
 from plop.tracking.phases import motion_kind
 from tests.support.coarse_episodes import SCENE
+from tests.support.drawn_contrasts import HELD, KINDS, SCATTERS, contrast_chances, drawn_grams
 
 TOLD, ALL_ONE, ALL_LONE = KINDS["four kinds"], (["a"] * 6, ["a"] * 5), (list("abcdefgh"), list("abcdefghijkl"))
 MILD = HELD["0.3 to 3 times"]

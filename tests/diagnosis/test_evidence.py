@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import LAWS, NOISE_M, episodes, key
 from plop.diagnosis.evidence import FRAMES, MisfitModel, compared_frames, corrected, octants, whiten
+from tests.support.synthetic_evidence import LAWS, NOISE_M, episodes, key
 
 KEYS = [key(law) for law in LAWS]
 

@@ -9,7 +9,7 @@ from plop.diagnosis.candidates import Candidate, Column
 from plop.diagnosis.diagnose import _two_are_tried
 from plop.diagnosis.pairs import _turned
 from plop.diagnosis.verdict import Verdict
-from tests.diagnosis.world import World
+from tests.support.world import World
 
 LAWS = ("stiffness", "adhesion", "tilt", "swelling", "fibres")
 HIDDEN = {"adhesion": 600.0, "gx_m_s2": 1.5, "gy_m_s2": -1.0}

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import LAWS, candidate, episodes, key, screen, state
 from plop.diagnosis.regression import gain, held_out_energy
 from plop.diagnosis.screen import confounded, one_per_effect
 from plop.diagnosis.state import State
+from tests.support.synthetic_evidence import LAWS, candidate, episodes, key, screen, state
 
 
 @pytest.mark.parametrize("law", [name for name in LAWS if name != "stiffness"])

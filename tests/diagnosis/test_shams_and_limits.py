@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import candidate, episodes, key, state
 from plop.diagnosis.conclusion import conclusion
 from plop.diagnosis.findings import finding_of
 from plop.diagnosis.limits import detection_limits
 from plop.diagnosis.screen import one_per_effect
 from plop.diagnosis.shams import SIGNS_LEAST, p_value, sham_gains
+from tests.support.synthetic_evidence import candidate, episodes, key, state
 
 
 def best_p(seed: int, shams: int = 49, *, alone: bool = True, **misfit_m: float) -> float:

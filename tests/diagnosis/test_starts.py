@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import CANDIDATES, candidate, episodes, state
 from plop.diagnosis.starts import begun, turned
 from plop.physics.effects.library import EffectType, library
-from tests.diagnosis.world import World
+from tests.support.synthetic_evidence import CANDIDATES, candidate, episodes, state
+from tests.support.world import World
 
 LAWS = ("stiffness", "table_friction", "viscosity", "swelling", "fibres")
 LESS = -0.35

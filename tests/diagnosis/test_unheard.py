@@ -13,8 +13,8 @@ from plop.diagnosis.responses import Answer, Job, run_job
 from plop.diagnosis.verdict import Verdict, among
 from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.library import library
-from tests.diagnosis.world import World
 from tests.support.coarse_episodes import BASE, coarse_episode
+from tests.support.world import World
 
 
 class Three(World):

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic_evidence import episodes, state
 from plop.diagnosis.candidates import Column
 from plop.diagnosis.conclusion import Diagnosis
 from plop.diagnosis.next_motion import next_motion, settling_motion
@@ -16,7 +15,8 @@ from plop.diagnosis.responses import Answer, Job
 from plop.diagnosis.variants import as_good, others_of
 from plop.parameters import short_number
 from plop.physics.effects.library import EffectType, library
-from tests.diagnosis.world import World
+from tests.support.synthetic_evidence import episodes, state
+from tests.support.world import World
 
 LAWS = ("stiffness", "adhesion", "viscosity", "swelling")
 SOON, SOME, BETWEEN = 0.03, 0.1, 0.05

@@ -16,7 +16,7 @@ from plop.gaussians.splat_ply import read_splat
 from plop.pipeline.stage import Input, Output
 from stages.fit_init.stage import STAGE, FitInitConfig
 from stages.fit_init.tool_splats import drawn_in
-from tests.geometry.scene import CENTER, RADII, TOOL, ellipsoid_distance, ring, write_set
+from tests.support.ellipsoid_scene import CENTER, RADII, TOOL, ellipsoid_distance, ring, write_set
 
 SMALL = FitInitConfig(count=500, steps=120, tool_count=60)
 

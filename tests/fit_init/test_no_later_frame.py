@@ -18,7 +18,7 @@ from plop.render.sh import C0
 from plop.sensors.silhouette import outline
 from stages.fit_init.stage import STAGE, FitInitConfig
 from stages.fit_init.tool_splats import sample_mesh
-from tests.geometry.scene import TOOL, ring, write_recording
+from tests.support.ellipsoid_scene import TOOL, ring, write_recording
 
 QUICK = FitInitConfig(count=60, steps=2, tool_count=40, virtual_views=0, jobs=1)
 SIZE = 48

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.rope import rope_surface, rope_views
 from stages.fit_init.episode import fit_object
 from stages.fit_init.held_out import score_view
 from stages.fit_init.stage import FitInitConfig
+from tests.support.rope import rope_surface, rope_views
 
 
 def test_photographs_of_a_rope_are_fitted_without_depth(shared_data):

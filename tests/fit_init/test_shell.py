@@ -14,7 +14,7 @@ from stages.fit_init.shell import (
     seen_by,
     surface_from_views,
 )
-from tests.geometry.scene import CENTER, RADII, ellipsoid_distance, render, ring
+from tests.support.ellipsoid_scene import CENTER, RADII, ellipsoid_distance, render, ring
 
 
 def views(count: int = 4, size: int = 64) -> list[View]:

@@ -13,8 +13,8 @@ from stages.fit_init.held_out import score_view
 from stages.fit_init.shell import surface_from_views
 from stages.fit_init.stage import FitInitConfig
 from stages.fit_init.virtual_views import virtual_views
-from tests.geometry.scene import ellipsoid_distance, render, ring
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
+from tests.support.ellipsoid_scene import ellipsoid_distance, render, ring
 
 
 def views(count: int = 6, size: int = 96, noise_m: float = 0.0) -> list[View]:

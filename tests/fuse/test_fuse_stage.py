@@ -15,7 +15,7 @@ from plop.geometry.cloud_ply import read_cloud
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.pipeline.stage import Input, Output
 from stages.fuse.stage import STAGE, FuseConfig
-from tests.geometry.scene import CENTER, ellipsoid_distance, ring, write_set
+from tests.support.ellipsoid_scene import CENTER, ellipsoid_distance, ring, write_set
 
 
 def fuse(folder: Path, out: Path, config: FuseConfig | None = None):

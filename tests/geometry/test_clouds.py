@@ -24,7 +24,7 @@ from plop.geometry.pointcloud import (
 from plop.geometry.registration import register
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.geometry.tsdf import DepthFrame, fuse_tsdf
-from tests.geometry.scene import ellipsoid_distance, render, ring
+from tests.support.ellipsoid_scene import ellipsoid_distance, render, ring
 
 
 def random_cloud(count=500, seed=0):

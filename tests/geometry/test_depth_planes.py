@@ -2,7 +2,7 @@ import numpy as np
 
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.depth_planes import pixel_planes
-from tests.geometry.scene import ellipsoid_distance, render, ring
+from tests.support.ellipsoid_scene import ellipsoid_distance, render, ring
 
 
 def roof(noise_m: float = 0.0) -> tuple[Camera, np.ndarray, np.ndarray]:

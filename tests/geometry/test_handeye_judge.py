@@ -16,7 +16,7 @@ from plop.geometry.handeye_readings import OTHER_MOUNT
 from plop.geometry.pose_matrices import is_transposed, matrix_fault
 from plop.geometry.rigid import check_rigid, invert_rigid, pose_from_euler_xyz
 from stages.calibrate.handeye_folder import read_handeye
-from tests.geometry.handeye_sets import draw_rig, stretched, turned
+from tests.support.handeye_sets import draw_rig, stretched, turned
 
 
 def test_right_sets_are_accepted():

@@ -12,7 +12,7 @@ import trimesh
 from plop.geometry.cameras import Camera
 from plop.geometry.convex import convex_surface
 from plop.geometry.hidden_below import hidden_below
-from tests.geometry.scene import ring
+from tests.support.ellipsoid_scene import ring
 
 SIZE_M = np.array([0.08, 0.05, 0.04])
 

@@ -27,7 +27,7 @@ from stages.ingest.resting import check_table
 from stages.ingest.settings import DisectConfig, MeshConfig
 from stages.ingest.stage import INGEST_DISECT, INGEST_MESH
 from stages.ingest.surface_checks import check_order, sound_surface
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
 
 BOX = box_sequence()
 SMALL = MeshConfig(size=24, cameras=2, supersample=1)

@@ -1,11 +1,11 @@
-"""The table over environments: shape, seeds, Markdown, markers."""
+"""The table over environments: shape, seeds, Markdown."""
 
 import json
 
 import pytest
 
 from plop.errors import PlopError
-from plop.metrics.table import collect, gains_to_markdown, replace_between_markers, to_markdown
+from plop.metrics.table import collect, gains_to_markdown, to_markdown
 
 
 def write_scores(path, shift=0.0, lpips=None):
@@ -79,13 +79,6 @@ def test_what_is_undefined_in_one_environment_is_a_dash(tmp_path):
     rows = to_markdown(results).splitlines()
     assert rows[2].endswith("| - |")
     assert rows[4].endswith("| 0.500 [0.500, 0.500] |")
-
-
-def test_only_the_text_between_the_markers_changes():
-    page = "before\n<!-- t:begin -->\nold\n<!-- t:end -->\nafter"
-    assert replace_between_markers(page, "t", "new") == "before\n<!-- t:begin -->\nnew\n<!-- t:end -->\nafter"
-    with pytest.raises(PlopError, match="no place"):
-        replace_between_markers(page, "other", "new")
 
 
 @pytest.mark.parametrize("content", [None, "{", "[]", '{"methods": {}}'])

@@ -9,7 +9,6 @@ import open3d as o3d
 import pytest
 from scipy.spatial import cKDTree
 
-from benchmarks.engine_on_disect import thin_out
 from plop.errors import PlopError
 from plop.physics.calibration.gauss_newton import calibrate
 from plop.physics.calibration.recorded_motion import Case, case_from_sequence
@@ -93,12 +92,3 @@ def test_case_of_a_cut_surface_knows_its_sides():
     assert ((case.particles.sides[material] > 0) == (ahead > 0))[clear].mean() > 0.99
     assert clear.mean() > 0.7
     assert case.particles.volumes.sum() == pytest.approx(0.08 * 0.05 * 0.04, rel=0.01)
-
-
-def test_comparing_fewer_points_leaves_the_motion_of_the_others_as_it_was():
-    case = case_from_sequence(demo_episode("x", CutPlan(0.004, 0.1, 0.1, 0.02, 0.07)), 0.008)
-    less = thin_out(case, 3)
-    assert len(less.particles) < len(case.particles) and less.tracers.stop is None
-    full, few = (c.predict(Material(), replace(CONFIG, dx_m=0.016)) for c in (case, less))
-    np.testing.assert_allclose(few, full[:, ::3], atol=1e-6)
-    assert np.ptp(full, axis=0).max() > 1e-3

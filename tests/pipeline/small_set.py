@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from plop.recordings.readers.mesh.sequence import write_mesh_sequence
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
 
 SMALL = [
     "fit-init.count=120",

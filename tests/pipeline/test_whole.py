@@ -15,7 +15,7 @@ from plop.pipeline.settings import resolve
 from plop.recordings.readers.mesh.sequence import write_mesh_sequence
 from plop_cli.app import main
 from tests.pipeline.small_set import SMALL
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
 
 
 def options(settings: list[str]) -> list[str]:

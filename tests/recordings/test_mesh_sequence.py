@@ -17,7 +17,7 @@ from plop.recordings.readers.mesh.sequence import (
     read_mesh_sequence,
     write_mesh_sequence,
 )
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
 
 
 def test_reads_back_what_was_written(tmp_path: Path) -> None:

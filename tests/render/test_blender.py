@@ -13,8 +13,8 @@ from plop.errors import PlopError
 from plop.render.blender import BlenderRenderer, blender_command, subdivided
 from plop.render.mesh_raycast import Look, MeshRenderer
 from plop.render.texture import SolidTexture
-from tests.render.box_sequence import box_sequence
 from tests.render.test_mesh_raycast import camera_aslant
+from tests.support.box_sequence import box_sequence
 
 LOOK = Look(SolidTexture.from_seed(3))
 

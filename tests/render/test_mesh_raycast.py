@@ -11,7 +11,7 @@ from plop.geometry.cameras import Camera, look_at
 from plop.recordings.recording import MaskLabel
 from plop.render.mesh_raycast import Light, Look, MeshRenderer
 from plop.render.texture import SolidTexture, seed_from
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
 
 TEXTURE = SolidTexture.from_seed(3)
 FLAT = Look(TEXTURE, Light(ambient=1.0, directional=0.0))

@@ -12,7 +12,7 @@ from plop.recordings.recording import MaskLabel
 from plop.render.recorder import Disturbances, cameras_of, disturbed_render
 from plop.render.settings import CameraSettings
 from plop.sensors.faults import parse_faults
-from tests.render.box_sequence import box_sequence
+from tests.support.box_sequence import box_sequence
 
 SETTINGS = CameraSettings(size=32, cameras=2, supersample=1)
 

@@ -20,7 +20,7 @@ from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.recordings.set import RecordingSet
 from plop.render.recorder import record
 from plop.render.settings import CameraSettings
-from tests.render.box_sequence import BLADE, BLADE_FACES, box_sequence
+from tests.support.box_sequence import BLADE, BLADE_FACES, box_sequence
 
 FRAMES = 9
 PUSH_M = 0.004

@@ -1,4 +1,8 @@
-"""Run the particle-grid engine: particles, material and tool motion in, trajectory out."""
+"""Run the particle-grid engine: particles, material and tool motion in, trajectory out.
+
+By hand, since `diagnose` needs effects that are added by name, a user's own among them, cuts whose two sides touch, and
+thousands of short runs of about a thousand particles on a CPU; public engines are made for few large runs on a GPU.
+"""
 
 from __future__ import annotations
 

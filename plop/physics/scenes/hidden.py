@@ -20,6 +20,10 @@ _RANDOM_SNR = (0.5, 2.0)
 """Effects that are drawn move the object by so many times the noise of one point; most cannot do more."""
 
 
+class SignalTooWeak(PlopError):
+    """No amplitude in the effect's range moves the object as far as wanted."""
+
+
 def choose(
     scene: Scene,
     wishes: Sequence[Wish],
@@ -45,7 +49,8 @@ def choose(
         jobs: See Response.
 
     Raises:
-        PlopError: No amplitude in its range gives the wanted signal.
+        SignalTooWeak: No amplitude in its range gives the wanted signal.
+        PlopError: No effect that is drawn can give one.
     """
     coarser = min(_COARSER, min(scene.shape.size_m) / 3 / scene.spacing_m)
     coarse = replace(scene, spacing_m=coarser * scene.spacing_m, dx_m=coarser * scene.dx_m)
@@ -106,12 +111,12 @@ def _direction(effect: EffectType, random: np.random.Generator) -> dict[str, flo
     return {key: value * float(factor) for (key, value), factor in zip(size.items(), turn, strict=True)}
 
 
-def _too_weak(response: Response, wish: Wish, snr: float, noise_floor_m: float) -> PlopError:
+def _too_weak(response: Response, wish: Wish, snr: float, noise_floor_m: float) -> SignalTooWeak:
     assert wish.effect is not None
     strongest = wish.scaled(response.affordable(wish))
     rms = stable_rms(response, strongest)
     reached = "an unstable run" if rms is None else f"SNR {rms / noise_floor_m:.2g}"
-    return PlopError(
+    return SignalTooWeak(
         "The effect cannot give the wanted signal in these motions.",
         where=f"--hide {wish.effect.name}",
         expected=f"SNR {snr:g}",

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cohesive_motions
-from benchmarks.effects_table import RESULT, keys
+from benchmarks.speed.effects import RESULT, keys
 from plop.physics.effects.library import library
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
@@ -36,14 +35,3 @@ def test_the_template_is_an_effect_that_obeys_its_law(tmp_path, block):
     run = simulate(body, Material(), None, np.array([0, 0.05]), config, effects=[draught(shear_per_s2=20)])
     moved = (run.positions[-1] - run.positions[0])[:, 0].mean()
     assert moved == pytest.approx(0.5 * 20 * 0.01 * 0.05**2, rel=0.05)
-
-
-def test_cuts_were_measured_in_every_motion():
-    result = json.loads(cohesive_motions.RESULT.read_text(encoding="utf-8"))
-    assert set(result["motions"]) == set(cohesive_motions.CUTS) and len(result["seeds"]) >= 3
-
-
-def test_a_seed_makes_the_same_cut_in_every_motion():
-    plans = [cohesive_motions.plan_of(kind, 1) for kind in cohesive_motions.CUTS]
-    assert len({(plan.x_m, plan.yaw_rad, plan.speed_m_s) for plan in plans}) == 1
-    assert len({cohesive_motions.plan_of("cut", seed).x_m for seed in cohesive_motions.SEEDS}) == 3

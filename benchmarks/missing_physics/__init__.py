@@ -1,0 +1,1 @@
+"""Hidden effects and faults, and what `plop diagnose` names."""

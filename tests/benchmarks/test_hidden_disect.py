@@ -1,0 +1,99 @@
+"""The hidden DiSECt sets through cameras: what is typed, and what the result keeps of a diagnosis."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from benchmarks.datasets.hidden_disect import RANKED, SETTINGS, Sets, collected
+from plop.pipeline.chain import read_profile
+from stages.filter.stage import FilterConfig
+from stages.identify.stage import IdentifyConfig
+
+ROW = {
+    "effect": "tilt",
+    "gain": 0.123456,
+    "gain_error": 0.01,
+    "p": 0.005,
+    "contrast_p": None,
+    "passes": True,
+    "reasons": [],
+    "help": "dropped",
+    "parameters": {"gx": {"value": 1.23456, "low": None, "high": 2.0, "unit": "m/s^2", "at_bound": 1}},
+}
+
+
+FACTS = {
+    "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt."},
+    "error": 2.000049,
+    "floor": None,
+    "closed_share": 0.5,
+    "episodes": ["a"],
+    "reference_episodes": [],
+    "seconds": 1.0,
+    "shams": "dropped",
+    "ranking": [ROW, *({**ROW, "effect": f"law_{k}"} for k in range(RANKED + 1))],
+    "base": {**ROW, "effect": "stiffness"},
+}
+
+
+def store_of(folder: Path, facts: dict) -> SimpleNamespace:
+    """A store in which every name is a diagnosis, and a comparison, too."""
+    (folder / "diagnosis.json").write_text(json.dumps(facts))
+    manifest = SimpleNamespace(stage_version=14, summary={"figures": {"rms_mm": 1.25}})
+    asked: list[str] = []
+    found = SimpleNamespace(path=folder, manifest=manifest)
+    return SimpleNamespace(asked=asked, find=lambda name: asked.append(name) or found)
+
+
+@pytest.fixture
+def typed(monkeypatch) -> list[tuple[str, ...]]:
+    words: list[tuple[str, ...]] = []
+    monkeypatch.setattr(Sets, "plop", lambda self, *given: words.append(given))
+    return words
+
+
+def loop(tmp_path: Path, facts: dict) -> Sets:
+    made = Sets(tmp_path / "w", tmp_path / "data")
+    made.store = store_of(tmp_path, facts)
+    return made
+
+
+def test_settings_are_those_that_the_stages_know():
+    for stage, config in (("filter", FilterConfig), ("identify", IdentifyConfig)):
+        assert set(tomllib.loads(SETTINGS)[stage]) <= set(config.__dataclass_fields__)
+
+
+def test_every_base_is_made_of_the_recordings_without_a_change(tmp_path, typed):
+    for base in ("engine", "made", "folds"):
+        loop(tmp_path, FACTS).base(base)
+    assert not any("disect_hidden" in word for words in typed for word in words)
+    trained = [words for words in typed if words[0] == "train"]
+    assert "--engine" in trained[0] and "--folds" not in trained[0]
+    assert "--folds" in trained[1] and "--engine" not in trained[1]
+    steps = [words[words.index("--track-steps") + 1] for words in trained]
+    assert steps == ["2000", str(read_profile("cpu").settings["train"]["track_steps"])]
+
+
+def test_what_is_named_is_added_and_compared_again(tmp_path, typed):
+    found = loop(tmp_path, FACTS).diagnosed("engine", 3)
+    assert [words[0] for words in typed] == ["ingest", "calibrate", "diagnose", "compare", "augment", "compare"]
+    assert typed[3][2] == "jelly-engine" and typed[5][2] == "engine3-better" == typed[4][-1]
+    assert (found["before_mm"], found["after_mm"]) == (1.25, 1.25)
+    nothing = {**FACTS, "verdict": {"kind": "NOTHING DETECTABLE", "named": [], "text": ""}}
+    alone = loop(tmp_path, nothing).diagnosed("engine", 2)
+    assert typed[-1][0] == "compare" and "after_mm" not in alone
+
+
+def test_a_diagnosis_is_kept_with_its_version_and_the_best_effects(tmp_path):
+    store = store_of(tmp_path, FACTS)
+    kept = collected(store, "unseen1")
+    assert store.asked == ["unseen1"] and kept["diagnose_version"] == 14
+    assert (kept["verdict"], kept["named"], kept["error"], kept["floor"]) == ("EFFECT", ["tilt"], 2.0, None)
+    assert [row["effect"] for row in kept["ranking"]] == ["tilt", "law_0", "law_1", "law_2", "stiffness"]
+    assert kept["ranking"][0]["parameters"] == {"gx": {"value": 1.2346, "low": None, "high": 2.0, "unit": "m/s^2"}}
+    assert "dropped" not in json.dumps(kept)
