@@ -65,7 +65,7 @@ class Sets(Typed):
     def base(self, base: str) -> None:
         """Make a base; all need the engine."""
         jelly = ("--environment", "prism-jelly")
-        # 005 is left out: a fault of the recording, which no engine follows (docs/engine.md)
+        # 005 is left out: a fault of the recording, which no engine follows (docs/results/prediction.md)
         self.filmed(self.data / "disect", "part", *jelly, "--episodes", "*_part_00[0-4]")
         self.plop("identify", "--recordings", "part", "--split", "all", "--name", "jelly-engine")
         if base == "engine":

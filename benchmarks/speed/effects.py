@@ -113,62 +113,10 @@ def _response(effect: type[Effect], parameter: Parameter, shape: Figures, base: 
     }
 
 
-def laws() -> str:
-    """Make the table of laws from what the effects say of themselves."""
-    rows = ["| effect | kind | law | amplitudes | shape | source |", "|---|---|---|---|---|---|"]
-    for name, effect in library().items():
-        shape = "; ".join(_numbers(p, p.default) for p in effect.shapes)
-        tried = ", ".join(" ".join(f"{v:g}" for v in variant.values()) for variant in effect.variants if variant)
-        cells = [
-            f"`{name}`: {effect.help}",
-            effect.kind,
-            f"`{effect.law}`",
-            "; ".join(_numbers(p, p.typical) for p in effect.amplitudes),
-            shape + (f"; tried at {tried}" if tried else ""),
-            effect.source,
-        ]
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(rows)
-
-
-def _numbers(p: Parameter, value: float) -> str:
-    also = f" (also tried: {', '.join(f'{v:g}' for v in p.tried)})" if p.tried else ""
-    usual = f"{'typically' if p.step else 'else'} {value:g}{also}"
-    return f"`{p.name}` [{p.unit}] {p.low:g} to {p.high:g}, {usual}: {p.help}"
-
-
-def measured(result: Figures) -> str:
-    """Make the table of figures."""
-    rows = [
-        "| effect | step | moves by [mm] | curved | typical | moves by [mm] | cost of a step |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for key, (_, p, _) in keys().items():
-        if (figure := result["effects"].get(key)) is None:
-            rows.append(f"| `{key}` | {p.step:g} {p.unit} | not measured | | {p.typical:g} {p.unit} | not measured | |")
-            continue
-        small = [f"{p.step:g} {p.unit}", f"{figure['step_mm']:.3f}", f"{100 * figure['curved']:.0f} %"]
-        large = [f"{p.typical:g} {p.unit}", f"{figure['typical_mm']:.2f}", f"{100 * figure['cost']:+.0f} %"]
-        rows.append("| " + " | ".join([f"`{key}`", *small, *large]) + " |")
-    facts = (
-        f"`{result['command']}`, processor time, load {result['load_1min']:g} while measuring. {result['what']} "
-        f"({result['particles']} particles). Without effects a time step takes {result['step_ms']:.2f} ms, and a "
-        f"time step shorter by a tenth alone moves the object by {result['shorter_step_mm']:.3f} mm."
-    )
-    later = [f" `{name}` was measured later, at a load of {load:g}." for name, load in result.get("later", {}).items()]
-    facts += "".join(later)
-    return "\n".join([*rows, "", facts])
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="these effects only")
-    parser.add_argument("--tables", action="store_true", help="measure nothing; print the tables of docs/effects.md")
     options = parser.parse_args()
     if unknown := {*options.names} - {*library()}:
         parser.error(f"no effect is called {', '.join(sorted(unknown))}; there are {', '.join(library())}")
-    if options.tables:
-        figures = json.loads(RESULT.read_text(encoding="utf-8"))
-        sys.stdout.write(f"{laws()}\n\n{measured(figures)}\n")
-    else:
-        measure(options.names)
+    measure(options.names)

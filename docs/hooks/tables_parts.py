@@ -10,7 +10,7 @@ from result_files import Table, law, percent, rate, read
 
 
 def _speed() -> str:
-    from benchmarks.goals import GOALS
+    from benchmarks.speed.goals import GOALS
 
     cases, lines = read("bench")["cases"], []
     for name, goal in GOALS.items():

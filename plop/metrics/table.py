@@ -16,7 +16,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from plop.errors import PlopError
 from plop.metrics.frame import HIGHER_IS_BETTER, mean_defined
 from plop.metrics.scores import Scores
 from plop.statistics.bootstrap import bootstrap_interval
@@ -33,7 +32,6 @@ COLUMNS = {
     "truth_rms_mm": ("nodes [mm]", 2),
 }
 """Columns of a printed table: heading and digits."""
-_BEGIN, _END = "<!-- {name}:begin -->", "<!-- {name}:end -->"
 
 ScoreFiles = Mapping[str, Path | Sequence[Path]]
 
@@ -117,18 +115,6 @@ def _gain(methods: Mapping[str, Any], part: str, metric: str, method: str = "plo
     """How far a method's error is below persistence's [%]; None where one of the two is undefined."""
     both = [(e if part == "episode" else e[part]).get(metric) for e in (methods[method], methods["persistence"])]
     return 100 * (1 - both[0]["mean"] / both[1]["mean"]) if all(both) and both[1]["mean"] > 0 else None
-
-
-def replace_between_markers(page: str, name: str, text: str) -> str:
-    """Put text between the markers of this name in a page; raises a PlopError without them."""
-    begin, end = _BEGIN.format(name=name), _END.format(name=name)
-    if page.count(begin) != 1 or page.count(end) != 1 or page.index(begin) > page.index(end):
-        raise PlopError(
-            "The page has no place for this table.",
-            expected=f"{begin} ... {end}, once",
-            found=f"{page.count(begin)} and {page.count(end)} of them",
-        )
-    return page[: page.index(begin) + len(begin)] + f"\n{text}\n" + page[page.index(end) :]
 
 
 def _names(reports: list[Scores]) -> list[str]:

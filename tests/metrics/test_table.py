@@ -1,11 +1,11 @@
-"""The table over environments: shape, seeds, Markdown, markers."""
+"""The table over environments: shape, seeds, Markdown."""
 
 import pytest
 
 from plop.artifacts.atomic_file import write_json
 from plop.errors import PlopError
 from plop.metrics.scores import PARTS, Scores
-from plop.metrics.table import collect, gains_to_markdown, replace_between_markers, to_markdown
+from plop.metrics.table import collect, gains_to_markdown, to_markdown
 
 BOTH = ("plop", "persistence")
 
@@ -86,13 +86,6 @@ def test_what_is_undefined_in_one_environment_is_a_dash(tmp_path):
     rows = to_markdown(results).splitlines()
     assert rows[2].endswith("| - |")
     assert rows[4].endswith("| 0.500 [0.500, 0.500] |")
-
-
-def test_only_the_text_between_the_markers_changes():
-    page = "before\n<!-- t:begin -->\nold\n<!-- t:end -->\nafter"
-    assert replace_between_markers(page, "t", "new") == "before\n<!-- t:begin -->\nnew\n<!-- t:end -->\nafter"
-    with pytest.raises(PlopError, match="no place"):
-        replace_between_markers(page, "other", "new")
 
 
 @pytest.mark.parametrize("content", [None, "{", "[]", '{"methods": {}}', '{"schema": 1, "methods": {}}'])
