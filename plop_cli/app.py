@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from difflib import get_close_matches
-from importlib import metadata
 from typing import Annotated
 
 import typer
@@ -16,10 +14,12 @@ from plop.pipeline.registry import StageRef, pipeline
 from plop_cli.commands import WHOLE, add_commands
 from plop_cli.completion import completed_by
 from plop_cli.console import Console
+from plop_cli.front_help import FrontDoor
 from plop_cli.help_option import HELP
 
 app = typer.Typer(
     name="plop",
+    cls=FrontDoor,
     help="Recordings of a robot cutting a soft object in; a learned, scored dynamics model out, "
     "and the name of the physics that it misses.",
     no_args_is_help=True,
@@ -78,6 +78,8 @@ def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib import metadata
+
         typer.echo(f"plop {metadata.version('plop')}")
         raise typer.Exit
 
@@ -112,6 +114,8 @@ def _announce(ref: StageRef, arguments: list[str]) -> None:
 
 def _names_a_path(word: str) -> bool:
     """Tell whether the word after `plop ingest` is no format but data; a mistyped format is left to Typer."""
+    from difflib import get_close_matches  # here, as all that `plop --help` does without
+
     known = [command.name for command in ingest.registered_commands]
     if word.startswith("-") or word in known:
         return False

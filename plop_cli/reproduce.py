@@ -15,7 +15,7 @@ from plop.pipeline.cluster import runner
 from plop.pipeline.execute import Outcome, versions
 from plop.pipeline.graph import Graph
 from plop.pipeline.settings_file import SETTINGS_FILE
-from plop.pipeline.tasks import Task
+from plop.pipeline.tasks import Task, in_order
 from plop.pipeline.upstream import Planner
 from plop_cli.console import Console
 from plop_cli.listener import Chained
@@ -194,6 +194,6 @@ def _planned(planner: Planner, data: Path, name: str, profile: Profile, layers: 
 
 
 def _label(task: Task, profile: Profile) -> str:
-    """Write what a run is: its command, and its seed where there are several."""
-    one_of_several = len(profile.seeds) > 1 and task.ref.command in SEEDED
-    return f"{task.ref.command} seed {task.config.seed}" if one_of_several else task.ref.command
+    """Write what a run is: its command, and its seed, or that of what it is made from, where there are several."""
+    seeds = [one.config.seed for one in in_order([task]) if one.ref.command in SEEDED]
+    return f"{task.ref.command} seed {seeds[-1]}" if seeds and len(profile.seeds) > 1 else task.ref.command

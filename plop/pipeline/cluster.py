@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from plop.artifacts.store import Store
@@ -196,6 +198,7 @@ def make(
     def spelt(value: Any) -> Any:
         return [spelt(one) for one in value] if isinstance(value, list) else _address(value)
 
+    _unobserved()
     sources = given({name: spelt(value) for name, value in inputs.items()})
     with trusting(trust_effects):
         outcome = execute(
@@ -212,8 +215,29 @@ def spread(task: Callable[[str], Any], names: Sequence[str], jobs: int, /) -> It
     from distributed import as_completed, worker_client
 
     with worker_client() as client:
-        for future in as_completed(client.map(task, names, pure=False)):
+        for future in as_completed(client.map(partial(_piece, task), names, pure=False)):
             yield future.result()
+
+
+def _piece(task: Callable[[str], Any], name: str) -> Any:
+    _unobserved()
+    return task(name)
+
+
+def _unobserved() -> None:
+    """Stop the worker's sampling profiler, which keeps alive what a stack holds at the moment that it looks.
+
+    An HDF5 dataset that is let go later writes its chunks later: the file would have the same content in another order
+    of bytes, and so another digest than without a cluster.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    profiler = worker.periodic_callbacks.get("profile")
+    if profiler is not None and profiler.is_running():
+        stopped = Event()
+        worker.loop.add_callback(lambda: (profiler.stop(), stopped.set()))
+        stopped.wait(timeout=60)
 
 
 def _address(value: Any) -> Any:

@@ -127,6 +127,9 @@ def test_episodes_go_to_all_workers(cluster, tmp_path):
     assert isinstance(outcome, Outcome)
     found = [path.read_text() for path in sorted(outcome.artifact.path.glob("piece_*"))]
     assert len(found) == 6 and len(set(found)) == 2, "both workers wrote some"
+    with distributed.Client(cluster.scheduler_address) as client:
+        watched = client.run(lambda dask_worker: dask_worker.periodic_callbacks["profile"].is_running())
+    assert list(watched.values()) == [False, False], "a profiler would change the bytes of HDF5 files"
 
 
 def test_a_workspace_that_workers_do_not_see_is_told(cluster, tmp_path):
