@@ -25,13 +25,12 @@ from benchmarks.missing_physics.row import Group, Row, judged
 from benchmarks.missing_physics.runner import unreachable
 from benchmarks.missing_physics.sindy import sindy_ranking
 from plop.comparison.discretisations import discretised, predicted_by_each
-from plop.diagnosis.conclusion import Diagnosis
+from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
 from plop.errors import PlopError, SignalTooWeakError
-from plop.finite import json_ready
 from plop.identification.identify import NAMES, identify, spacing_for
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict
 from plop.physics.adapters.filled import EngineBase
@@ -43,7 +42,7 @@ from plop.physics.hidden.wish import Wish
 from plop.physics.scenes import find_scene
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.tracking.episode import Episode, episode_from_sequence
-from stages.diagnose.outcome import facts_of
+from stages.diagnose.outcome import diagnosis_of
 
 NOISE_M = 2e-4
 """Standard deviation of one coordinate of a followed point [m]."""
@@ -116,7 +115,7 @@ class Points:
         found = diagnose(Measured(episodes), self.engine, known, runs, reference=self.reference)
         rms = rms_m(episodes, plain)
         told = {effect.name: effect.values for effect in hidden}
-        facts = json_ready(facts_of(found, known, [], {}) | {"engine_runs": runs.done})
+        facts = diagnosis_of(found, known, (), {}, engine_runs=runs.done).to_json()
         methods = other_methods(found)
         if run.group in (Group.SINGLE, Group.NULL):
             methods["sindy"] = self.sindy(episodes, runs)
@@ -136,7 +135,7 @@ class Points:
             baselines=methods,
             response=response,
             next_verdict=later.verdict.kind if later else None,
-            next_named=(later.verdict.named if later else []) if run.group is Group.PAIR else None,
+            next_named=(list(later.verdict.named) if later else []) if run.group is Group.PAIR else None,
             **judged(facts, told),
         )
 
@@ -147,8 +146,8 @@ class Points:
         return sindy_ranking([e for e, _ in pairs], [points for _, points in pairs])
 
     def next_round(
-        self, found: Diagnosis, episodes: list[Episode], types: Mapping[str, EffectType], runs: Runs
-    ) -> Diagnosis | None:
+        self, found: Conclusion, episodes: list[Episode], types: Mapping[str, EffectType], runs: Runs
+    ) -> Conclusion | None:
         """Diagnose again with what was named added to the base; None when nothing was named.
 
         Nothing is hidden in the reference, so that its episodes are predicted by the base alone.
@@ -177,7 +176,7 @@ def rms_m(episodes: list[Episode], plain: list[Episode]) -> float:
     return float(np.sqrt(np.mean([(d**2).sum(-1).mean() for d in moved])))
 
 
-def named_effects(found: Diagnosis, types: Mapping[str, EffectType]) -> list[Effect]:
+def named_effects(found: Conclusion, types: Mapping[str, EffectType]) -> list[Effect]:
     """Build what the verdict names, with the fitted parameters; empty when it names nothing to add."""
     if found.verdict.kind not in _ADDED:
         return []
