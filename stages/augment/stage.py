@@ -20,10 +20,11 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import remember
 from plop.pipeline.stage import Input, Inputs, InputSpec, Output, Stage, Summary
+from plop.setting_kinds import Settings
 
 
 @dataclass(frozen=True)
-class AugmentConfig:
+class AugmentConfig(Settings):
     """Settings of `augment`; their defaults are written only here."""
 
     effect: str = ""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from math import inf
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
-from plop.checked_settings import check_ranges
 from plop.errors import PlopError
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.baselines import BASELINES, beaten
@@ -21,6 +19,7 @@ from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
+from plop.setting_kinds import Range, Settings, Unit
 from stages.report.made import provenance, this_report
 from stages.report.sources import (
     check_models,
@@ -40,21 +39,21 @@ MOST_MB = 25.0
 
 
 @dataclass(frozen=True)
-class ReportConfig:
+class ReportConfig(Settings):
     """Settings of `report`; their defaults are written only here."""
 
     labels: tuple[str, ...] = ()
     """Names of the models, in the order of the comparisons; without them their addresses."""
     title: str = ""
     """Title of the page; without one it names the object."""
-    frames: int = 24
+    frames: Annotated[int, Range(2), Unit("frames")] = 24
     """Most frames of an episode that are shown."""
-    episodes: int = 12
+    episodes: Annotated[int, Range(1), Unit("episodes")] = 12
     """Most episodes that can be looked at; tables hold all of them. The worst are taken."""
     camera: str = ""
     """Camera of the images; when empty, the one whose image changes most."""
-    difference_mm: float = 5.0
-    """Depth difference at the ends of the colour scale [mm]."""
+    difference_mm: Annotated[float, Range(1e-3), Unit("mm")] = 5.0
+    """Depth difference at the ends of the colour scale."""
 
 
 def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
@@ -63,7 +62,6 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     Raises:
         PlopError: No comparison, results of different recordings or points, or labels that do not fit.
     """
-    _check(config)
     check_inputs(inputs, config)
     check_models(inputs)
     if not several(inputs, "comparisons"):
@@ -86,15 +84,6 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     page = report_page(facts, episodes, limit_mm=config.difference_mm)
     write_text(out.path / "report.html", page)
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
-
-
-def _check(config: ReportConfig) -> None:
-    """Refuse settings out of range.
-
-    Raises:
-        PlopError: One of them, by name.
-    """
-    check_ranges(config, "report", {"frames": (2, inf), "episodes": (1, inf), "difference_mm": (1e-3, inf)})
 
 
 def check_inputs(inputs: Inputs, config: ReportConfig) -> None:
@@ -227,6 +216,5 @@ STAGE = Stage(
         "evals": InputSpec(("eval",), "scores of the models", optional=True, many=True),
     },
     run=run,
-    check=settings_only(_check),
     check_inputs=check_inputs,
 )

@@ -69,7 +69,7 @@ def roll_out(
                 states.append("states", frame, state.gaussians, side=state.side)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
                 placed = tool_above_table(tool, poses[frame], recording.table_z_m)
-                views = render_scene(state.gaussians, placed, cameras, backend=config.backend)  # type: ignore[arg-type]
+                views = render_scene(state.gaussians, placed, cameras, backend=config.backend)
                 images.write_frame(frame, views)
                 if config.animation:
                     (folder / "animation").mkdir(exist_ok=True)
@@ -97,7 +97,7 @@ def _film(recording: Recording, tool: Gaussians, camera: str, folder: Path, conf
         VideoWriter(folder / "video.mp4", rate_hz=rate) as video,
     ):
         device = tool.means.device
-        drawn = Comparison(recording, images, states, tool, camera, backend=config.backend, device=device)  # type: ignore[arg-type]
+        drawn = Comparison(recording, images, states, tool, camera, backend=config.backend, device=device)
         still = drawn.telling_frame()
         for frame in range(frames):
             picture = drawn.picture(frame)

@@ -5,45 +5,44 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from plop.checked_settings import check_choices, check_ranges
 from plop.compute.device import chosen_device
 from plop.dynamics.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.set import RecordingSet
-from plop.render.rasterize import BACKENDS
+from plop.render.rasterize import Backend
+from plop.setting_kinds import AUTO_DEVICE, Range, Seed, Settings, Share, Split, Unit
 from stages.rollout.episode import roll_out
-
-SPLITS = ("test", "train", "all")
 
 
 @dataclass(frozen=True)
-class RolloutConfig:
+class RolloutConfig(Settings):
     """Settings of `rollout`; their defaults are written only here."""
 
-    split: str = "test"
-    """Which episodes: "test", "train" or "all"."""
+    split: Split = "test"
+    """Which episodes."""
     episodes: str = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of whatever the model draws (the displacement of a split)."""
-    device: str = "auto"
+    device: str = AUTO_DEVICE
     """Where a learned model runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
-    backend: str = "auto"
+    backend: Backend = "auto"
     """Renderer: "numba" (CPU), "gsplat" (CUDA), "torch" (slow reference) or "auto"."""
     video_camera: str = ""
     """Camera of the video; when empty, the one whose measured image changes most."""
-    video_rate_hz: float = 0.0
-    """Frames per second of the video [Hz]; 0 keeps the recording's time."""
+    video_rate_hz: Annotated[float, Range(0, 1000), Unit("Hz")] = 0.0
+    """Frames per second of the video; 0 keeps the recording's time."""
     animation: bool = False
     """Write every frame as a splat PLY too, `animation/frame_<number>.ply`."""
     other_environment: bool = False
     """Roll out a model on an environment that it was not trained on."""
-    min_inside: float = 0.5
+    min_inside: Share = 0.5
     """Least part of the fitted Gaussians inside frame 0's masks; below, the fit is of another object."""
 
 
@@ -54,7 +53,6 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
         PlopError: Nothing chosen, an episode without a fit, a model or a fit of another object, states that are
             not finite.
     """
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path
@@ -77,11 +75,6 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
         figures["step_ms_median"] = round(float(np.median(steps_ms)), 2)
         figures["step_ms_max"] = round(float(np.max(steps_ms)), 2)
     return Summary(figures, table)
-
-
-def _check(config: RolloutConfig) -> None:
-    check_choices(config, "rollout", {"split": SPLITS, "backend": BACKENDS})
-    check_ranges(config, "rollout", {"video_rate_hz": (0, 1000), "min_inside": (0, 1)})
 
 
 def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str]:
@@ -138,5 +131,4 @@ STAGE = Stage(
         "model": InputSpec(("train", "identify", "augment"), "the dynamics model"),
     },
     run=run,
-    check=settings_only(_check),
 )

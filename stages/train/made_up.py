@@ -29,10 +29,11 @@ from plop.geometry.tool import ToolGeometry
 from plop.models import load_model
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.engine.tool_motion import ToolMotion
-from plop.physics.scenes.varied_motion import VariationRanges, another_motion
+from plop.physics.scenes.varied_motion import another_motion
 from plop.pipeline.parallel import every_piece
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
+from stages.train.settings import TrainConfig
 from stages.train.tracks import append_state
 
 FOLDER = "made-up"
@@ -53,21 +54,8 @@ class MadeUp:
         return f"{self.recorded}-{self.number}"
 
 
-@dataclass(frozen=True)
-class MakingUp:
-    """How episodes are made up."""
-
-    count: int
-    ranges: VariationRanges
-    """How far motions may differ from the recorded ones."""
-    seed: int
-    """Of all made-up motions."""
-    jobs: int
-    """Episodes at a time, each in a process; -1 is one a core."""
-
-
 def make_up(
-    recordings: RecordingSet, init: Path, engine: Path, how: MakingUp, out: Output
+    recordings: RecordingSet, init: Path, engine: Path, config: TrainConfig, out: Output
 ) -> tuple[list[MadeUp], list[str]]:
     """Make up episodes like the training episodes, which take their turns; those that are there already are kept.
 
@@ -75,7 +63,7 @@ def make_up(
         recordings: Their training episodes are varied.
         init: Folder of `<episode>/object.ply`, fitted Gaussians of the first frame.
         engine: Folder of an engine's model.
-        how: How many, and how different.
+        config: How many, how different, and their seed.
         out: Receives made-up/; <name>.json instead of <name>.h5 tells why the engine could not follow an episode.
 
     Returns:
@@ -84,9 +72,9 @@ def make_up(
     folder = out.path / FOLDER
     folder.mkdir(exist_ok=True)
     names = list(recordings.train)
-    episodes = [MadeUp(number, names[number % len(names)]) for number in range(how.count)]
+    episodes = [MadeUp(number, names[number % len(names)]) for number in range(config.made_up.episodes)]
     pieces = {f"{FOLDER}-{episode.name}": episode for episode in episodes}
-    every_piece(partial(_make_one_up, pieces, recordings, init, engine, how), list(pieces), out, jobs=how.jobs)
+    every_piece(partial(_make_one_up, pieces, recordings, init, engine, config), list(pieces), out, jobs=config.jobs)
     followed = [episode for episode in episodes if (folder / f"{episode.name}.h5").is_file()]
     lost = len(episodes) - len(followed)
     return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
@@ -97,7 +85,7 @@ def _make_one_up(
     recordings: RecordingSet,
     init: Path,
     engine: Path,
-    how: MakingUp,
+    config: TrainConfig,
     piece: str,
     out: Output,
 ) -> None:
@@ -107,14 +95,14 @@ def _make_one_up(
         mesh, height = recording.tool_mesh, recording.table_z_m
         recorded = ToolMotion(mesh.vertices, mesh.faces, recording.time_s, recording.world_from_tool)
         start = at_rest(initial, first_surface(recording, initial))
-    generator = np.random.default_rng([how.seed, episode.number])
-    motion = another_motion(recorded, initial.means.double().numpy(), how.ranges, generator)
+    generator = np.random.default_rng([config.seed, episode.number])
+    motion = another_motion(recorded, initial.means.double().numpy(), config.made_up, generator)
     poses = torch.as_tensor(motion.world_from_tool, dtype=torch.float32)
     actions = Actions(ToolGeometry.from_mesh(mesh.vertices, mesh.faces), poses, motion.times, height)
     path = out.path / FOLDER / f"{episode.name}.h5"
     states = []
     try:
-        for state, _ in predict(model, start, actions.steps(), episode.name, how.seed):
+        for state, _ in predict(model, start, actions.steps(), episode.name, config.seed):
             states.append(state)
             out.progress(len(states), len(actions), f"make up {episode.name}")
     except PlopError as error:
