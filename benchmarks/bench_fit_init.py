@@ -102,11 +102,12 @@ def main() -> int:
 def rope(folder: Path, settings: dict[str, object]) -> dict[str, object]:
     """Fit the photographs of the rope: all four, then each one scored by a fit to the other three."""
     from benchmarks.rope import rope_surface, rope_views
+    from plop.render.losses import RenderWeights
     from stages.fit_init.episode import fit_object
     from stages.fit_init.held_out import score_view
     from stages.fit_init.stage import FitInitConfig
 
-    config = FitInitConfig(**{"filling": "none", "depth_weight": 0.0, **settings})  # type: ignore[arg-type]
+    config = FitInitConfig(**{"filling": "none", "render": RenderWeights(depth=0.0), **settings})  # type: ignore[arg-type]
     views, surface = rope_views(folder), rope_surface(folder)
     shell, _ = fit_object(surface, views, None, config)
     fitted = [score_view(shell, view)[0].psnr_db for view in views]

@@ -29,6 +29,7 @@ from plop.dynamics.interface import at_rest
 from plop.dynamics.model import PlopModel
 from plop.dynamics.model_io import load_model
 from plop.dynamics.physical_losses import Neighbourhood
+from plop.dynamics.resampling import ResamplingConfig
 from plop.dynamics.rollout import predict
 from plop.dynamics.sides import advance_sides
 from plop.gaussians.state import Gaussians
@@ -46,7 +47,9 @@ SETS = ("single", "null", "base")
 SCENE_CUT = replace(SCENE, motions=("cut-push",))
 _WIDTH_M, _OPACITY = 0.003, 0.9
 """Width and opacity of the Gaussian that stands for a followed point."""
-TRAINING = TrainConfig(track_steps=1500, image_steps=0, horizon=8, resample=False, device="cpu")
+TRAINING = TrainConfig(
+    track_steps=1500, image_steps=0, horizon=8, resampling=ResamplingConfig(enabled=False), device="cpu"
+)
 
 
 def main() -> None:

@@ -141,7 +141,7 @@ def is_nested(kind: Kind) -> bool:
     return isinstance(kind.type, type) and dataclasses.is_dataclass(kind.type)
 
 
-def check_value(value: Any, kind: Kind, *, where: str, fix: str = "") -> None:
+def check_value(value: Any, kind: Kind, *, where: str, fix: str = "", given: Any = None) -> None:
     """Refuse a value that the annotation rules out.
 
     Args:
@@ -149,11 +149,13 @@ def check_value(value: Any, kind: Kind, *, where: str, fix: str = "") -> None:
         kind: The annotation.
         where: Name of the setting, and where the value comes from.
         fix: What to do about it.
+        given: The value as it was typed, for the message.
 
     Raises:
         PlopError: The value is of another type, not finite, out of range or none of the choices.
     """
     fix = fix or "Give another value, or leave it out for the default."
+    shown = str(value if given is None else given)
     literal = typing.get_origin(kind.type) is Literal
     if not _fits(value, kind.type) or (literal and value not in typing.get_args(kind.type)):
         name = describe(kind.type)
@@ -166,13 +168,11 @@ def check_value(value: Any, kind: Kind, *, where: str, fix: str = "") -> None:
                 "A setting is not finite.",
                 where=where,
                 expected=kind.expected or "a finite number",
-                found=str(value),
+                found=shown,
                 fix=fix,
             )
         if number not in kind.range:
-            raise PlopError(
-                "A setting is out of range.", where=where, expected=kind.expected, found=str(value), fix=fix
-            )
+            raise PlopError("A setting is out of range.", where=where, expected=kind.expected, found=shown, fix=fix)
 
 
 def _fits(value: Any, kind: Any) -> bool:

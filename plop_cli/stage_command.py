@@ -17,7 +17,7 @@ from plop.pipeline.execute import execute, is_first_process, plan
 from plop.pipeline.preparation import MODELS, RECORDINGS, Preparation, takes_model_instead
 from plop.pipeline.registry import StageRef, commands
 from plop.pipeline.run import check_workspace, completed
-from plop.pipeline.settings import Setting, resolve, settings_of
+from plop.pipeline.settings import Setting, meant, resolve, settings_of
 from plop.pipeline.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
 from plop.pipeline.settings_reference import in_brackets, sections
 from plop.pipeline.stage import InputSpec, Stage
@@ -58,7 +58,15 @@ PLAIN = {int: "<int>", float: "<float>"}
 
 def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
     """Import a stage, parse its arguments, run it and report."""
-    code = stage_app(ref)(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
+    app = stage_app(ref)
+    try:
+        code = app(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
+    except Exception as error:
+        if hasattr(error, "possibilities"):  # an unknown option; Typer knows nothing of renamed settings
+            key = str(error.option_name).lstrip("-").replace("-", "_")  # type: ignore[attr-defined]
+            likely = [_option(name) for name in meant(key, settings_of(ref.load().config))]
+            error.possibilities = likely[:3] or error.possibilities
+        raise
     raise typer.Exit(code if isinstance(code, int) else 0)
 
 

@@ -23,7 +23,7 @@ from plop.setting_kinds import COMMON, PROGRAM, Kind, check_value, describe, is_
 SETTINGS_FILE = "plop.toml"
 """In the workspace."""
 _LISTED = 16
-"""More names than this are not listed where some of them are suggested."""
+"""More names than this are not listed in a message."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,7 +127,7 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
     try:
         return _replaced(config(), values)
     except PlopError as error:
-        error.where = f"{stage}: {error.where}"
+        error.where = f"{stage}: {error.where}" if error.where else stage
         raise
 
 
@@ -156,7 +156,7 @@ def checked(value: Any, annotation: Any, *, where: str, fix: str = "") -> Any:
             found=repr(value),
             fix=f"Did you mean {close[0]}?" if close else fix,
         ) from error
-    check_value(found, kind, where=where, fix=fix)
+    check_value(found, kind, where=where, fix=fix, given=value)
     return found
 
 
@@ -171,8 +171,9 @@ def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:
 
 def unknown_setting(key: str, known: list[Setting], *, where: str, stage: str) -> PlopError:
     """Describe an unknown key, with the settings that may be meant: renamed, in a group, or written otherwise."""
+    close = meant(key, known)
     inside = [s.key for s in known if s.key.startswith(key + ".")]
-    if inside:
+    if inside and inside == close:
         return PlopError(
             f"{stage} has no setting {key!r}: it is a group of settings.",
             where=where,
@@ -180,15 +181,23 @@ def unknown_setting(key: str, known: list[Setting], *, where: str, stage: str) -
             found=key,
             fix=f"Write for example {inside[0]}.",
         )
-    renamed = [s.key for s in known if key in s.kind.formerly]
-    close = renamed or sorted((s.key for s in known), key=lambda name: -_likeness(key, name))[:3]
-    close = [name for name in close if renamed or _likeness(key, name) > 0.6]
     return unknown_key(key, [s.key for s in known], where=where, owner=stage, close=close)
 
 
+def meant(key: str, known: list[Setting]) -> list[str]:
+    """Give the keys that an unknown one may mean: its new name, all of its group, or at most three that are like it."""
+    renamed = [s.key for s in known if key in s.kind.formerly]
+    found = renamed or [s.key for s in known if s.key.startswith(key + ".")]
+    if found:
+        return found
+    like = {s.key: _likeness(key, s.key) for s in known}
+    least = 1.0 if 1.0 in like.values() else 0.6
+    return sorted((name for name in like if like[name] >= least), key=lambda name: -like[name])[:3]
+
+
 def _likeness(one: str, other: str) -> float:
-    """Give how alike two keys are, 0 to 1: letter by letter, or word by word whatever stands between the words."""
-    words = [set(re.split(r"[._-]", key)) for key in (one, other)]
+    """Give how alike two keys are, 0 to 1: letter by letter, or word by word in any order and any group."""
+    words = [{word.rstrip("s") for word in re.split(r"[._-]", key)} for key in (one, other)]
     letters = max(SequenceMatcher(None, one, name).ratio() for name in (other, other.rpartition(".")[2]))
     return max(letters, 2 * len(words[0] & words[1]) / (len(words[0]) + len(words[1])))
 
@@ -210,7 +219,7 @@ def unknown_key(
     return PlopError(
         f"{owner} has no setting {key!r}.",
         where=where,
-        expected=", ".join(known) if len(known) <= _LISTED or not close else None,
+        expected=", ".join(known) if len(known) <= _LISTED else None,
         found=key,
         fix=f"Did you mean {' or '.join(close)}?" if close else f"`plop {lister or f'{owner} --help'}` lists them.",
     )

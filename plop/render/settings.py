@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 from plop.errors import PlopError
 from plop.render.texture import Texture
-from plop.setting_kinds import COMMON, PROGRAM, SAME_RESULT, Range, Settings, Share, Unit
+from plop.setting_kinds import COMMON, PROGRAM, SAME_RESULT, Formerly, Range, Settings, Share, Unit
 
 
 @dataclass(frozen=True)
 class CameraSettings(Settings):
     """Cameras, light and depth sensors; their defaults are written only here."""
 
-    count: Annotated[int, Range(1, 1000), COMMON] = 6
+    count: Annotated[int, Range(1, 1000), COMMON, Formerly("cameras")] = 6
     """Number of cameras, alternately on the low and on the high ring."""
     size: Annotated[int, Range(8, 8192), Unit("px"), COMMON] = 128
     """Width and height of the images."""

@@ -14,7 +14,19 @@ from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.physics.scenes.varied_motion import VariationRanges
 from plop.render.losses import RenderWeights
-from plop.setting_kinds import ALL_CORES, AUTO_DEVICE, COMMON, Jobs, Range, Seed, Settings, Share, Unit, Weight
+from plop.setting_kinds import (
+    ALL_CORES,
+    AUTO_DEVICE,
+    COMMON,
+    Formerly,
+    Jobs,
+    Range,
+    Seed,
+    Settings,
+    Share,
+    Unit,
+    Weight,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +51,7 @@ class LossWeights(Settings):
 class MadeUpConfig(VariationRanges):
     """How many episodes the engine makes up, and how far they may differ from the recorded ones."""
 
-    episodes: Annotated[int, Range(0), Unit("episodes")] = 24
+    episodes: Annotated[int, Range(0), Unit("episodes"), Formerly("made_up")] = 24
     """How many are made up where an engine is given."""
 
 

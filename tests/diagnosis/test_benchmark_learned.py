@@ -9,6 +9,7 @@ from benchmarks.physics_learned import facts_of, gaussians_of, predicted, rms_m,
 from plop.diagnosis.table import Measured
 from plop.dynamics.i2n import I2NConfig
 from plop.dynamics.model import PlopConfig, PlopModel
+from plop.dynamics.resampling import ResamplingConfig
 from plop.pipeline.stage import Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import train_on
@@ -43,9 +44,8 @@ def test_training_on_points_lowers_the_error(tmp_path):
         track_steps=60,
         image_steps=0,
         horizon=2,
-        width=8,
-        cells_across=5,
-        resample=False,
+        network=I2NConfig(width=8, cells_across=5),
+        resampling=ResamplingConfig(enabled=False),
         validate_every=10,
         learning_rate=5e-3,
         averaging=0.8,
