@@ -18,7 +18,7 @@ from benchmarks.physics_tables import runs_table
 from plop.metrics.table import replace_between_markers
 from plop.pipeline.execute import versions
 
-RECORDED = ("--depth-noise-m", "0.002", "--arm-m", "0.02")
+RECORDED = ("--cameras.depth-noise-m", "0.002", "--arm-m", "0.02")
 SNR = 1.0
 """Displacement by the hidden law over the noise of depth."""
 CHOSEN = ("snr4-swelling", "null-0", "snr4-table_friction", "snr4-plasticity", "snr4-tilt", "null-1")
