@@ -61,8 +61,9 @@ def demo_physics(
 
 def _seed(text: str) -> int:
     from plop.pipeline.settings import checked
+    from plop.setting_kinds import Seed
 
-    return int(checked(text, int, key="seed", where="command line"))
+    return int(checked(text, Seed, where="command line: seed"))
 
 
 def reproduce(

@@ -181,7 +181,7 @@ def _ffmpeg(store: Store) -> Look:
 def _blender(store: Store) -> Look:
     program = shutil.which("blender")
     if program is None and importlib.util.find_spec("bpy") is None:
-        return Look(False, "not installed", "install Blender, or give its executable with --blender")
+        return Look(False, "not installed", "install Blender, or give its executable with --cameras.blender")
     return Look(True, program or "the package bpy")
 
 
@@ -216,7 +216,7 @@ PARTS = (
     Part("cuda", _cuda, needed=False, use="everything runs on the CPU without it, slower"),
     Part("gsplat", _package("gsplat", "gsplat", "cuda"), needed=False, use="the renderer on CUDA; the CPU has its own"),
     Part("usd-core", _package("usd-core", "pxr", "disect"), needed=False, use="for `plop ingest disect`"),
-    Part("Blender", _blender, needed=False, use="for `plop ingest disect --renderer blender`"),
+    Part("Blender", _blender, needed=False, use="for `plop ingest disect --cameras.renderer blender`"),
     Part("LPIPS backbone", _lpips, needed=False, use="for the score LPIPS of `plop eval`"),
     Part("ZED SDK", _zed, needed=False, use="for depth from SVO files of DROID recordings"),
     Part("rerun-sdk", _package("rerun-sdk", "rerun", "view"), needed=False, use="for `plop view`"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import typing
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,6 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from plop.artifacts.fingerprint import plain
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.physics.effects.trust import trusting
@@ -20,9 +18,9 @@ from plop.pipeline.cluster import runner
 from plop.pipeline.execute import is_first_process
 from plop.pipeline.registry import StageRef, commands
 from plop.pipeline.run import finished, planned
-from plop.pipeline.setting_values import describe
-from plop.pipeline.settings import Setting, resolve, settings_of
+from plop.pipeline.settings import Setting, meant, resolve, settings_of
 from plop.pipeline.settings_file import SETTINGS_FILE, own_assignments, read_settings_file
+from plop.pipeline.settings_reference import in_brackets, sections
 from plop.pipeline.stage import Choice, InputSpec, Origin, Stage
 from plop.pipeline.tasks import Task
 from plop.pipeline.upstream import Planner
@@ -72,7 +70,15 @@ PLAIN = {int: "<int>", float: "<float>"}
 
 def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
     """Import a stage, parse its arguments, run it and report."""
-    code = stage_app(ref)(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
+    app = stage_app(ref)
+    try:
+        code = app(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
+    except Exception as error:
+        if hasattr(error, "possibilities"):  # an unknown option; Typer knows nothing of renamed settings
+            key = str(error.option_name).lstrip("-").replace("-", "_")  # type: ignore[attr-defined]
+            likely = [_option(name) for name in meant(key, settings_of(ref.load().config))]
+            error.possibilities = likely[:3] or error.possibilities
+        raise
     raise typer.Exit(code if isinstance(code, int) else 0)
 
 
@@ -94,9 +100,10 @@ def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
         parameters.append(_parameter(f"input_{name}", *_input_option(name, spec)))
     taken = {option for name in stage.inputs for option in [_option(name)]}
     taken |= {f"--{name.replace('_', '-').strip('-')}" for name in COMMON} | {"--json", "--set", "--help"}
-    for setting in settings:
+    shown = [(setting, title) for title, part in sections(settings).items() for setting in part]
+    for setting, title in shown:
         if _option(setting.key) not in taken:  # such a setting is reached by --set
-            parameters.append(_parameter(_variable(setting.key), _setting_option(setting), None))
+            parameters.append(_parameter(_variable(setting.key), _setting_option(setting, title), None))
     parameters += [_parameter(name, *option) for name, option in COMMON.items()]
 
     def command(**values: Any) -> None:
@@ -197,21 +204,16 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
     return Annotated[Path, argument], inspect.Parameter.empty
 
 
-def _setting_option(setting: Setting) -> Any:
-    several = typing.get_args(setting.kind) == (str, ...)
+def _setting_option(setting: Setting, title: str) -> Any:
+    several = setting.kind.type == tuple[str, ...]
     # numbers, too, are read where --set and plop.toml are: a wrong value is told alike wherever it comes from
-    kind: Any = list[str] if several else bool if setting.kind is bool else str
-    default = setting.default
-    shown = ",".join(map(str, default)) if isinstance(default, (tuple, list)) else str(plain(default))
-    plain_kind = PLAIN.get(setting.kind)
-    choices = "" if kind is not str or setting.kind is str or plain_kind else f" ({describe(setting.kind)})"
-    choices = " May be repeated." if several else choices
+    kind: Any = list[str] if several else bool if setting.kind.type is bool else str
     name = _option(setting.key)
     option = typer.Option(
         f"{name}/--no-{name[2:]}" if kind is bool else name,  # off, too: it may be on by itself, or in plop.toml
-        help=escape(setting.help + choices),
-        show_default=escape(shown) or "empty",
-        metavar="TEXT" if several else plain_kind,
-        rich_help_panel="Settings",
+        help=escape(f"{setting.help} {in_brackets(setting)}".strip()),
+        show_default=False,
+        metavar="TEXT,..." if several else PLAIN.get(setting.kind.type, "<word>" if setting.kind.choices else None),
+        rich_help_panel=title,
     )
     return Annotated[kind | None, option]

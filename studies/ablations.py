@@ -31,6 +31,9 @@ from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.metrics.frame import FrameOptions, score_frame
 from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
+from plop.metrics.table import replace_between_markers
+from plop.pipeline.settings import resolve
+from plop.pipeline.settings_file import flat_values
 from plop.pipeline.stage import Input, Output
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
@@ -69,15 +72,15 @@ def inputs_of(store: Store, artifact: Artifact) -> dict[str, Input]:
 
 def train(trained: Artifact, inputs: Mapping[str, Input], kernel: str, folder: Path) -> Path:
     """Train with another kernel on the tracks of a training; gives the folder of the model."""
-    if kernel == trained.manifest.config["kernel"]:
+    if kernel == trained.manifest.config["network"]["kernel"]:
         return trained.path
     out = Output(folder / f"kernel-{kernel}")
     if not out.is_done("trained"):
         shutil.copytree(trained.path / "tracks", out.path / "tracks", dirs_exist_ok=True)
         for track in (out.path / "tracks").glob("*.h5"):
             out.mark_done(f"track-{track.stem}", json.loads(track.with_suffix(".json").read_text()))
-        config: dict[str, Any] = {**trained.manifest.config, "kernel": kernel}
-        TRAIN.run(inputs, TrainConfig(**config), out)
+        settings = {**dict(flat_values(trained.manifest.config)), "network.kernel": kernel}
+        TRAIN.run(inputs, resolve(TrainConfig, "train", ("manifest", settings)), out)
         out.mark_done("trained")
     return out.path
 

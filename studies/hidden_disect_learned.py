@@ -21,6 +21,9 @@ from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
 from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.network import I2NConfig
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.resampling import ResamplingConfig
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.tool_motion import ToolMotion
@@ -29,6 +32,7 @@ from plop.tracking.episode import Episode
 from stages.train.settings import TrainConfig
 from studies.hidden_disect import SETS, answers_of, episodes_of, reference_of, run_set, run_sets
 from studies.physics_learned import predicted, rms_m, track_of, train_once
+from stages.train.settings import LossWeights, TrainConfig
 
 MADE_UP, SEED = 24, 7
 """Episodes that the engine makes up, and the seed of their motions."""
@@ -46,12 +50,10 @@ TRAINING = TrainConfig(
     track_steps=1500,
     image_steps=0,
     horizon=8,
-    resample=False,
-    features="oriented",
+    resampling=ResamplingConfig(enabled=False),
+    network=I2NConfig(features="oriented"),
     device="cpu",
-    rigid_weight=0.1,
-    isometry_weight=0.1,
-    rotation_weight=0.0,
+    weights=LossWeights(rigid=0.1, isometry=0.1, rotation=0.0),
 )
 """Tracks without noise need little help by what nearly holds: a soft object that sags does not keep its lengths."""
 

@@ -23,6 +23,10 @@ from plop.dynamics.i2n.model import PlopModel
 from plop.dynamics.i2n.model_io import load_model
 from plop.dynamics.interface import at_rest
 from plop.dynamics.losses.physical import Neighbourhood
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.model_io import load_model
+from plop.dynamics.losses.physical import Neighbourhood
+from plop.dynamics.resampling import ResamplingConfig
 from plop.dynamics.rollout import predict
 from plop.gaussians.state import Gaussians
 from plop.geometry.meshes.tool import ToolGeometry
@@ -36,7 +40,9 @@ from stages.train.tracks import Track
 
 _WIDTH_M, _OPACITY = 0.003, 0.9
 """Width and opacity of the Gaussian that stands for a followed point."""
-TRAINING = TrainConfig(track_steps=1500, image_steps=0, horizon=8, resample=False, device="cpu")
+TRAINING = TrainConfig(
+    track_steps=1500, image_steps=0, horizon=8, resampling=ResamplingConfig(enabled=False), device="cpu"
+)
 
 
 def rms_m(episode: Episode, predicted_points: np.ndarray) -> float:

@@ -69,16 +69,17 @@ hold_s = [0.1, 0.1]
 SETTINGS = """
 [simulate]
 episodes = 2
-size = 40
-cameras = 3
-supersample = 1
 jobs = 1
+[simulate.cameras]
+size = 40
+count = 3
+supersample = 1
 [fit-init]
 count = 100
 steps = 20
 tool_count = 40
 virtual_views = 0
-[filter]
+[filter.update]
 iterations = 3
 [identify]
 fit = ["table_friction"]

@@ -32,10 +32,11 @@ def recorded_block() -> Iterator[Path]:
 def record(raw: Path, out: Path) -> Path:
     """Ingest the raw block into a folder; give the recording's path."""
     from plop.pipeline.stage import Input, Output
+    from plop.render.virtual_cameras.settings import CameraSettings
     from stages.ingest.settings import MeshConfig
     from stages.ingest.stage import INGEST_MESH
 
-    INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(cameras=CAMERAS), Output(out))
+    INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(cameras=CameraSettings(count=CAMERAS)), Output(out))
     return out / "episodes" / "block.h5"
 
 

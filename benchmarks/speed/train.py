@@ -26,7 +26,7 @@ def step_s() -> float:
     from stages.fit_init.episode import fit_object, usable_views
     from stages.fit_init.shell import surface_from_views
     from stages.fit_init.stage import FitInitConfig
-    from stages.train.form import loss_weights, model_config
+    from stages.train.form import model_config
     from stages.train.objective import TrainingStep
     from stages.train.settings import TrainConfig
     from stages.train.tracks import load_track, track_episode
@@ -48,13 +48,12 @@ def step_s() -> float:
         track, config = load_track("block", recording_path, folder / "track.h5"), TrainConfig()
         model = PlopModel(model_config(config, [track]))
         optimiser = torch.optim.AdamW(model.parameters(), lr=config.learning_rate)
-        weights = loss_weights(config)
         step_loss = TrainingStep(model)
         window = Window(0, 2, HORIZON, (False, False), 0, (0, 1, 2, 3))
 
         def work() -> None:
             optimiser.zero_grad()
-            loss, _ = step_loss([window], [track], weights, config.noise_m)
+            loss, _ = step_loss([window], [track], config.weights, config.render, config.noise_m)
             loss.backward()
             optimiser.step()
 

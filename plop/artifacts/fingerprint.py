@@ -9,6 +9,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from plop.setting_kinds import SAME_RESULT, is_nested, kinds_of
+
 FINGERPRINT_LENGTH = 16
 """Hexadecimal digits kept (64 bits)."""
 
@@ -33,12 +35,24 @@ def plain(value: Any) -> Any:
 
 
 def deciding(config: Any) -> dict[str, Any]:
-    """Take the fields that can change the result: all but those marked `metadata={"in_fingerprint": False}`."""
-    return {
-        f.name: plain(getattr(config, f.name))
-        for f in dataclasses.fields(config)
-        if f.metadata.get("in_fingerprint", True)
-    }
+    """Take the settings that can change the result: all but those annotated with SAME_RESULT, nested ones too."""
+    kinds, found = kinds_of(type(config)), {}
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if SAME_RESULT not in kinds[field.name].marks:
+            found[field.name] = deciding(value) if is_nested(kinds[field.name]) else plain(value)
+    return found
+
+
+def flat_values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """List settings with those of nested tables as `outer.inner`."""
+    rows: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            rows += flat_values(value, f"{prefix}{key}.")
+        else:
+            rows.append((prefix + key, value))
+    return rows
 
 
 def fingerprint(stage: str, version: int, config: Mapping[str, Any], contents: Mapping[str, str]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.digest import content_digest
+from plop.artifacts.fingerprint import flat_values
 from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
@@ -307,8 +308,9 @@ def first_difference(store: Store, one: Artifact, two: Artifact) -> str | None:
             return difference
     if a.stage_version != b.stage_version:
         return f"{pair}: stage version {a.stage_version}, {b.stage_version}"
-    for key in sorted(a.config.keys() | b.config.keys()):
-        left, right = a.config.get(key, "(absent)"), b.config.get(key, "(absent)")
+    ours, theirs = dict(flat_values(a.config)), dict(flat_values(b.config))
+    for key in sorted(ours.keys() | theirs.keys()):
+        left, right = ours.get(key, "(absent)"), theirs.get(key, "(absent)")
         if left != right:
             return f"{pair}: setting {a.stage}.{key} = {left!r}, {right!r}"
     left_files, right_files = content_files(a), content_files(b)

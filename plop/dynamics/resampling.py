@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
 from torch import Tensor
@@ -11,22 +11,23 @@ from torch import Tensor
 from plop.dynamics.interface import ParticleState
 from plop.gaussians.merge import merge
 from plop.gaussians.split import split
+from plop.setting_kinds import Formerly, Range, Settings, Share, Unit
 
 
 @dataclass(frozen=True)
-class ResamplingConfig:
-    """When Gaussians merge and split."""
+class ResamplingConfig(Settings):
+    """When Gaussians merge and split; the defaults are written only here."""
 
-    enabled: bool = True
-    """Off: the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
-    merge_below: float = 0.05
-    """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor [-]."""
-    split_above: float = 20.0
-    """Ratio tau_s of longest to shortest axis above which a Gaussian splits [-]."""
+    enabled: Annotated[bool, Formerly("resample")] = True
+    """Merge and split; off, the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
+    merge_below: Share = 0.05
+    """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor."""
+    split_above: Annotated[float, Range(1)] = 20.0
+    """Ratio tau_s of longest to shortest axis above which a Gaussian splits; `fit-init` makes them up to 12."""
     form: Literal["moments", "paper"] = "moments"
     """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28 as printed."""
-    max_count: int = 20000
-    """No split beyond this many Gaussians."""
+    max_count: Annotated[int, Range(1), Unit("Gaussians")] = 20000
+    """No split beyond this many."""
 
 
 def resample(

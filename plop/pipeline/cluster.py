@@ -236,7 +236,12 @@ def _unobserved() -> None:
     profiler = worker.periodic_callbacks.get("profile")
     if profiler is not None and profiler.is_running():
         stopped = Event()
-        worker.loop.add_callback(lambda: (profiler.stop(), stopped.set()))
+
+        def stop() -> None:
+            profiler.stop()
+            stopped.set()
+
+        worker.loop.add_callback(stop)
         stopped.wait(timeout=60)
 
 

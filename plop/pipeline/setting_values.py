@@ -8,25 +8,21 @@ import types
 import typing
 from typing import Any
 
-from plop.errors import PlopError
 
-
-def convert(value: Any, kind: Any, *, key: str, where: str) -> Any:
+def convert(value: Any, kind: Any) -> Any:
     """Turn a value of the command line or of TOML into the type of a setting.
 
+    Args:
+        value: As it was typed, or as TOML has it.
+        kind: The type, without `Annotated`.
+
     Raises:
-        PlopError: It does not fit.
+        ValueError: It does not fit.
     """
     try:
         return _convert(value, kind)
     except (ValueError, TypeError, KeyError, OverflowError) as error:
-        raise PlopError(
-            "A setting has a value of the wrong kind.",
-            where=f"{where}: {key}",
-            expected=describe(kind),
-            found=repr(value),
-            fix="`--help` of the command tells every setting with its default.",
-        ) from error
+        raise ValueError(value) from error
 
 
 def _convert(value: Any, kind: Any) -> Any:
@@ -41,7 +37,8 @@ def _convert(value: Any, kind: Any) -> Any:
         loaded = json.loads(value) if isinstance(value, str) else value
         return dict(loaded)
     if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return kind[value] if isinstance(value, str) and value in kind.__members__ else kind(value)
+        named = {member.name.lower(): member for member in kind}
+        return named[value.lower()] if isinstance(value, str) and value.lower() in named else kind(value)
     if kind is bool:
         return _convert_bool(value)
     if kind in (int, float):
@@ -93,21 +90,3 @@ def _convert_number(value: Any, kind: type) -> int | float:
     if number != int(number):
         raise ValueError(value)
     return int(number) if isinstance(value, float) or not str(value).lstrip("+-").isdigit() else int(value)
-
-
-def describe(kind: Any) -> str:
-    """Name a type for people."""
-    origin, parts = typing.get_origin(kind), typing.get_args(kind)
-    if origin in (typing.Union, types.UnionType):
-        return " or ".join(describe(part) for part in parts)
-    if origin is typing.Literal:
-        return "|".join(str(part) for part in parts)
-    if origin in (tuple, list):
-        if origin is list or (len(parts) == 2 and parts[1] is Ellipsis):
-            return f"{describe(parts[0])}, ..."
-        return ", ".join(describe(part) for part in parts)
-    if kind is type(None):
-        return "none"
-    if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return "|".join(str(member.value) for member in kind)
-    return {int: "integer", float: "number", str: "text", bool: "yes/no"}.get(kind, str(kind))

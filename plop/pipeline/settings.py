@@ -1,54 +1,63 @@
-"""Settings of a stage: defaults of its dataclass, then plop.toml, then the command line."""
+"""Settings of a stage: defaults of its dataclass, then plop.toml, then the command line.
+
+Written by hand: tyro and jsonargparse read such dataclasses, too, but would replace only the 15 lines that make an
+option of a setting. They know nothing of layers with their source, of ranges with units or of renamed keys, and end
+the process with their own message where a PlopError is due.
+"""
 
 from __future__ import annotations
 
 import ast
 import dataclasses
 import inspect
-import math
+import re
 import textwrap
-import typing
 from collections.abc import Mapping
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from typing import Any
 
 from plop.errors import PlopError
 from plop.pipeline.setting_values import convert
+from plop.setting_kinds import COMMON, PROGRAM, Kind, check_value, describe, is_nested, kind_of, kinds_of
 
 SETTINGS_FILE = "plop.toml"
 """In the workspace."""
+_LISTED = 16
+"""More names than this are not listed in a message."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """One field of a configuration; fields of a nested dataclass are named `outer.inner`."""
+    """One setting, described: a row of `--help` and of the reference."""
 
     key: str
-    kind: Any
-    """Its type annotation, resolved."""
+    """Its name; of nested settings `outer.inner`."""
+    kind: Kind
+    """Type, range, unit and choices."""
     default: Any
     help: str
-    """The docstring under the field: meaning and unit."""
-    names_program: bool = False
-    """It names a program to run: a workspace that came from somebody else must not choose it."""
+    """The docstring under the field."""
+    group: str = ""
+    """What the group of nested settings is for: the docstring under the field that holds it; empty outside groups."""
+
+    @property
+    def common(self) -> bool:
+        """It is one of those that most people look for."""
+        return COMMON in self.kind.marks
 
 
 def settings_of(config: type) -> list[Setting]:
-    """List the fields of a configuration dataclass with their types, defaults and docstrings."""
-    kinds = typing.get_type_hints(config)
-    texts = _field_docstrings(config)
+    """Describe the settings of a dataclass, nested ones where their group stands."""
+    texts, kinds = _field_docstrings(config), kinds_of(config)
     found = []
     for field in dataclasses.fields(config):
-        default = _default_of(field)
-        kind = kinds[field.name]
-        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-            for inner in settings_of(kind):
-                value = _dig(default, inner.key)
-                found.append(dataclasses.replace(inner, key=f"{field.name}.{inner.key}", default=value))
-        else:
-            found.append(
-                Setting(field.name, kind, default, texts.get(field.name, ""), bool(field.metadata.get("names_program")))
-            )
+        kind, default, text = kinds[field.name], _default_of(field), texts.get(field.name, "")
+        if not is_nested(kind):
+            found.append(Setting(field.name, kind, default, text))
+            continue
+        for inner in settings_of(kind.type):
+            key, group = f"{field.name}.{inner.key}", inner.group or text
+            found.append(dataclasses.replace(inner, key=key, default=_dig(default, inner.key), group=group))
     return found
 
 
@@ -96,15 +105,16 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
         layers: (where it comes from, flat overrides by setting key).
 
     Raises:
-        PlopError: An unknown key, or a value of the wrong type, that is not finite, or a negative seed.
+        PlopError: An unknown key, a value that its annotation rules out, or settings that do not fit together.
     """
     known = {setting.key: setting for setting in settings_of(config)}
     values: dict[str, Any] = {}
     for source, layer in layers:
         for key, value in layer.items():
             if key not in known:
-                raise unknown_key(key, known, where=source, owner=stage)
-            if known[key].names_program and source == SETTINGS_FILE:
+                raise unknown_setting(key, list(known.values()), where=source, stage=stage)
+            kind = known[key].kind
+            if PROGRAM in kind.marks and source == SETTINGS_FILE:
                 raise PlopError(
                     "A settings file names a program to run.",
                     where=f"{source}: {stage}.{key}",
@@ -112,72 +122,104 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
                     found=str(value),
                     fix=f"Remove the line, and give --{key} yourself.",
                 )
-            values[key] = checked(value, known[key].kind, key=f"{stage}.{key}", where=source)
+            where = f"{source}: {stage.replace(' ', '.')}.{key}"
+            values[key] = checked(value, kind, where=where, fix=f"`plop {stage} --help` describes it.")
     try:
-        return _build(config, values)
-    except (ValueError, TypeError) as error:
-        raise PlopError(f"The settings of {stage} do not fit together.", found=str(error)) from error
+        return _replaced(config(), values)
+    except PlopError as error:
+        error.where = f"{stage}: {error.where}" if error.where else stage
+        raise
 
 
-def checked(value: Any, kind: Any, *, key: str, where: str) -> Any:
-    """Turn a value into the type of a setting, and refuse what no setting takes.
+def checked(value: Any, annotation: Any, *, where: str, fix: str = "") -> Any:
+    """Turn a value into the type of a setting, and refuse what its annotation rules out.
 
     Args:
         value: As it was typed, or as TOML has it.
-        kind: The type.
-        key: The setting, `stage.key`.
-        where: Where the value comes from.
+        annotation: A `Kind`, or what stands behind the name of a field.
+        where: The setting and where its value comes from.
+        fix: What to do about a wrong one.
 
     Raises:
-        PlopError: It does not fit the type, is a number that is not finite, or a negative seed.
+        PlopError: It does not fit.
     """
-    found = convert(value, kind, key=key, where=where)
-    if not all(math.isfinite(number) for number in _numbers(found)):
+    kind = annotation if isinstance(annotation, Kind) else kind_of(annotation)
+    try:
+        found = convert(value, kind.type)
+    except ValueError as error:
+        expected = describe(kind.type) + (f", {kind.expected}" if kind.expected and not kind.choices else "")
+        close = get_close_matches(str(value), kind.choices, n=1)
         raise PlopError(
-            "A setting is not finite.",
-            where=f"{where}: {key}",
-            expected="a finite number",
-            found=str(value),
-            fix="Give a number, or leave it out for the default.",
-        )
-    if key.rpartition(".")[2] == "seed" and found < 0:
-        raise PlopError(
-            "A seed is negative.",
-            where=f"{where}: {key}",
-            expected="0 or more",
-            found=str(value),
-            fix="Choose any other whole number.",
-        )
+            "A setting has a value of the wrong kind.",
+            where=where,
+            expected=expected,
+            found=repr(value),
+            fix=f"Did you mean {close[0]}?" if close else fix,
+        ) from error
+    check_value(found, kind, where=where, fix=fix, given=value)
     return found
 
 
-def _numbers(value: Any) -> list[float]:
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, (tuple, list)):
-        return [number for part in value for number in _numbers(part)]
-    return [value] if isinstance(value, float) else []
-
-
-def _build(config: type, values: Mapping[str, Any]) -> Any:
-    kinds = typing.get_type_hints(config)
+def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:
+    """Give the same settings with some of them changed, by key."""
     own: dict[str, Any] = {key: value for key, value in values.items() if "." not in key}
-    for field in dataclasses.fields(config):
-        inner = {key.partition(".")[2]: v for key, v in values.items() if key.startswith(field.name + ".")}
-        if inner:
-            nested = {s.key: _dig(_default_of(field), s.key) for s in settings_of(kinds[field.name])}
-            own[field.name] = _build(kinds[field.name], nested | inner)
-    return config(**own)
+    for group in dict.fromkeys(key.partition(".")[0] for key in values if "." in key):
+        inner = {key.partition(".")[2]: value for key, value in values.items() if key.startswith(group + ".")}
+        own[group] = _replaced(getattr(settings, group), inner)
+    return dataclasses.replace(settings, **own)
+
+
+def unknown_setting(key: str, known: list[Setting], *, where: str, stage: str) -> PlopError:
+    """Describe an unknown key, with the settings that may be meant: renamed, in a group, or written otherwise."""
+    close = meant(key, known)
+    inside = [s.key for s in known if s.key.startswith(key + ".")]
+    if inside and inside == close:
+        return PlopError(
+            f"{stage} has no setting {key!r}: it is a group of settings.",
+            where=where,
+            expected=", ".join(inside),
+            found=key,
+            fix=f"Write for example {inside[0]}.",
+        )
+    return unknown_key(key, [s.key for s in known], where=where, owner=stage, close=close)
+
+
+def meant(key: str, known: list[Setting]) -> list[str]:
+    """Give the keys that an unknown one may mean: its new name, all of its group, or at most three that are like it."""
+    renamed = [s.key for s in known if key in s.kind.formerly]
+    found = renamed or [s.key for s in known if s.key.startswith(key + ".")]
+    if found:
+        return found
+    like = {s.key: _likeness(key, s.key) for s in known}
+    least = 1.0 if 1.0 in like.values() else 0.6
+    return sorted((name for name in like if like[name] >= least), key=lambda name: -like[name])[:3]
+
+
+def _likeness(one: str, other: str) -> float:
+    """Give how alike two keys are, 0 to 1: letter by letter, or word by word in any order and any group."""
+    words = [{word.rstrip("s") for word in re.split(r"[._-]", key)} for key in (one, other)]
+    letters = max(SequenceMatcher(None, one, name).ratio() for name in (other, other.rpartition(".")[2]))
+    return max(letters, 2 * len(words[0] & words[1]) / (len(words[0]) + len(words[1])))
 
 
 def unknown_key(
-    key: str, known: Mapping[str, Any] | list[str], *, where: str, owner: str, lister: str | None = None
+    key: str, known: list[str], *, where: str, owner: str, lister: str | None = None, close: list[str] | None = None
 ) -> PlopError:
-    """Describe an unknown key, with the nearest known ones; `lister`: the command that lists them, if not the owner."""
-    close = get_close_matches(key, list(known), n=3, cutoff=0.5)
+    """Describe an unknown key.
+
+    Args:
+        key: The key.
+        known: Those that there are.
+        where: Where it stands.
+        owner: What has the keys.
+        lister: The command that lists them, if not the owner.
+        close: Those that may be meant; None takes the most alike.
+    """
+    close = get_close_matches(key, known, n=3, cutoff=0.5) if close is None else close
     return PlopError(
         f"{owner} has no setting {key!r}.",
         where=where,
-        expected=", ".join(known),
+        expected=", ".join(known) if len(known) <= _LISTED else None,
+        found=key,
         fix=f"Did you mean {' or '.join(close)}?" if close else f"`plop {lister or f'{owner} --help'}` lists them.",
     )

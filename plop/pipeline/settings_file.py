@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.fingerprint import flat_values as flat_values
 from plop.errors import PlopError
 from plop.pipeline.settings import SETTINGS_FILE as SETTINGS_FILE
 from plop.pipeline.settings import unknown_key
@@ -45,8 +46,16 @@ def settings_by_command(tables: Mapping[str, Any], commands: list[str], *, where
     """
     found: dict[str, dict[str, Any]] = {}
     for command, value in _flatten(tables, commands):
-        if command not in commands or not isinstance(value, Mapping):
+        if command not in commands:
             raise unknown_key(command, commands, where=where, owner=SETTINGS_FILE, lister="--help")
+        if not isinstance(value, Mapping):
+            raise PlopError(
+                "Settings of a stage stand in a table.",
+                where=where,
+                expected=f"[{command.replace(' ', '.')}], and KEY = VALUE below it",
+                found=f"{command} = {value!r}",
+                fix="Write it so; `--help` of the command lists its settings.",
+            )
         found[command] = dict(flat_values(value))
     return found
 
@@ -59,17 +68,6 @@ def _flatten(tables: Mapping[str, Any], commands: list[str]) -> list[tuple[str, 
             rows += [(f"{key} {inner}", content) for inner, content in value.items()]
         else:
             rows.append((key, value))
-    return rows
-
-
-def flat_values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """List the settings of a command with those of nested tables as `outer.inner`."""
-    rows: list[tuple[str, Any]] = []
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            rows += flat_values(value, f"{prefix}{key}.")
-        else:
-            rows.append((prefix + key, value))
     return rows
 
 

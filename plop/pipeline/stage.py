@@ -206,12 +206,8 @@ class Summary:
 
 
 Check = Callable[[Any, Mapping[str, "str | Path"]], None]
-"""`check(config, given)`: refuses, with a PlopError, settings and raw inputs that are wrong by themselves."""
-
-
-def settings_only(check: Callable[[Any], None]) -> Check:
-    """Make a stage's check of one that looks at the settings and at no input."""
-    return lambda config, given: check(config)
+"""`check(config, given)`: refuses, with a PlopError, raw inputs that are wrong by themselves, and settings that only
+other files can tell to be wrong, e.g. the name of an effect; all else is in the annotations of the settings."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +221,8 @@ class Stage:
     help: str
     """One line for `plop --help`."""
     config: type
-    """Frozen dataclass with a default for every field; a docstring under each field says meaning and unit."""
+    """Frozen dataclass below `Settings` with a default for every field; annotations say ranges and units, a docstring
+    under each field what it means."""
     inputs: Mapping[str, InputSpec]
     run: Callable[[Inputs, Any, Output], Summary]
     check: Check | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
 from plop.geometry.view import MaskLabel, View
 from plop.render.rasterizer.interface import Rendering
+from plop.setting_kinds import COMMON, Formerly, Range, Settings, Unit, Weight
 
 SSIM_WINDOW = 11
 """Edge of the Gaussian window [px]."""
@@ -23,19 +24,20 @@ SSIM_SIGMA = 1.5
 
 
 @dataclass(frozen=True)
-class RenderWeights:
+class RenderWeights(Settings):
     """Weights of the rendering loss; their defaults are written only here."""
 
-    ssim: float = 0.1
-    """Of 1 - SSIM [-]."""
-    l1: float = 0.9
-    """Of the mean absolute colour error, colours 0..1 [-]."""
-    depth: float = 0.2
-    """Of the mean absolute depth error, counted in `depth_unit_m` [-]."""
-    mask: float = 0.1
-    """Of the mean absolute error of alpha against the object's mask [-]; 0 in the paper."""
-    depth_unit_m: float = 0.1
-    """Depth error that counts as 1 [m]; 1 in the paper. A scene of 0.1 m gives depth the weight of colour."""
+    ssim: Annotated[Weight, Formerly("ssim_weight")] = 0.1
+    """Weight of 1 - SSIM."""
+    l1: Annotated[Weight, Formerly("l1_weight")] = 0.9
+    """Weight of the mean absolute colour error, colours 0..1."""
+    depth: Annotated[Weight, COMMON, Formerly("depth_weight")] = 0.2
+    """Weight of the mean absolute depth error, counted in `render.depth_unit_m`."""
+    mask: Annotated[Weight, COMMON, Formerly("mask_weight")] = 0.1
+    """Weight of the mean absolute error of alpha against the object's mask; 0 in the paper."""
+    depth_unit_m: Annotated[float, Range(1e-6, 1e6), Unit("m"), Formerly("length_unit_m")] = 0.1
+    """Depth error that counts as 1, as do the other lengths in a loss; 1 in the paper. A scene of 0.1 m gives depth the
+    weight of colour."""
 
     @classmethod
     def paper(cls) -> RenderWeights:

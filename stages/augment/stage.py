@@ -24,6 +24,7 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import remember
 from plop.pipeline.stage import Choice, Input, Inputs, InputSpec, Output, Recipe, Stage, Summary
+from plop.setting_kinds import Settings
 from stages import MODELS, RECORDINGS
 from stages.common_inputs import engine_input
 
@@ -32,7 +33,7 @@ FIT = "fit"
 
 
 @dataclass(frozen=True)
-class AugmentConfig:
+class AugmentConfig(Settings):
     """Settings of `augment`; their defaults are written only here."""
 
     effect: str = ""

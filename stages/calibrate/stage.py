@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from math import inf
 from pathlib import Path
+from typing import Annotated, Literal
 
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Recordings
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
-from plop.geometry.handeye.solve import HAND_EYE_METHODS
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.geometry.calibration.boards import BoardKind
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
+from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Settings, Unit
 from stages.calibrate.episode import calibrate_episode
-from stages.calibrate.handeye_folder import MOUNTS
 from stages.calibrate.handeye_held import contradicted
 from stages.calibrate.handeye_solve import NO_COLUMNS
 from stages.calibrate.pass_on import Edits, pass_on
@@ -25,49 +24,49 @@ from stages.calibrate.verdict import ORDER, check_usable
 
 
 @dataclass(frozen=True)
-class CalibrateConfig:
+class CalibrateConfig(Settings):
     """Settings of `calibrate`; their defaults are written only here."""
 
-    correct: bool = True
+    correct: Annotated[bool, COMMON] = True
     """Whether cameras that disagree are corrected (pose, depth scale, time offset) or only reported."""
-    check_frames: int = 3
+    check_frames: Annotated[int, Range(1), Unit("frames")] = 3
     """Frames of each episode, evenly spread, on which the cameras are compared."""
-    region_margin_m: float = 0.05
-    """How far around the object surfaces are compared [m]."""
-    max_disagreement_mm: float = 2.0
-    """Depth disagreement with the other cameras that is still good [mm]."""
-    max_table_mm: float = 8.0
-    """How far from table_z a camera may see the table under the object [mm]: a real table is tilted by up to 1 deg,
+    region_margin_m: Annotated[float, Range(0, 10), Unit("m")] = 0.05
+    """How far around the object surfaces are compared."""
+    max_disagreement_mm: Annotated[float, Range(1e-6), Unit("mm"), COMMON] = 2.0
+    """Depth disagreement with the other cameras that is still good."""
+    max_table_mm: Annotated[float, Range(1e-6), Unit("mm"), COMMON] = 8.0
+    """How far from table_z a camera may see the table under the object: a real table is tilted by up to 1 deg,
     some mm over a workspace, and table_z is measured by hand."""
-    max_table_deg: float = 2.5
-    """How much tilted a camera may see the table [deg]: 1 deg of table and 1 deg of pose, and what noise adds."""
-    max_reprojection_px: float = 0.5
-    """Reprojection error of board images that is still good [px]."""
-    max_offset_ms: float = 15.0
-    """Camera-to-robot time offset that is still good [ms]."""
-    time_offset: bool = True
+    max_table_deg: Annotated[float, Range(1e-6, 90), Unit("deg")] = 2.5
+    """How much tilted a camera may see the table: 1 deg of table and 1 deg of pose, and what noise adds."""
+    max_reprojection_px: Annotated[float, Range(1e-6), Unit("px")] = 0.5
+    """Reprojection error of board images that is still good."""
+    max_offset_ms: Annotated[float, Range(0), Unit("ms")] = 15.0
+    """Camera-to-robot time offset that is still good."""
+    time_offset: Annotated[bool, COMMON] = True
     """Whether the time offset is measured from the tool's outline in the images."""
-    max_offset_search_ms: float = 200.0
-    """Time offsets are searched up to this [ms]."""
-    gate_m: float = 0.03
-    """Largest distance of corresponding points when cameras are registered to each other [m]."""
-    board_kind: str = "charuco"
-    """Board in `board_images` and in hand-eye images: "charuco", "chessboard" or (hand-eye only) "marker"."""
-    board_columns: int = 5
-    """Squares along x; a chessboard has one inner corner fewer."""
-    board_rows: int = 7
-    """Squares along y."""
-    board_square_m: float = 0.034
-    """Edge of a square, or of the single marker [m]."""
-    board_marker_m: float = 0.028
-    """Edge of the markers in a ChArUco board [m]."""
+    max_offset_search_ms: Annotated[float, Range(0), Unit("ms")] = 200.0
+    """Time offsets are searched up to this."""
+    gate_m: Annotated[float, Range(1e-6), Unit("m")] = 0.03
+    """Largest distance of corresponding points when cameras are registered to each other."""
+    board_kind: Annotated[BoardKind, COMMON] = "charuco"
+    """Board in `board_images` and in hand-eye images; "marker" is for hand-eye images only."""
+    board_columns: Annotated[int, Range(2), Unit("squares"), COMMON] = 5
+    """Along x; a chessboard has one inner corner fewer."""
+    board_rows: Annotated[int, Range(2), Unit("squares"), COMMON] = 7
+    """Along y."""
+    board_square_m: Annotated[float, Range(1e-6, 1), Unit("m"), COMMON] = 0.034
+    """Edge of a square, or of the single marker."""
+    board_marker_m: Annotated[float, Range(0, 1), Unit("m"), COMMON] = 0.028
+    """Edge of the markers in a ChArUco board."""
     board_dictionary: str = "DICT_4X4_50"
     """OpenCV's name of the ArUco dictionary."""
-    board_marker_id: int = 0
+    board_marker_id: Annotated[int, Range(0)] = 0
     """Id of the single marker."""
-    hand_eye_method: str = "auto"
-    """TSAI, PARK, HORAUD, ANDREFF or DANIILIDIS; "auto" tries all and keeps the most consistent."""
-    handeye_mount: str = "auto"
+    hand_eye_method: Literal["auto", "TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS"] = "auto"
+    """Solver of hand-eye calibration; "auto" tries all and keeps the most consistent."""
+    handeye_mount: Literal["auto", "wrist", "fixed"] = "auto"
     """Where the hand-eye cameras are: "wrist" (on the gripper), "fixed" (the board is in the gripper), or "auto": as
     each camera's files say, "wrist" where they say nothing."""
     fit_board_scale: bool = False
@@ -75,21 +74,24 @@ class CalibrateConfig:
     is not of the size told)."""
     flange_from_tool: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Pose of the tool in the gripper of the hand-eye poses: x, y, z [m], extrinsic xyz Euler angles [rad]."""
-    refine_scan: str = "auto"
-    """Whether poses of a scan are refined by its images: "auto" (when its views disagree), "always" or "never"."""
-    scan_scale: str = "poses"
+    refine_scan: Literal["auto", "always", "never"] = "auto"
+    """Whether poses of a scan are refined by its images; "auto" when its views disagree."""
+    scan_scale: Literal["poses", "depth"] = "poses"
     """Where a refined scan takes its scale from: "poses" (robot, or a board before) or "depth"."""
-    keep_bad: bool = False
+    keep_bad: Annotated[bool, COMMON] = False
     """Whether episodes none of whose cameras is usable pass on, too."""
-    max_scan_views: int = 40
+    max_scan_views: Annotated[int, Range(2), Unit("views")] = 40
     """At most this many views of a scan are refined, evenly spread; the others follow the nearest."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        board_of(self).check()
 
 
 def run(inputs: Inputs, config: CalibrateConfig, out: Output) -> Summary:
     """Write the recording set again, cameras verified or corrected, and calibration.json."""
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     solved = _solve(inputs, recordings, config)
     done = out.map(recordings.names, partial(_one, recordings, solved, config), jobs=config.jobs, keep_going=True)
@@ -178,42 +180,6 @@ def _with_handeye(entry: dict, solved: Solved, stay: dict[str, str]) -> dict:
     return {**entry, **found.columns(), "fix": "; ".join(part for part in (said, entry["fix"]) if part)}
 
 
-def _check(config: CalibrateConfig) -> None:
-    check_jobs(config, "calibrate")
-    check_choices(
-        config,
-        "calibrate",
-        {
-            "refine_scan": ("auto", "always", "never"),
-            "scan_scale": ("poses", "depth"),
-            "hand_eye_method": ("auto", *HAND_EYE_METHODS),
-            "handeye_mount": ("auto", *MOUNTS),
-        },
-    )
-    check_ranges(
-        config,
-        "calibrate",
-        {
-            "check_frames": (1, inf),
-            "max_disagreement_mm": (1e-6, inf),
-            "gate_m": (1e-6, inf),
-            "region_margin_m": (0, 10),
-            "max_reprojection_px": (1e-6, inf),
-            "max_table_mm": (1e-6, inf),
-            "max_table_deg": (1e-6, 90),
-            "max_offset_ms": (0, inf),
-            "max_offset_search_ms": (0, inf),
-            "board_columns": (2, inf),
-            "board_rows": (2, inf),
-            "max_scan_views": (2, inf),
-            "board_square_m": (1e-6, 1),
-            "board_marker_m": (0, 1),
-            "board_marker_id": (0, inf),
-        },
-    )
-    board_of(config).check()
-
-
 def _worst(rows: dict[str, dict]) -> dict[str, dict]:
     """Pick, per camera, the verdict of its worst episode."""
     worst: dict[str, dict] = {}
@@ -281,5 +247,4 @@ STAGE = Stage(
         "handeye": InputSpec((), "folder with hand-eye poses, one sub-folder per camera", optional=True),
     },
     run=run,
-    check=settings_only(_check),
 )

@@ -5,24 +5,23 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from plop.artifacts.layouts import ComparisonFiles, Fit, Fits
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.comparison.bases import predict_episode
 from plop.comparison.camera_errors import camera_rows, camera_table
 from plop.comparison.error_fields import ErrorField, error_field, tables
 from plop.comparison.field_file import stored_field, write_field
 from plop.comparison.result import Comparison, EpisodeErrors, ErrorRow
 from plop.errors import PlopError
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.set import RecordingSet
 from plop.reporting.field_pictures import draw_on_object, draw_over_time, draw_tables
+from plop.setting_kinds import ALL_CORES, Jobs, Range, Seed, Settings, Split, Unit
 from plop.tracking.episode import Episode
 from plop.tracking.phases import PHASES
 from plop.tracking.same_object import check_same_object, size_m
@@ -33,22 +32,22 @@ from stages.compare.checks import check_conventions
 
 
 @dataclass(frozen=True)
-class CompareConfig:
+class CompareConfig(Settings):
     """Settings of `compare`; their defaults are written only here."""
 
-    split: str = "all"
-    """Episodes: "train", "test" or "all"."""
+    split: Split = "all"
+    """Which episodes."""
     episodes: str = "*"
     """Only episodes whose name matches this pattern."""
-    seed: int = 0
+    seed: Seed = 0
     """Chooses the points that are followed."""
-    frames: int = 4
+    frames: Annotated[int, Range(0), Unit("frames")] = 4
     """Frames of each episode that are rendered through every camera; 0 leaves cameras out."""
     other_object: bool = False
     """Compare although the model was made for another object."""
     pictures: bool = True
     """Draw pictures."""
-    jobs: int = dataclasses.field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Jobs = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
 
 
@@ -58,7 +57,6 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     Raises:
         PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
     """
-    _check(config)
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_conventions(inputs, recordings)
@@ -106,17 +104,6 @@ def _compare(
         draw_on_object(ComparisonFiles(folder).on_object(episode.name), stored)
     shown = _shown(len(episode.times), config.frames)
     return field, camera_rows(recording, fit.folder, field, shown) if config.frames else []
-
-
-def _check(config: CompareConfig) -> None:
-    """Refuse settings out of range.
-
-    Raises:
-        PlopError: One of them, by name.
-    """
-    check_jobs(config, "compare")
-    check_choices(config, "compare", {"split": ("train", "test", "all")})
-    check_ranges(config, "compare", {"frames": (0, inf)})
 
 
 def check_inputs(inputs: Inputs, config: CompareConfig) -> None:
@@ -230,6 +217,5 @@ STAGE = Stage(
         "model": InputSpec(MODELS, "the model to compare", choice=Choice.ANY_LINE),
     },
     run=run,
-    check=settings_only(_check),
     check_inputs=check_inputs,
 )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated
 
 import numpy as np
 
 from plop.artifacts.layouts import Fits
-from plop.checked_settings import check_choices, check_jobs
 from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
 from plop.diagnosis.result import SensorFault
@@ -26,6 +26,7 @@ from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
+from plop.setting_kinds import ALL_CORES, SAME_RESULT, Jobs, Range, Seed, Settings, Split
 from plop.tracking.episode import Episode
 from plop.tracking.same_object import check_same_object
 from plop.tracking.sets import tracked_episodes
@@ -34,30 +35,29 @@ from stages.common_inputs import engine_input, init_input, optional, recordings_
 from stages.diagnose.outcome import diagnosis_of, rows_of
 from stages.diagnose.sensors import sensor_findings
 
-_SPLITS = ("train", "test", "all")
 LEAST_UNSEEN = 3
 """Reference episodes that tell how far a learned model is off where nothing is missing."""
 
 
 @dataclass(frozen=True)
-class DiagnoseConfig:
+class DiagnoseConfig(Settings):
     """Settings of `diagnose`; their defaults are written only here."""
 
     effects: tuple[str, ...] = ()
     """Only these effects of the library; all when empty."""
-    split: str = "all"
-    """Episodes: "train", "test" or "all"."""
-    shams: int = SHAMS
-    """Shams that give the chance of a false alarm."""
+    split: Split = "all"
+    """Which episodes."""
+    shams: Annotated[int, Range(49)] = SHAMS
+    """Shams that give the chance of a false alarm: with fewer than 49 there is no verdict."""
     sensors: bool = True
     """Look for sensor faults first."""
     exclude: tuple[str, ...] = ()
     """Cameras that neither tracks nor sensor checks use, e.g. one that was found faulty."""
-    seed: int = 0
+    seed: Seed = 0
     """Chooses the points that are followed, and draws the shams."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Jobs = ALL_CORES
     """Processes of this machine; -1 is one a core."""
-    scheduler: str = field(default="", metadata={"in_fingerprint": False})
+    scheduler: Annotated[str, SAME_RESULT] = ""
     """Address of a Dask scheduler, e.g. tcp://10.0.0.5:8786, to run the same jobs on a cluster."""
 
 
@@ -199,7 +199,7 @@ def _engine(inputs: Inputs) -> EngineBase:
 
 
 def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
-    """Refuse settings out of range, unknown effects, and a file with effects that cannot be used.
+    """Refuse unknown effects, and a file with effects that cannot be used.
 
     Args:
         config: Settings.
@@ -208,19 +208,9 @@ def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
     Raises:
         PlopError: What is wrong.
     """
-    check_jobs(config, "diagnose")
     types = library((str(given["effect_file"]),) if "effect_file" in given else ())
     for name in config.effects:
         effect_type(name, types)
-    check_choices(config, "diagnose", {"split": _SPLITS})
-    if config.shams < 49:
-        raise PlopError(
-            "Too few shams for a verdict.",
-            where="diagnose.shams",
-            expected="49 or more",
-            found=str(config.shams),
-            fix="Leave --shams out for the usual number.",
-        )
 
 
 def check_inputs(inputs: Inputs, config: DiagnoseConfig) -> None:

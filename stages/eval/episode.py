@@ -111,7 +111,7 @@ def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: Ev
     frames = sorted({0, len(recording) // 2, len(recording) - 1})
     path = paths.rollout.states
     with Trajectory(path) if path.is_file() else nullcontext() as states:
-        drawn = Comparison(recording, views, states, tool, camera, frames=frames, backend=config.backend)  # type: ignore[arg-type]
+        drawn = Comparison(recording, views, states, tool, camera, frames=frames, backend=config.backend)
         write_png(paths.picture, sheet([drawn.picture(frame) for frame in frames]))
 
 
@@ -130,7 +130,7 @@ def _frames(recording: Recording, views: ViewFile, init: Fit, config: EvalConfig
             pose = fit.best(cloud.points, [pose, np.eye(4)])
         placed = tool_above_table(tool, poses[index], recording.table_z_m)
         drawn = {
-            method: render_scene(moved_rigidly(start, motion), placed, cameras, backend=config.backend)  # type: ignore[arg-type]
+            method: render_scene(moved_rigidly(start, motion), placed, cameras, backend=config.backend)
             for method, motion in (("persistence", np.eye(4)), ("rigid", pose))
         }
         yield Frame(index, measured, {config.method: [views.view(camera, index) for camera in cameras], **drawn}, pose)

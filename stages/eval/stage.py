@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from math import inf
 from pathlib import Path
+from typing import Annotated
 
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Fits, Rollouts, ScoreFiles
 from plop.artifacts.store import Artifact
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
-from plop.metrics.lpips import Lpips, Unavailable, load_lpips
+from plop.metrics.lpips import Backbone, Lpips, Unavailable, load_lpips
 from plop.metrics.scores import Scores
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary
 from plop.recordings.set import RecordingSet
-from plop.render.rasterizer.rasterize import BACKENDS
+from plop.render.rasterizer.rasterize import Backend
+from plop.setting_kinds import ALL_CORES, SAME_RESULT, Jobs, Range, Seed, Settings, Unit
 from stages import MODELS
 from stages.common_inputs import init_input, recordings_input
 from stages.eval.episode import EpisodePaths, score_episode
@@ -26,28 +26,28 @@ from stages.eval.report import scores_of, summary_table, write_csv
 
 
 @dataclass(frozen=True)
-class EvalConfig:
+class EvalConfig(Settings):
     """Settings of `eval`; their defaults are written only here."""
 
     method: str = "plop"
     """Name of the scored rollouts in tables."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the EMD samples and of the bootstrap."""
-    emd_every: int = 1
+    emd_every: Annotated[int, Range(0), Unit("frames")] = 1
     """EMD on every so many frames, and always on the first and the last; 0 leaves it out."""
     truth: bool = True
     """Also score material points where the recording holds a simulator's truth."""
-    lpips_net: str = "alex"
-    """Backbone of LPIPS: "alex" or "vgg"."""
+    lpips_net: Backbone = "alex"
+    """Backbone of LPIPS."""
     lpips_backbone: str = ""
     """File with the backbone's weights; torch's hub folder is searched when empty."""
-    backend: str = "auto"
+    backend: Backend = "auto"
     """Renderer of the baselines; see rollout."""
     picture_camera: str = ""
     """Camera of the pictures; when empty, the one whose measured image changes most."""
-    threads: int = field(default=0, metadata={"in_fingerprint": False})
+    threads: Annotated[int, Range(0, 4096), SAME_RESULT] = 0
     """Frames of an episode that are scored at the same time; 0 is one per core."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Jobs = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
 
 
@@ -57,7 +57,6 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     Raises:
         PlopError: The rollouts do not belong to these recordings or fits, or hold nothing.
     """
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
@@ -72,14 +71,8 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     return _summary(scores)
 
 
-def _check(config: EvalConfig) -> None:
-    check_choices(config, "eval", {"lpips_net": ("alex", "vgg"), "backend": BACKENDS})
-    check_jobs(config, "eval")
-    check_ranges(config, "eval", {"emd_every": (0, inf), "threads": (0, 4096)})
-
-
 def _lpips(config: EvalConfig) -> Lpips | Unavailable:
-    return load_lpips(config.lpips_net, config.lpips_backbone)  # type: ignore[arg-type]
+    return load_lpips(config.lpips_net, config.lpips_backbone)
 
 
 def _score(
@@ -148,5 +141,4 @@ STAGE = Stage(
         ),
     },
     run=run,
-    check=settings_only(_check),
 )

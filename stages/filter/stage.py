@@ -7,18 +7,16 @@ difference (where the model is wrong) and the innovation per camera (how wrong, 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 
 from plop.artifacts.atomic_file import write_text
 from plop.artifacts.layouts import Fits, Tracks
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device, jobs_on
 from plop.dynamics.baselines import ConstantVelocity
@@ -29,41 +27,34 @@ from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
+from plop.setting_kinds import ALL_CORES, AUTO_DEVICE, COMMON, Jobs, Range, Seed, Settings, Split, Unit
 from stages import MODELS
 from stages.common_inputs import init_input, recordings_input
 
 
 @dataclass(frozen=True)
-class FilterConfig:
-    """Settings of `filter`; the defaults of the update itself are those of UpdateConfig."""
+class FilterConfig(Settings):
+    """Settings of `filter`; their defaults are written only here."""
 
-    seed: int = 0
+    seed: Annotated[Seed, COMMON] = 0
     """Seed of the splits."""
-    split: str = "all"
-    """Episodes to filter: "train", "test" or "all"."""
-    iterations: int = 40
-    """Gradient steps a frame."""
-    views: int = 2
-    """Views in each of them, taken in turn."""
-    cells_across: float = 7.0
-    """Cells of the displacement grid along the object's longest extent."""
-    isometry: float = 1.0
-    """Weight of the isometry term, per 0.1 m [-]."""
-    contact: float = 1.0
-    """Weight of how deep Gaussians lie inside a solid tool that is no blade, per 0.1 m [-]; 0 lets them."""
-    depth_weight: float = 0.6
-    """Weight of the depth error, per 0.1 m [-]."""
-    settle: int = 2
+    split: Annotated[Split, COMMON] = "all"
+    """Episodes to filter."""
+    update: UpdateConfig = UpdateConfig()
+    """How each frame is updated on its images."""
+    render: RenderWeights = RenderWeights(depth=0.6)
+    """Weights of the rendering loss in an update."""
+    settle: Annotated[int, Range(0), Unit("updates")] = 2
     """Updates of the first frame on its own views, before anything moves."""
-    exclude: tuple[str, ...] = ()
+    exclude: Annotated[tuple[str, ...], COMMON] = ()
     """Cameras that are not used, e.g. one that is out of order."""
-    device: str = "auto"
+    device: Annotated[str, COMMON] = AUTO_DEVICE
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
@@ -82,7 +73,6 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     Raises:
         PlopError: The split or an excluded camera is unknown, none is left, or an episode has no fitted Gaussians.
     """
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     check_excluded(recordings, config.exclude, "filter")
     chosen = {"train": recordings.train, "test": recordings.test, "all": recordings.names}[config.split]
@@ -91,24 +81,6 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
     rows = list(out.map(chosen, work, jobs=jobs_on(config.device, config.jobs)).values.values())
     figures = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "episode"} if rows else {}
     return Summary(figures={"episodes": len(rows), **figures}, table=rows)
-
-
-def _check(config: FilterConfig) -> None:
-    check_choices(config, "filter", {"split": ("train", "test", "all")})
-    check_jobs(config, "filter")
-    check_ranges(
-        config,
-        "filter",
-        {
-            "iterations": (0, inf),
-            "views": (1, inf),
-            "cells_across": (1, 64),
-            "isometry": (0, inf),
-            "contact": (0, inf),
-            "depth_weight": (0, inf),
-            "settle": (0, inf),
-        },
-    )
 
 
 @deterministic()
@@ -130,23 +102,17 @@ def _filter_episode(
     if model_folder is not None:
         model = load_model(model_folder, device)
         device = device_of(model)
-    update = UpdateConfig(
-        iterations=config.iterations,
-        views=config.views,
-        cells_across=config.cells_across,
-        isometry=config.isometry,
-        contact=config.contact,
-        weights=RenderWeights(depth=config.depth_weight),
-    )
     generator = torch.Generator("cpu").manual_seed(config.seed)
     frames = []
     with recordings.open(name) as recording, TrajectoryWriter(Tracks(out.path).states(name)) as writer:
         cameras = [camera for camera in recording.camera_names if camera not in config.exclude]
-        first = settled(
-            read_splat(splat).to(device), measured_views(recording, 0, cameras, device), update, config.settle
-        )
+        views = measured_views(recording, 0, cameras, device)
+        first = settled(read_splat(splat).to(device), views, config.update, config.settle, config.render)
         writer.append("updated", 0, first, side=at_rest(first).side)
-        for step in run_filter(model, recording, first, update, cameras=cameras, generator=generator):
+        steps = run_filter(
+            model, recording, first, config.update, weights=config.render, cameras=cameras, generator=generator
+        )
+        for step in steps:
             _store(writer, step)
             frames.append(
                 {"frame": step.frame, "time_s": float(recording.time_s[step.frame]), "cameras": step.innovation}
@@ -183,5 +149,4 @@ STAGE = Stage(
         "model": InputSpec(MODELS, "Model that predicts; constant velocity without it.", optional=True),
     },
     run=run,
-    check=settings_only(_check),
 )

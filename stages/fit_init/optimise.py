@@ -10,7 +10,7 @@ from torch import Tensor
 
 from plop.gaussians.split import split_at
 from plop.gaussians.state import Gaussians, concatenate
-from plop.render.losses import RenderWeights, Target, anisotropy_hinge, render_loss
+from plop.render.losses import Target, anisotropy_hinge, render_loss
 from plop.render.rasterizer.rasterize import render
 from stages.fit_init.parameters import Parameters
 
@@ -53,9 +53,6 @@ def fit(
     """
     generator = torch.Generator("cpu").manual_seed(config.seed)
     parameters = Parameters(seeds, config, spacing_m)
-    weights = RenderWeights(
-        config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight, config.depth_unit_m
-    )
     inner = seeds.select(seeds.ids.new_zeros(0))
     growth, fill_step = _growth_steps(config), int(config.fill_at * config.steps)
     pull, order = seeds.means.new_zeros(len(parameters)), torch.zeros(0, dtype=torch.int64, device="cpu")
@@ -71,7 +68,7 @@ def fit(
         order = order[1:]
         shell = parameters.gaussians()
         rendering = render(concatenate([shell, inner]) if len(inner) else shell, target.camera)
-        loss, terms = render_loss(rendering, target, weights)
+        loss, terms = render_loss(rendering, target, config.render)
         loss = loss + config.anisotropy_weight * anisotropy_hinge(shell, config.anisotropy_ratio)
         loss.backward()
         pull += parameters.pull()

@@ -3,104 +3,96 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from PIL import Image
 
 from plop.artifacts.atomic_file import whole, write_json
 from plop.artifacts.layouts import Clouds, Fit, Fits
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.device import jobs_on
 from plop.errors import PlopError, remembering
 from plop.gaussians.splat_ply import write_splat
-from plop.pipeline.stage import Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, InputSpec, Output, Recipe, Stage, Summary
 from plop.recordings.camera_verdicts import only_bad_cameras
 from plop.recordings.set import RecordingSet
+from plop.render.losses import RenderWeights
+from plop.setting_kinds import ALL_CORES, AUTO_DEVICE, COMMON, Jobs, Range, Seed, Settings, Share, Unit, Weight
 from stages.common_inputs import recordings_input
 from stages.fit_init.episode import EpisodeFit, fit_episode
 
-FILLINGS = ("solid", "paper", "none")
-BACKGROUNDS = ("measured", "black")
+LearningRate = Annotated[float, Range(0, 1)]
+"""Largest step of Adam."""
 
 
 @dataclass(frozen=True)
-class FitInitConfig:
+class FitInitConfig(Settings):
     """Settings of `fit-init`; their defaults are written only here."""
 
-    episodes: str = "*"
+    episodes: Annotated[str, COMMON] = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
-    count: int = 3600
+    count: Annotated[int, Range(8, 1e7), Unit("Gaussians"), COMMON] = 3600
     """Gaussians of the object, inside included."""
-    inner_share: float = 0.33
+    inner_share: Annotated[float, Range(0, 0.95)] = 0.33
     """Share of `count` that fills the inside ("solid" only)."""
-    steps: int = 2000
+    steps: Annotated[int, Range(0, 1e7), Unit("steps"), COMMON] = 2000
     """Optimisation steps, one view each."""
-    held_out: int = 1
+    held_out: Annotated[int, Range(0, 1000), Unit("cameras"), COMMON] = 1
     """Cameras that only score: those that see least that no other camera sees; at least two always train."""
-    virtual_views: int = 32
+    virtual_views: Annotated[int, Range(0, 1000), Unit("views"), COMMON] = 32
     """Views between the cameras, drawn from what they measured, that train too; 0 for none, as in the paper."""
-    filling: str = "solid"
+    filling: Annotated[Literal["solid", "paper", "none"], COMMON] = "solid"
     """Inside: "solid" fills evenly, "paper" as in Sec. III-C, "none"."""
-    fill_at: float = 0.5
+    fill_at: Share = 0.5
     """Filling happens after this share of the steps (10k of 20k in the paper)."""
-    fill_cells: int = 32
+    fill_cells: Annotated[int, Range(4, 256), Unit("cells")] = 32
     """Cells of the opacity grid along the object's longest side (16 in the paper, used for "paper" always)."""
-    inner_opacity: float = 0.9
+    inner_opacity: Share = 0.9
     """Opacity of the inner Gaussians."""
-    overlap: float = 0.6
+    overlap: Annotated[float, Range(0.05, 5)] = 0.6
     """Standard deviation of a new Gaussian as a share of the spacing."""
-    flatness: float = 10.0
+    flatness: Annotated[float, Range(1, 100)] = 10.0
     """Of new surface Gaussians: standard deviation along the surface over the one across it. Thick ones hide each
     other by halves, so that depth comes from behind the surface."""
-    start_share: float = 0.8
+    start_share: Annotated[float, Range(0.05, 1)] = 0.8
     """Share of the surface's Gaussians that is there from the start; densification adds the others."""
-    densifications: int = 4
+    densifications: Annotated[int, Range(0, 1000), Unit("rounds")] = 4
     """Rounds of densification and pruning, spread over the first half of the steps."""
-    prune_opacity: float = 0.05
+    prune_opacity: Share = 0.05
     """Surface Gaussians below are removed in each round."""
-    background: str = "measured"
+    background: Literal["measured", "black"] = "measured"
     """Behind the object: "measured" lays renderings over the measured background, so that outlines may be soft;
     "black" cuts the object out with its mask."""
-    sh_degree: int = 0
-    """Degree of the spherical harmonics, 0 to 3; 0 is the same colour from everywhere."""
-    ssim_weight: float = 0.1
-    """Weight of 1 - SSIM."""
-    l1_weight: float = 0.9
-    """Weight of the mean absolute colour error."""
-    depth_weight: float = 0.2
-    """Weight of the mean absolute depth error, counted in `depth_unit_m`."""
-    depth_unit_m: float = 0.1
-    """Depth error that counts as 1 [m]; 1 in the paper."""
-    mask_weight: float = 0.1
-    """Weight of the mean absolute error of alpha against the mask; 0 in the paper."""
-    anisotropy_weight: float = 0.1
+    sh_degree: Annotated[int, Range(0, 3)] = 0
+    """Degree of the spherical harmonics; 0 is the same colour from everywhere."""
+    render: RenderWeights = RenderWeights()
+    """Weights of the rendering loss."""
+    anisotropy_weight: Weight = 0.1
     """Weight of the hinge on elongation."""
-    anisotropy_ratio: float = 10.0
+    anisotropy_ratio: Annotated[float, Range(1)] = 10.0
     """Elongation that costs nothing."""
-    max_scale: float = 1.2
+    max_scale: Annotated[float, Range(0.01, 100)] = 1.2
     """Largest standard deviation as a share of the seeds' spacing."""
-    lr_means: float = 0.01
+    lr_means: LearningRate = 0.01
     """Learning rate of the means, in spacings of the seeds a step."""
-    lr_quats: float = 0.005
+    lr_quats: LearningRate = 0.005
     """Learning rate of the quaternions."""
-    lr_scales: float = 0.01
+    lr_scales: LearningRate = 0.01
     """Learning rate of log-scales."""
-    lr_opacities: float = 0.03
+    lr_opacities: LearningRate = 0.03
     """Learning rate of opacity logits."""
-    lr_sh: float = 0.02
+    lr_sh: LearningRate = 0.02
     """Learning rate of the colours' coefficients."""
-    tool_count: int = 3000
+    tool_count: Annotated[int, Range(4, 1e6), Unit("Gaussians")] = 3000
     """Gaussians of the tool."""
-    seed: int = 0
+    seed: Annotated[Seed, COMMON] = 0
     """Seed of the order of views and of the filling."""
-    device: str = "auto"
+    device: str = AUTO_DEVICE
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
@@ -112,7 +104,6 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     Raises:
         PlopError: A setting that cannot be, no episode chosen, or none that can be fitted.
     """
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = [name for name in recordings.names if Path(name).match(config.episodes)]
     if not names:
@@ -156,37 +147,6 @@ def _fit(
     return result.score
 
 
-def _check(config: FitInitConfig) -> None:
-    check_choices(config, "fit-init", {"filling": FILLINGS, "background": BACKGROUNDS})
-    check_jobs(config, "fit-init")
-    check_ranges(
-        config,
-        "fit-init",
-        {
-            "count": (8, 1e7),
-            "inner_share": (0, 0.95),
-            "steps": (0, 1e7),
-            "sh_degree": (0, 3),
-            "fill_at": (0, 1),
-            "held_out": (0, 1000),
-            "virtual_views": (0, 1000),
-            "overlap": (0.05, 5),
-            "flatness": (1, 100),
-            "depth_unit_m": (1e-6, 1e6),
-            "start_share": (0.05, 1),
-            "fill_cells": (4, 256),
-            "tool_count": (4, 1e6),
-            "inner_opacity": (0, 1),
-            "densifications": (0, 1000),
-            "prune_opacity": (0, 1),
-            "anisotropy_ratio": (1, inf),
-            "max_scale": (0.01, 100),
-            **{f"{name}_weight": (0, inf) for name in ("ssim", "l1", "depth", "mask", "anisotropy")},
-            **{f"lr_{name}": (0, 1) for name in ("means", "quats", "scales", "opacities", "sh")},
-        },
-    )
-
-
 def _write_episode(fit: Fit, result: EpisodeFit) -> None:
     write_splat(fit.object_splat, result.gaussians)
     write_splat(fit.tool_splat, result.tool)
@@ -226,5 +186,4 @@ STAGE = Stage(
         ),
     },
     run=run,
-    check=settings_only(_check),
 )

@@ -2,63 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
-from math import inf
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Clouds
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError, remembering
 from plop.geometry.clouds.cloud_ply import write_cloud
-from plop.pipeline.stage import Inputs, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, Output, Stage, Summary
 from plop.recordings.camera_verdicts import are_judged, bad_cameras, only_bad_cameras
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
+from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Settings, Unit
 from stages.common_inputs import recordings_input
 from stages.fuse.episode import EpisodeCloud, fuse_episode
 
 
 @dataclass(frozen=True)
-class FuseConfig:
+class FuseConfig(Settings):
     """Settings of `fuse`; their defaults are written only here."""
 
-    source: str = "auto"
+    source: Annotated[Literal["auto", "first-frame", "scan"], COMMON] = "auto"
     """"first-frame" (all cameras), "scan" (the recording's /scan cameras), or "auto": the scan where there is one."""
-    method: str = "auto"
+    method: Annotated[Literal["auto", "points", "tsdf"], COMMON] = "auto"
     """"points" (voxel average), "tsdf" (signed distance volume), or "auto": tsdf for a scan, else points."""
-    voxel_m: float = 0.002
-    """Edge of one averaging voxel, or of one voxel of the signed distance volume [m]."""
-    frame: int = 0
+    voxel_m: Annotated[float, Range(1e-4, 0.1), Unit("m"), COMMON] = 0.002
+    """Edge of one averaging voxel, or of one voxel of the signed distance volume."""
+    frame: Annotated[int, Range(0), COMMON] = 0
     """Frame of the interaction that "first-frame" uses."""
-    scan_views: int = 60
-    """At most this many frames of a scan are used, evenly spread."""
-    icp_above_mm: float = 1.5
-    """Views that disagree by more than this are registered to each other first [mm]."""
-    icp_gate_m: float = 0.02
-    """Largest distance of corresponding points in registration [m]."""
-    max_correction_m: float = 0.03
-    """A registration that moves a view further than this is refused [m]."""
-    table_margin_m: float = 0.004
-    """Without masks, points lower than this above the table are table [m]."""
-    below_table_m: float = 0.002
-    """With masks, points deeper than this below the table are noise [m]."""
-    outlier_deviations: float = 4.0
+    scan_views: Annotated[int, Range(1), Unit("frames")] = 60
+    """At most this many of a scan are used, evenly spread."""
+    icp_above_mm: Annotated[float, Range(0), Unit("mm")] = 1.5
+    """Views that disagree by more than this are registered to each other first."""
+    icp_gate_m: Annotated[float, Range(0, 1), Unit("m")] = 0.02
+    """Largest distance of corresponding points in registration."""
+    max_correction_m: Annotated[float, Range(0, 1), Unit("m")] = 0.03
+    """A registration that moves a view further than this is refused."""
+    table_margin_m: Annotated[float, Range(0, 1), Unit("m"), COMMON] = 0.004
+    """Without masks, points lower than this above the table are table."""
+    below_table_m: Annotated[float, Range(0, 1), Unit("m")] = 0.002
+    """With masks, points deeper than this below the table are noise."""
+    outlier_deviations: Annotated[float, Range(0)] = 4.0
     """Robust standard deviations of neighbour distance at which a point is an outlier; 0 keeps all."""
-    min_points: int = 100
-    """Fewer points than this are no object: the episode is skipped."""
-    max_extent_m: float = 2.0
-    """An object larger than this is a mistake in units [m]."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    min_points: Annotated[int, Range(1), Unit("points")] = 100
+    """Fewer than this are no object: the episode is skipped."""
+    max_extent_m: Annotated[float, Range(1e-3, 100), Unit("m")] = 2.0
+    """An object larger than this is a mistake in units."""
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
 
 
 def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
     """Write clouds/<episode>.ply and fuse.json; an episode that cannot be fused is skipped with a warning."""
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     done = out.map(recordings.names, partial(_one, recordings, config), jobs=config.jobs, keep_going=True)
     rows, reasons = done.values, {name: error.first_cause() for name, error in done.errors.items()}
@@ -101,28 +99,6 @@ def _usable(recording: Recording, config: FuseConfig) -> Recording:
     return recording
 
 
-def _check(config: FuseConfig) -> None:
-    check_jobs(config, "fuse")
-    check_choices(config, "fuse", {"source": ("auto", "first-frame", "scan"), "method": ("auto", "points", "tsdf")})
-    check_ranges(
-        config,
-        "fuse",
-        {
-            "voxel_m": (1e-4, 0.1),
-            "frame": (0, inf),
-            "scan_views": (1, inf),
-            "icp_above_mm": (0, inf),
-            "icp_gate_m": (0, 1),
-            "max_correction_m": (0, 1),
-            "table_margin_m": (0, 1),
-            "below_table_m": (0, 1),
-            "outlier_deviations": (0, inf),
-            "min_points": (1, inf),
-            "max_extent_m": (1e-3, 100),
-        },
-    )
-
-
 def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
     table = [
         {
@@ -154,5 +130,4 @@ STAGE = Stage(
     config=FuseConfig,
     inputs={"recordings": recordings_input("recordings with camera poses")},
     run=run,
-    check=settings_only(_check),
 )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
-from math import inf, isfinite
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Annotated, Literal
 
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import recordings_content
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.identification.identify import NAMES, identify, outliers, spacing_for, starts_settled
@@ -16,57 +16,58 @@ from plop.parameters import NOT_DETERMINED, Estimate, short_number
 from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration
-from plop.physics.engine.material import ElasticLaw, Material
+from plop.physics.engine.config import TableCone
+from plop.physics.engine.material import Material
 from plop.physics.scenes.names import one_of
-from plop.pipeline.stage import Choice, Inputs, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, Output, Stage, Summary
 from plop.recordings.set import RecordingSet
+from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Seed, Settings, Split, Unit
 from plop.tracking.same_object import size_m
 from plop.tracking.sets import tracked_episodes
 from stages.common_inputs import init_input, recordings_input, tracks_input
 
-STARTS = ("auto", "settled", "unloaded")
-CONES = ("round", "pyramid")
+FIRST_GUESS = Material(
+    youngs_modulus_pa=1.2e4, damping_per_s=2.0, table_friction=0.4, tool_friction=0.3, cut_friction=0.3
+)
+"""What fits begin with: a soft dough. It is not the material that scenes have by default."""
 
 
 @dataclass(frozen=True)
-class IdentifyConfig:
+class IdentifyConfig(Settings):
     """Settings of `identify`; their defaults are written only here."""
 
-    fit: tuple[str, ...] = NAMES
-    """Parameters to fit; the others stay at their first guess."""
-    youngs_modulus_pa: float = 1.2e4
-    """First guess of Young's modulus [Pa]."""
-    poisson: float = 0.4
-    """Poisson's ratio [-]."""
-    density_kg_m3: float = 1000.0
-    """Density [kg/m^3]; with imposed motions only stiffness over density matters."""
-    damping_per_s: float = 2.0
-    """First guess of the velocity damping [1/s]."""
-    table_friction: float = 0.4
-    """First guess of the friction at the table [-]."""
-    tool_friction: float = 0.3
-    """First guess of the friction at the tool [-]."""
-    cut_friction: float = 0.3
-    """Friction between the faces of a cut [-]."""
-    toughness_j_m2: float = 0.0
-    """Energy of new cut surface [J/m^2]."""
-    table_slip_m_s: float = 0.0
-    """Slip speed of the table, below which it rubs in proportion to the speed [m/s]; 0 is Coulomb's law."""
-    table_cone: str = "round"
+    fit: Annotated[tuple[str, ...], COMMON] = NAMES
+    """Parameters of the material to fit; the others stay at their first guess."""
+    material: Material = FIRST_GUESS
+    """First guess of the material, and what it is where it is not fitted."""
+    table_cone: Annotated[TableCone, COMMON] = "round"
     """Friction cone at the table: "round", or "pyramid" as some simulators have it."""
-    start: str = "auto"
+    start: Annotated[Literal["auto", "settled", "unloaded"], COMMON] = "auto"
     """Object at the first frame: "settled" under its weight, "unloaded" and about to sag, or "auto": what fits."""
-    spacing_m: float = 0.0
-    """Distance of the particles [m]; 0 chooses about 1300 of them."""
-    iterations: int = 5
+    spacing_m: Annotated[float, Range(0, 0.1), Unit("m"), COMMON] = 0.0
+    """Distance of the particles; 0 chooses about 1300 of them."""
+    iterations: Annotated[int, Range(0), Unit("steps"), COMMON] = 5
     """Most Gauss-Newton steps."""
-    split: str = "train"
-    """Episodes: "train", "test" or "all". What is fitted to test episodes cannot be scored on them; "all" is for a
-    model that is only scored on other recordings."""
-    seed: int = 0
+    split: Annotated[Split, COMMON] = "train"
+    """Episodes to fit to. What is fitted to test episodes cannot be scored on them; "all" is for a model that is only
+    scored on other recordings."""
+    seed: Annotated[Seed, COMMON] = 0
     """Chooses the points that are followed."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Processes; -1 is one a core."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.fit:
+            one_of(name, PARAMETERS, "parameter to fit", where="fit")
+        if not self.fit:
+            raise PlopError(
+                "There is nothing to fit.",
+                where="fit",
+                expected=f"some of {', '.join(PARAMETERS)}",
+                found="none",
+                fix="Leave --fit out for the usual ones.",
+            )
 
 
 def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
@@ -75,7 +76,6 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     Raises:
         PlopError: A setting that cannot be, no usable episode, or an unstable engine.
     """
-    _check(config)
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = _names(recordings, config)
@@ -83,7 +83,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
         recordings, inputs["init"].path, inputs["tracks"].path, names, seed=config.seed
     )
     spacing = config.spacing_m or spacing_for(episodes)
-    base = EngineBase(_material(config), spacing, True, config.table_cone)
+    base = EngineBase(config.material, spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
     base = replace(base, settled=settled)
     odd = outliers(episodes, base, config.jobs)
@@ -116,28 +116,6 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     return _summary(base, found, len(episodes), left_out)
 
 
-def _check(config: IdentifyConfig) -> None:
-    """Refuse settings out of range, and parameters that cannot be fitted.
-
-    Raises:
-        PlopError: One of them, by name.
-    """
-    check_jobs(config, "identify")
-    check_choices(config, "identify", {"start": STARTS, "split": ("train", "test", "all"), "table_cone": CONES})
-    check_ranges(config, "identify", {"iterations": (0, inf), "spacing_m": (0, 0.1)})
-    for name in config.fit:
-        one_of(name, PARAMETERS, "parameter to fit", where="identify.fit")
-    if not config.fit:
-        raise PlopError(
-            "There is nothing to fit.",
-            where="identify.fit",
-            expected=f"some of {', '.join(PARAMETERS)}",
-            found="none",
-            fix="Leave --fit out for the usual ones.",
-        )
-    _material(config)
-
-
 def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
     """Refuse recordings without an episode to fit to before anything is tracked.
 
@@ -157,12 +135,6 @@ def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
 
 def _names(recordings: RecordingSet, config: IdentifyConfig) -> list[str]:
     return recordings.names if config.split == "all" else list(getattr(recordings, config.split))
-
-
-def _material(config: IdentifyConfig) -> Material:
-    """First guess of the material; its ranges are the engine's."""
-    given = {key: getattr(config, key) for key in asdict(Material()) if hasattr(config, key)}
-    return replace(Material(**given), law=ElasticLaw.NEO_HOOKEAN)
 
 
 def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[str, str]) -> Summary:
@@ -216,6 +188,5 @@ STAGE = Stage(
         "tracks": tracks_input("the filter's states"),
     },
     run=run,
-    check=settings_only(_check),
     check_inputs=check_inputs,
 )

@@ -5,18 +5,16 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Recordings
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.readers.droid.camera import DroidCameraSettings, DroidOptions
@@ -26,55 +24,60 @@ from plop.recordings.readers.droid.layout import DroidFolder, find_episodes
 from plop.recordings.readers.droid.notes import WORKSPACE_M
 from plop.recordings.readers.raw_folder import check_raw_folder
 from plop.recordings.set import RecordingSet, check_patterns
+from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Settings, Unit
 from stages.ingest.droid_checks import moved_cameras
 from stages.ingest.droid_write import WriteOptions, write_episode
 from stages.ingest.masks import MaskRules
 
-COMMAND = "ingest droid"
+Corner = Annotated[tuple[float, float, float], Range(-WORKSPACE_M, WORKSPACE_M), Unit("m")]
+"""Of a box, robot base."""
 
 
 @dataclass(frozen=True)
-class DroidConfig(DroidCameraSettings):
-    """Settings of `ingest droid`, besides those of its cameras."""
+class DroidConfig(Settings):
+    """Settings of `ingest droid`; their defaults are written only here."""
 
-    environment: str = ""
+    environment: Annotated[str, COMMON] = ""
     """Name of the environment; empty = the lab's name."""
-    episodes: tuple[str, ...] = ("*",)
+    episodes: Annotated[tuple[str, ...], COMMON] = ("*",)
     """Names of episodes to read (patterns with * and ?; a name is <LAB>_<date and time>)."""
-    outcome: Literal["any", "success", "failure"] = "any"
+    outcome: Annotated[Literal["any", "success", "failure"], COMMON] = "any"
     """Which episodes to read by their outcome."""
-    test: tuple[str, ...] = ()
+    test: Annotated[tuple[str, ...], COMMON] = ()
     """Names of test episodes (patterns); empty = every `test_every`-th."""
-    test_every: int = 5
+    test_every: Annotated[int, Range(2, 1e6), Unit("episodes")] = 5
     """Without `test`, every n-th episode is for testing, and at least the last of several."""
-    size: int = 320
-    """Longest side of the stored pictures [px]; larger ones are shrunk, intrinsics with them."""
-    keep_skipped: bool = False
-    """Keep rows with skip_action."""
-    idle_s: float = 1.0
-    """Stretches in which the robot stands still are cut to this length [s]; 0 = kept whole."""
-    idle_m: float = 0.002
-    """Movement of the flange that counts as standing still [m]."""
-    stride: int = 1
-    """Keep every n-th row."""
-    min_frames: int = 5
-    """Episodes with fewer frames are skipped."""
-    scan_frames: int = 40
-    """Most frames of the wrist camera's scan."""
-    workspace_min: tuple[float, float, float] = (0.2, -0.45, -0.1)
-    """Lowest corner of the workspace where plop_episode.json gives none, robot base [m]."""
-    workspace_max: tuple[float, float, float] = (0.85, 0.45, 0.5)
-    """Highest corner of the workspace where plop_episode.json gives none, robot base [m]."""
-    touch_m: float = 0.015
-    """Distance to the object that counts as touching: the tool's mesh and its mount are known to about this [m]."""
+    size: Annotated[int, Range(8, 8192), Unit("px"), COMMON] = 320
+    """Longest side of the stored pictures; larger ones are shrunk, intrinsics with them."""
+    workspace_min: Annotated[Corner, COMMON] = (0.2, -0.45, -0.1)
+    """Lowest corner of the workspace where plop_episode.json gives none, robot base."""
+    workspace_max: Annotated[Corner, COMMON] = (0.85, 0.45, 0.5)
+    """Highest corner of the workspace where plop_episode.json gives none, robot base."""
+    touch_m: Annotated[float, Range(0, 1), Unit("m")] = 0.015
+    """Distance to the object that counts as touching: the tool's mesh and its mount are known to about this."""
     keep_untouched: bool = False
     """Keep episodes in which the tool never comes within touch_m of the object, instead of skipping them."""
     binary_masks: bool = False
     """With --masks: any value but 0 is the object (else the values are labels 0, 1, 2, 255)."""
-    mask: MaskRules = field(default_factory=MaskRules)
+    cameras: DroidCameraSettings = DroidCameraSettings()
+    """What the files do not tell about the cameras."""
+    rows: RowChoice = RowChoice()
+    """Which rows of a trajectory become frames."""
+    mask: MaskRules = MaskRules()
     """How masks are made."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (np.array(self.workspace_min) < self.workspace_max).all():
+            raise PlopError(
+                "The workspace has no inside.",
+                where="workspace_min, workspace_max",
+                expected="min below max on every axis",
+                found=f"{self.workspace_min} .. {self.workspace_max}",
+                fix="Exchange the numbers that are the wrong way round.",
+            )
 
 
 def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
@@ -88,7 +91,6 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
     Raises:
         PlopError: A setting cannot be, there is no episode, or none that can be used.
     """
-    _check(config)
     root = inputs["raw"].path
     found = find_episodes(root.resolve())
     chosen = _chosen(found, config, root)
@@ -107,66 +109,7 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
     return replace(summary, warnings=unfit + summary.warnings)
 
 
-def _check(config: DroidConfig) -> None:
-    check_choices(config, COMMAND, {"outcome": ("any", "success", "failure")})
-    check_jobs(config, COMMAND)
-    check_ranges(
-        config,
-        COMMAND,
-        {
-            "size": (8, 8192),
-            "stride": (1, 1e4),
-            "min_frames": (2, 1e6),
-            "scan_frames": (1, 1e4),
-            "test_every": (2, 1e6),
-            "idle_s": (0, 1e6),
-            "idle_m": (0, 1),
-            "touch_m": (0, 1),
-            "exterior_focal_px": (0, 1e5),
-            "wrist_focal_px": (0, 1e5),
-            "baseline_m": (0, 1),
-            "match_width": (16, 8192),
-            "nearest_m": (0.01, 100),
-            "farthest_m": (config.nearest_m, 1000),
-            "camera_delay_ms": (-1e4, 1e4),
-        },
-    )
-    rules = SimpleNamespace(**{f"mask.{key}": value for key, value in asdict(config.mask).items()})
-    check_ranges(
-        rules,
-        COMMAND,
-        {
-            "mask.table_clear_m": (0, 0.5),
-            "mask.tool_margin_m": (0, 0.5),
-            "mask.tool_margin_px": (0, 100),
-            "mask.hand_radius_m": (0, 1),
-            "mask.hand_from_m": (-2, 2),
-            "mask.hand_to_m": (config.mask.hand_from_m, 2),
-            "mask.refine_px": (0, 100),
-            "mask.refine_rounds": (0, 100),
-            "mask.min_area_px": (0, 1e6),
-        },
-    )
-    corners = {"workspace_min": config.workspace_min, "workspace_max": config.workspace_max}
-    for name, corner in corners.items():
-        if not np.abs(corner).max() <= WORKSPACE_M:
-            raise PlopError(
-                "A setting is out of range.",
-                where=f"ingest.droid.{name}",
-                found=str(corner),
-                expected=f"each within {WORKSPACE_M:g} m of the robot's base",
-            )
-    if not (np.array(config.workspace_min) < config.workspace_max).all():
-        raise PlopError(
-            "The workspace has no inside.",
-            where="ingest.droid.workspace_min, ingest.droid.workspace_max",
-            expected="min below max on every axis",
-            found=f"{config.workspace_min} .. {config.workspace_max}",
-        )
-
-
-def _check_given(config: DroidConfig, given: Mapping[str, str | Path]) -> None:
-    _check(config)
+def _check(config: DroidConfig, given: Mapping[str, str | Path]) -> None:
     if "raw" in given:
         check_raw_folder(Path(given["raw"]), "droid")
 
@@ -203,7 +146,7 @@ def _droid_options(inputs: Inputs, config: DroidConfig, root: Path) -> DroidOpti
                 fix="Correct the path.",
             )
     return DroidOptions(
-        config,
+        config.cameras,
         load_side_file(paths["intrinsics"], "intrinsics"),
         paths["intrinsics"].name,
         load_side_file(paths["extrinsics"], "extrinsics"),
@@ -234,10 +177,7 @@ def _ingest(
 ) -> dict[str, Any]:
     """Ingest one episode; gives its report."""
     folder = folders[name]
-    choice = RowChoice(
-        config.keep_skipped, config.idle_s, config.idle_m, config.stride, config.min_frames, config.scan_frames
-    )
-    episode = open_episode(folder, options, choice)
+    episode = open_episode(folder, options, config.rows)
     written = write_episode(
         episode,
         Recordings(out.path).episode(name),
@@ -352,6 +292,6 @@ INGEST_DROID = Stage(
         "extrinsics": InputSpec((), "cam2base_extrinsics.json; default: the raw folder's.", optional=True),
     },
     run=run,
-    check=_check_given,
+    check=_check,
     raw_files=raw_files,
 )

@@ -3,41 +3,54 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import MaskLabel
 from plop.lazy_open3d import o3d
 from plop.recordings.recording import Mesh
+from plop.setting_kinds import Range, Settings, Unit
 from stages.ingest.depth_points import world_points
 
 
 @dataclass(frozen=True)
-class MaskRules:
-    """How object masks are made."""
+class MaskRules(Settings):
+    """How object masks are made; the defaults are written only here."""
 
-    table_clear_m: float = 0.006
-    """Points lower than this above the table belong to the table [m]."""
-    tool_margin_m: float = 0.008
-    """Measured points this near to the tool's surface along the ray are the tool's [m]."""
-    tool_margin_px: int = 2
-    """Pixels around the tool's silhouette that are undecided when they are as near as the tool [px]."""
-    hand_radius_m: float = 0.06
-    """Radius of the capsule around hand and wrist whose pixels are undecided [m]; 0 = off."""
-    hand_from_m: float = -0.12
-    """Start of that capsule along the flange's z axis [m]."""
-    hand_to_m: float = 0.10
-    """End of that capsule along the flange's z axis [m]."""
-    refine_px: int = 3
-    """Half width of the band along the outline that the colour model decides [px]; 0 = geometry only."""
-    refine_rounds: int = 2
+    table_clear_m: Annotated[float, Range(0, 0.5), Unit("m")] = 0.006
+    """Points lower than this above the table belong to the table."""
+    tool_margin_m: Annotated[float, Range(0, 0.5), Unit("m")] = 0.008
+    """Measured points this near to the tool's surface along the ray are the tool's."""
+    tool_margin_px: Annotated[int, Range(0, 100), Unit("px")] = 2
+    """Pixels around the tool's silhouette that are undecided when they are as near as the tool."""
+    hand_radius_m: Annotated[float, Range(0, 1), Unit("m")] = 0.06
+    """Radius of the capsule around hand and wrist whose pixels are undecided; 0 = off."""
+    hand_from_m: Annotated[float, Range(-2, 2), Unit("m")] = -0.12
+    """Start of that capsule along the flange's z axis."""
+    hand_to_m: Annotated[float, Range(-2, 2), Unit("m")] = 0.10
+    """End of that capsule along the flange's z axis."""
+    refine_px: Annotated[int, Range(0, 100), Unit("px")] = 3
+    """Half width of the band along the outline that the colour model decides; 0 = geometry only."""
+    refine_rounds: Annotated[int, Range(0, 100)] = 2
     """Iterations of the graph cut."""
-    min_area_px: int = 12
-    """Smaller pieces of the object's mask are dropped [px]."""
+    min_area_px: Annotated[int, Range(0, 1e6), Unit("px")] = 12
+    """Smaller pieces of the object's mask are dropped."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.hand_to_m < self.hand_from_m:
+            raise PlopError(
+                "The hand's capsule ends before it begins.",
+                where="mask.hand_to_m, mask.hand_from_m",
+                expected=f"hand_to_m of {self.hand_from_m:g} m or more",
+                found=f"{self.hand_to_m:g} m",
+                fix="Raise hand_to_m, or lower hand_from_m.",
+            )
 
 
 @dataclass(frozen=True)

@@ -18,19 +18,17 @@ from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.render.virtual_cameras.recorder import record
 from stages.ingest.checks import check_contact, check_plausible
 from stages.ingest.selection import select
-from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig, check_config
+from stages.ingest.settings import DisectConfig, MeshConfig, SimulatedConfig
 from stages.ingest.surface_checks import sound_surface
 
 
 def _run(
-    command: str,
     list_entries: Callable[[Path], list[RawEpisode]],
     read: Callable[[Path], MeshSequence],
     inputs: Inputs,
     config: SimulatedConfig,
     out: Output,
 ) -> Summary:
-    check_config(command, config)
     raw = inputs["raw"].path
     if not raw.is_dir():
         raise PlopError(
@@ -81,7 +79,7 @@ def _ingest_one(
     sequence = begun_at_rest(sequence) if config.from_rest else sequence
     if not config.keep_untouched:
         check_contact(sequence, arrays)
-    for share in record(Recordings(out.path).episode(name), sequence, config):
+    for share in record(Recordings(out.path).episode(name), sequence, config.cameras, seed=config.seed):
         out.progress(share, 1, name)
     return [f"{name}: {note}" for note in (*sequence.notes, *odd)]
 
@@ -95,7 +93,6 @@ def _raw_files(
 
 
 def _check(reader: str, config: SimulatedConfig, given: Mapping[str, str | Path]) -> None:
-    check_config(f"ingest {reader}", config)
     if "raw" in given:
         check_raw_folder(Path(given["raw"]), reader)
 
@@ -106,7 +103,7 @@ INGEST_DISECT = Stage(
     help="Render DiSECt recordings (USD, npz, JSON) into multi-view RGB-D recordings.",
     config=DisectConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.usd, <name>.npz and <name>.json.")},
-    run=partial(_run, "ingest disect", list_disect, read_disect),
+    run=partial(_run, list_disect, read_disect),
     check=partial(_check, "disect"),
     raw_files=partial(_raw_files, list_disect, (".usd", ".npz", ".json")),
 )
@@ -117,7 +114,7 @@ INGEST_MESH = Stage(
     help="Render mesh sequences of a simulator (npz, JSON) into multi-view RGB-D recordings.",
     config=MeshConfig,
     inputs={"raw": InputSpec((), "Folder with <name>.npz and <name>.json.")},
-    run=partial(_run, "ingest mesh", list_mesh_sequences, read_mesh_sequence),
+    run=partial(_run, list_mesh_sequences, read_mesh_sequence),
     check=partial(_check, "mesh"),
     raw_files=partial(_raw_files, list_mesh_sequences, (".npz", ".json")),
 )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from plop.artifacts.fingerprint import flat_values, plain
 from plop.artifacts.lineage import LEFT_OUT
 from plop.artifacts.manifest import Manifest, read_manifest
 from plop.errors import PlopError
@@ -87,9 +87,10 @@ def _made(manifest: Manifest, role: str) -> Made:
 
 
 def _settings(command: str, config: dict[str, Any]) -> dict[str, Any]:
-    """Give the settings that are not a stage's defaults; all where the stage is not known."""
+    """Give the settings that are not a stage's defaults, nested ones as `outer.inner`; all of an unknown stage."""
+    given = dict(flat_values(config))
     try:
-        defaults = json.loads(json.dumps(asdict(stage_ref(command).load().config())))
+        defaults = dict(flat_values(plain(stage_ref(command).load().config())))
     except KeyError:
-        return config
-    return {key: value for key, value in config.items() if key not in defaults or value != defaults[key]}
+        return given
+    return {key: value for key, value in given.items() if key not in defaults or value != defaults[key]}

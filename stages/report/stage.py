@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,11 +13,10 @@ from plop.artifacts.atomic_file import write_text
 from plop.artifacts.layouts import Report
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
-from plop.checked_settings import check_ranges
 from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
 from plop.metrics.scores import Scores
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.baselines import BASELINES, beaten
@@ -28,6 +26,7 @@ from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
 from plop.reporting.report_images import episode_images
+from plop.setting_kinds import Range, Settings, Unit
 from stages import MODELS
 from stages.common_inputs import init_input, recordings_input
 from stages.report.made import provenance, this_report
@@ -47,21 +46,21 @@ MOST_MB = 25.0
 
 
 @dataclass(frozen=True)
-class ReportConfig:
+class ReportConfig(Settings):
     """Settings of `report`; their defaults are written only here."""
 
     labels: tuple[str, ...] = ()
     """Names of the models, in the order of the comparisons; without them their addresses."""
     title: str = ""
     """Title of the page; without one it names the object."""
-    frames: int = 24
+    frames: Annotated[int, Range(2), Unit("frames")] = 24
     """Most frames of an episode that are shown."""
-    episodes: int = 12
+    episodes: Annotated[int, Range(1), Unit("episodes")] = 12
     """Most episodes that can be looked at; tables hold all of them. The worst are taken."""
     camera: str = ""
     """Camera of the images; when empty, the one whose image changes most."""
-    difference_mm: float = 5.0
-    """Depth difference at the ends of the colour scale [mm]."""
+    difference_mm: Annotated[float, Range(1e-3), Unit("mm")] = 5.0
+    """Depth difference at the ends of the colour scale."""
 
 
 def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
@@ -70,7 +69,6 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     Raises:
         PlopError: No comparison, results of different recordings or points, or labels that do not fit.
     """
-    _check(config)
     check_inputs(inputs, config)
     check_models(inputs)
     if not several(inputs, "comparisons"):
@@ -93,15 +91,6 @@ def run(inputs: Inputs, config: ReportConfig, out: Output) -> Summary:
     page = report_page(facts, episodes, limit_mm=config.difference_mm)
     write_text(Report(out.path).page, page)
     return _summary(facts, len(page.encode()) / 1e6, names, shown)
-
-
-def _check(config: ReportConfig) -> None:
-    """Refuse settings out of range.
-
-    Raises:
-        PlopError: One of them, by name.
-    """
-    check_ranges(config, "report", {"frames": (2, inf), "episodes": (1, inf), "difference_mm": (1e-3, inf)})
 
 
 def check_inputs(inputs: Inputs, config: ReportConfig) -> None:
@@ -262,7 +251,6 @@ STAGE = Stage(
         ),
     },
     run=run,
-    check=settings_only(_check),
     check_inputs=check_inputs,
     complete=named_as_typed,
 )

@@ -70,7 +70,7 @@ def roll_out(
                 states.append("states", frame, state.gaussians, side=state.side)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
                 placed = tool_above_table(tool, poses[frame], recording.table_z_m)
-                views = render_scene(state.gaussians, placed, cameras, backend=config.backend)  # type: ignore[arg-type]
+                views = render_scene(state.gaussians, placed, cameras, backend=config.backend)
                 images.write_frame(frame, views)
                 if config.animation:
                     files.frame(frame).parent.mkdir(exist_ok=True)
@@ -100,7 +100,7 @@ def _film(
         VideoWriter(files.video, rate_hz=rate) as video,
     ):
         device = tool.means.device
-        drawn = Comparison(recording, images, states, tool, camera, backend=config.backend, device=device)  # type: ignore[arg-type]
+        drawn = Comparison(recording, images, states, tool, camera, backend=config.backend, device=device)
         still = drawn.telling_frame()
         for frame in range(frames):
             picture = drawn.picture(frame)

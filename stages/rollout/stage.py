@@ -2,55 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from plop.artifacts.layouts import Fit, Fits, Model
-from plop.checked_settings import check_choices, check_jobs, check_ranges
 from plop.compute.device import chosen_device, jobs_on
 from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import load_model
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.set import RecordingSet
-from plop.render.rasterizer.rasterize import BACKENDS
+from plop.render.rasterizer.rasterize import Backend
+from plop.setting_kinds import ALL_CORES, AUTO_DEVICE, COMMON, Jobs, Range, Seed, Settings, Share, Split, Unit
 from stages import MODELS
 from stages.common_inputs import init_input, recordings_input
 from stages.rollout.episode import roll_out
 
-SPLITS = ("test", "train", "all")
-
 
 @dataclass(frozen=True)
-class RolloutConfig:
+class RolloutConfig(Settings):
     """Settings of `rollout`; their defaults are written only here."""
 
-    split: str = "test"
-    """Which episodes: "test", "train" or "all"."""
+    split: Split = "test"
+    """Which episodes."""
     episodes: str = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of whatever the model draws (the displacement of a split)."""
-    device: str = "auto"
+    device: str = AUTO_DEVICE
     """Where a learned model runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
-    backend: str = "auto"
+    backend: Backend = "auto"
     """Renderer: "numba" (CPU), "gsplat" (CUDA), "torch" (slow reference) or "auto"."""
     video_camera: str = ""
     """Camera of the video; when empty, the one whose measured image changes most."""
-    video_rate_hz: float = 0.0
-    """Frames per second of the video [Hz]; 0 keeps the recording's time."""
+    video_rate_hz: Annotated[float, Range(0, 1000), Unit("Hz")] = 0.0
+    """Frames per second of the video; 0 keeps the recording's time."""
     animation: bool = False
     """Write every frame as a splat PLY too, `animation/frame_<number>.ply`."""
     other_environment: bool = False
     """Roll out a model on an environment that it was not trained on."""
-    min_inside: float = 0.5
+    min_inside: Share = 0.5
     """Least part of the fitted Gaussians inside frame 0's masks; below, the fit is of another object."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
 
 
@@ -61,7 +59,6 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
         PlopError: Nothing chosen, an episode without a fit, a model or a fit of another object, states that are
             not finite.
     """
-    _check(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path
@@ -86,12 +83,6 @@ def _roll_out(
     model = load_model(model_folder, chosen_device(config.device))
     row, steps_ms = roll_out(model, recordings, name, Fits(init).episode(name), config, out)
     return {"row": row, "steps_ms": steps_ms}
-
-
-def _check(config: RolloutConfig) -> None:
-    check_jobs(config, "rollout")
-    check_choices(config, "rollout", {"split": SPLITS, "backend": BACKENDS})
-    check_ranges(config, "rollout", {"video_rate_hz": (0, 1000), "min_inside": (0, 1)})
 
 
 def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str]:
@@ -148,5 +139,4 @@ STAGE = Stage(
         "model": InputSpec(MODELS, "the dynamics model"),
     },
     run=run,
-    check=settings_only(_check),
 )

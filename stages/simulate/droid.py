@@ -30,7 +30,14 @@ _AROUND_M = 0.06
 
 
 def write_droid(
-    folder: Path, draft: Path, k: int, sequence: MeshSequence, settings: CameraSettings, disturbances: Disturbances
+    folder: Path,
+    draft: Path,
+    k: int,
+    sequence: MeshSequence,
+    settings: CameraSettings,
+    disturbances: Disturbances,
+    *,
+    seed: int = 0,
 ) -> None:
     """Write one episode; nothing that looks finished is in the folder before it is whole.
 
@@ -41,6 +48,7 @@ def write_droid(
         sequence: The episode.
         settings: Cameras and noise, the same as of the recording.
         disturbances: What is wrong with the cameras.
+        seed: Of texture and noise.
 
     Raises:
         PlopError: The rig has fewer than two cameras.
@@ -49,16 +57,16 @@ def write_droid(
     if len(ring) < 2:
         raise PlopError(
             "DROID episodes need two exterior cameras.",
-            where="simulate.cameras",
+            where="simulate.cameras.count",
             expected="2 or more",
             found=str(len(ring)),
-            fix="Set simulate.cameras to 2 or more, or leave --droid out.",
+            fix="Set simulate.cameras.count to 2 or more, or leave --droid out.",
         )
     end = float(sequence.times[-1])
     slow = resampled(sequence, np.arange(0, end + STEP_MS / 2000, STEP_MS / 1000))
     chosen = [ring[0], ring[len(ring) // 2]]
     with ExitStack() as stack:
-        render = disturbed_render(slow, chosen, settings, disturbances, stack)
+        render = disturbed_render(slow, chosen, settings, disturbances, stack, seed=seed)
         views = [[render(frame, camera) for camera in chosen] for frame in range(len(slow))]
     cameras = [
         RawCamera(

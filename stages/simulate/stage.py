@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 from plop.artifacts.layouts import Recordings
-from plop.checked_settings import check_jobs, check_ranges
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, library
 from plop.physics.hidden.choose import choose
@@ -15,13 +15,14 @@ from plop.physics.hidden.wish import Wish, parse_hidden
 from plop.physics.scenes import find_scene
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.physics.scenes.sealed import seal_answer
-from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.overview import overview
 from plop.recordings.set import RecordingSet, check_patterns, split_names
 from plop.render.virtual_cameras.recorder import Disturbances, record
 from plop.render.virtual_cameras.rig import camera_names
-from plop.render.virtual_cameras.settings import CameraSettings, check_cameras
+from plop.render.virtual_cameras.settings import CameraSettings
 from plop.sensors.faults.library import Faults, parse_faults
+from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Seed, Settings, Unit
 from stages.simulate.droid import write_droid
 from stages.simulate.pieces import Pieces
 
@@ -30,32 +31,32 @@ QUIET_FLOOR_M = 0.001
 
 
 @dataclass(frozen=True)
-class SimulateConfig(CameraSettings):
-    """Settings of `simulate`, besides those of the cameras."""
+class SimulateConfig(Settings):
+    """Settings of `simulate`; their defaults are written only here."""
 
-    hide: tuple[str, ...] = ()
+    cameras: CameraSettings = CameraSettings(depth_noise_m=0.001)
+    """Cameras, light and depth sensors."""
+    hide: Annotated[tuple[str, ...], COMMON] = ()
     """Effect to hide: EFFECT=AMPLITUDE, EFFECT.PARAMETER=VALUE, or random."""
-    snr: float = 0.0
+    snr: Annotated[float, Range(0, 1e6), COMMON] = 0.0
     """Scale each hidden effect so that it moves the object by so many times the noise floor (root mean square
-    over surface, frames and episodes); the floor is depth_noise_m. 0 leaves given amplitudes as they are."""
+    over surface, frames and episodes); the floor is cameras.depth_noise_m. 0 leaves given amplitudes as they are."""
     fault: tuple[str, ...] = ()
     """Sensor fault: NAME=VALUE of the first camera, or NAME=VALUE@CAMERA; clock, pose_error, pose_drift,
     depth_scale, depth_bias."""
-    episodes: int = 0
+    episodes: Annotated[int, Range(0, 999), COMMON] = 0
     """Number of episodes; 0 takes the scene's."""
-    test: tuple[str, ...] = ()
+    test: Annotated[tuple[str, ...], COMMON] = ()
     """Globs of the episodes kept for the test; none keeps the last quarter of the names, at least one."""
-    depth_noise_m: float = 0.001
-    """Standard deviation of noise added to depth [m]."""
-    colour_noise: float = 2.0
-    """Standard deviation of noise added to each colour channel, of 255 [-]."""
-    arm_m: float = 0.0
-    """Width of an arm that holds the tool and hides part of each view [m]; 0 leaves it out."""
+    colour_noise: Annotated[float, Range(0, 255)] = 2.0
+    """Standard deviation of noise added to each colour channel, of 255."""
+    arm_m: Annotated[float, Range(0, 0.999), Unit("m")] = 0.0
+    """Width of an arm that holds the tool and hides part of each view; 0 leaves it out."""
     droid: bool = False
     """Write the episodes as DROID raw episodes, too, below droid/."""
-    seed: int = 0
+    seed: Annotated[Seed, COMMON] = 0
     """Seed of texture and noise; added to the scene's, it draws motions and hidden effects."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
 
 
@@ -70,12 +71,11 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     Raises:
         PlopError: A scene, effect or fault that cannot be used, a tool that never touches, or an unstable run.
     """
-    _check(config)
     scene = read_scene(inputs["scene"].path, config)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
     effects = library(files)
     wishes = parse_hidden(config.hide, effects)
-    faults = parse_faults(config.fault, camera_names(config.cameras))
+    faults = parse_faults(config.fault, camera_names(config.cameras.count))
     pieces = Pieces(out, scene)
     unfit = check_patterns(pieces.names, config.test, option="--test", where=inputs["scene"].path)
     hidden = pieces.hidden(effects, lambda: _choose(inputs, scene, wishes, effects, config, out))
@@ -100,14 +100,6 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
     return Summary(figures=figures, table=rows, warnings=unfit + warnings)
 
 
-def _check(config: SimulateConfig) -> None:
-    check_jobs(config, "simulate")
-    check_cameras(config, "simulate")
-    check_ranges(
-        config, "simulate", {"snr": (0, 1e6), "episodes": (0, 999), "colour_noise": (0, 255), "arm_m": (0, 0.999)}
-    )
-
-
 def read_scene(path: Path, config: SimulateConfig) -> Scene:
     """Read the scene, with the seed and the number of episodes that the settings ask for."""
     scene = Scene.read(path)
@@ -116,7 +108,7 @@ def read_scene(path: Path, config: SimulateConfig) -> Scene:
 
 def noise_floor_m(config: SimulateConfig) -> float:
     """Give what counts as noise of a measured point [m]."""
-    return config.depth_noise_m or QUIET_FLOOR_M
+    return config.cameras.depth_noise_m or QUIET_FLOOR_M
 
 
 def _choose(
@@ -154,10 +146,12 @@ def _episode(
     sequence = simulate_episode(scene, k, hidden)
     pieces.keep_response(k, sequence, hidden)
     disturbances = Disturbances(faults, config.colour_noise, config.arm_m)
-    for share in record(Recordings(out.path).episode(name), sequence, config, disturbances):
+    path = Recordings(out.path).episode(name)
+    for share in record(path, sequence, config.cameras, disturbances, seed=config.seed):
         out.progress(share, 1, name)
     if config.droid:
-        write_droid(out.path / "droid", pieces.folder / "droid" / name, k, sequence, config, disturbances)
+        draft = pieces.folder / "droid" / name
+        write_droid(out.path / "droid", draft, k, sequence, config.cameras, disturbances, seed=config.seed)
 
 
 def _find_raw(name: str, path: Path) -> Path:
@@ -176,6 +170,5 @@ STAGE = Stage(
         "effect_file": InputSpec((), "Python file with effects of your own.", optional=True),
     },
     run=run,
-    check=settings_only(_check),
     find_raw=_find_raw,
 )

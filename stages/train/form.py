@@ -1,4 +1,4 @@
-"""What the settings and the training set make of the model: its form and units, and the weights of its loss."""
+"""What the settings and the training set make of the model: its form and units."""
 
 from __future__ import annotations
 
@@ -6,11 +6,7 @@ import numpy as np
 
 from plop.dynamics.cohesion import natural_strays_m
 from plop.dynamics.i2n.model import PlopConfig
-from plop.dynamics.i2n.network import I2NConfig
-from plop.dynamics.resampling import ResamplingConfig
 from plop.dynamics.rest import RestPlaces
-from plop.render.losses import RenderWeights
-from stages.train.objective import LossWeights
 from stages.train.settings import TrainConfig
 from stages.train.tracks import Track
 
@@ -25,8 +21,8 @@ def model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
     length = max(float((t.means[0].amax(0) - t.means[0].amin(0)).max()) for t in tracks)
     square = sum(float(t.means.diff(dim=0).square().sum(-1).mean()) for t in tracks) / len(tracks)
     return PlopConfig(
-        network=I2NConfig(config.kernel, config.features, config.width, config.cells_across),
-        resampling=ResamplingConfig(config.resample, config.merge_below, config.split_above, config.resampling_form),
+        network=config.network,
+        resampling=config.resampling,
         frame=config.frame,
         coupled=config.coupled,
         length_m=length,
@@ -47,23 +43,3 @@ def stray_m(tracks: list[Track]) -> float:
         frames = np.unique(np.linspace(0, len(track) - 1, _FRAMES_MEASURED).round().astype(int))[1:]
         found.append(natural_strays_m(RestPlaces(track.means[0]), track.means[frames], track.sides[frames]))
     return float(np.quantile(found, _KEPT))
-
-
-def render_weights(config: TrainConfig) -> RenderWeights:
-    """Give the weights of the rendering loss, of the filter's update too."""
-    return RenderWeights(
-        config.ssim_weight, config.l1_weight, config.depth_weight, config.mask_weight, config.length_unit_m
-    )
-
-
-def loss_weights(config: TrainConfig) -> LossWeights:
-    """Give the weights of all terms."""
-    return LossWeights(
-        track=config.track_weight,
-        image=config.image_weight,
-        rigid=config.rigid_weight,
-        rotation=config.rotation_weight,
-        isometry=config.isometry_weight,
-        sever=config.sever,
-        render=render_weights(config),
-    )

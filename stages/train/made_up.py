@@ -30,9 +30,10 @@ from plop.geometry.meshes.tool import ToolGeometry
 from plop.models import load_model
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.engine.tool_motion import ToolMotion
-from plop.physics.scenes.varied_motion import VariationRanges, another_motion
+from plop.physics.scenes.varied_motion import another_motion
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
+from stages.train.settings import TrainConfig
 from stages.train.tracks import append_state
 
 
@@ -50,21 +51,8 @@ class MadeUp:
         return f"{self.recorded}-{self.number}"
 
 
-@dataclass(frozen=True)
-class MakingUp:
-    """How episodes are made up."""
-
-    count: int
-    ranges: VariationRanges
-    """How far motions may differ from the recorded ones."""
-    seed: int
-    """Of all made-up motions."""
-    jobs: int
-    """Episodes at a time, each in a process; -1 is one a core."""
-
-
 def make_up(
-    recordings: RecordingSet, init: Path, engine: Path, how: MakingUp, out: Output
+    recordings: RecordingSet, init: Path, engine: Path, config: TrainConfig, out: Output
 ) -> tuple[list[MadeUp], list[str]]:
     """Make up episodes like the training episodes, which take their turns; those that are there already are kept.
 
@@ -72,17 +60,17 @@ def make_up(
         recordings: Their training episodes are varied.
         init: Folder of `<episode>/object.ply`, fitted Gaussians of the first frame.
         engine: Folder of an engine's model.
-        how: How many, and how different.
+        config: How many, how different, and their seed.
         out: Receives made-up/; <name>.json instead of <name>.h5 tells why the engine could not follow an episode.
 
     Returns:
         The episodes that it followed, and a warning if there are others.
     """
     names = list(recordings.train)
-    episodes = [MadeUp(number, names[number % len(names)]) for number in range(how.count)]
+    episodes = [MadeUp(number, names[number % len(names)]) for number in range(config.made_up.episodes)]
     by_name = {episode.name: episode for episode in episodes}
-    work = partial(_make_one_up, by_name, recordings, init, engine, how)
-    done = out.map(list(by_name), work, jobs=how.jobs, of="made-up")
+    work = partial(_make_one_up, by_name, recordings, init, engine, config)
+    done = out.map(list(by_name), work, jobs=config.jobs, of="made-up")
     followed = [episode for episode in episodes if done.values[episode.name]]
     lost = len(episodes) - len(followed)
     return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
@@ -93,7 +81,7 @@ def _make_one_up(
     recordings: RecordingSet,
     init: Path,
     engine: Path,
-    how: MakingUp,
+    config: TrainConfig,
     name: str,
     out: Output,
 ) -> bool:
@@ -104,14 +92,14 @@ def _make_one_up(
         mesh, height = recording.tool_mesh, recording.table_z_m
         recorded = ToolMotion(mesh.vertices, mesh.faces, recording.time_s, recording.world_from_tool)
         start = at_rest(initial, initial_surface(recording, initial))
-    generator = np.random.default_rng([how.seed, episode.number])
-    motion = another_motion(recorded, initial.means.double().numpy(), how.ranges, generator)
+    generator = np.random.default_rng([config.seed, episode.number])
+    motion = another_motion(recorded, initial.means.double().numpy(), config.made_up, generator)
     poses = torch.as_tensor(motion.world_from_tool, dtype=torch.float32)
     actions = Actions(ToolGeometry.from_mesh(mesh.vertices, mesh.faces), poses, motion.times, height)
     files = Model(out.path).made_up
     states = []
     try:
-        for state, _ in predict(model, start, actions.steps(), episode.name, how.seed):
+        for state, _ in predict(model, start, actions.steps(), episode.name, config.seed):
             states.append(state)
             out.progress(len(states), len(actions), f"make up {episode.name}")
     except PlopError as error:

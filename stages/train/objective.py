@@ -20,6 +20,7 @@ from plop.gaussians.state import Gaussians
 from plop.recordings.recording import Recording
 from plop.render.losses import RenderWeights, render_loss
 from plop.render.rasterizer.rasterize import render
+from stages.train.settings import LossWeights
 from stages.train.tracks import Track
 from stages.train.windows import Window, disturbed_start
 
@@ -28,22 +29,6 @@ ROTATION_ARM_M = 0.01
 SMOOTH_M = 1e-5
 """Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there
 by a few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
-
-
-@dataclass(frozen=True)
-class LossWeights:
-    """Weights of the terms; lengths count in units of `render.depth_unit_m`, as depth does."""
-
-    track: float
-    """Of the distance to the filter's track."""
-    image: float
-    """Of the rendering loss; 0 renders nothing."""
-    rigid: float
-    rotation: float
-    isometry: float
-    sever: bool
-    """Whether the blade severs neighbours; the paper keeps them."""
-    render: RenderWeights
 
 
 @dataclass
@@ -68,7 +53,7 @@ class TrainingStep(nn.Module):
         self.model = model
 
     def forward(
-        self, windows: list[Window], tracks: list[Track], weights: LossWeights, noise_m: float
+        self, windows: list[Window], tracks: list[Track], weights: LossWeights, images: RenderWeights, noise_m: float
     ) -> tuple[Tensor, dict[str, float]]:
         """Roll out the windows and add up the loss.
 
@@ -76,6 +61,7 @@ class TrainingStep(nn.Module):
             windows: Windows of this step (of this process).
             tracks: Track of each window.
             weights: Weights of the terms.
+            images: Weights of the rendering loss.
             noise_m: Disturbance of the start states [m].
 
         Returns:
@@ -92,7 +78,7 @@ class TrainingStep(nn.Module):
         for k in range(max(window.horizon for window in windows)):
             active = [r for r in rollouts if k < r.window.horizon]
             for rollout, predicted in zip(active, self._predict(active, k), strict=True):
-                terms = _advance(rollout, predicted, k, self.model, weights)
+                terms = _advance(rollout, predicted, k, self.model, weights, images)
                 total = total + sum(terms.values(), total.new_zeros(()))
                 for name, value in terms.items():
                     log[name] = log.get(name, 0.0) + float(value.detach()) / steps
@@ -117,13 +103,13 @@ def _splits(rows: Tensor) -> int:
 
 
 def _advance(
-    rollout: _Rollout, predicted: ParticleState, k: int, model: PlopModel, weights: LossWeights
+    rollout: _Rollout, predicted: ParticleState, k: int, model: PlopModel, weights: LossWeights, images: RenderWeights
 ) -> dict[str, Tensor]:
     """Score one predicted frame, then resample it in place; gives the weighted terms."""
     frame = rollout.window.start + k + 1
     before = rollout.state.gaussians
-    terms = _physical_terms(rollout.pairs, before, predicted, weights)
-    terms["track"] = weights.track * _track_error(rollout, predicted, frame) / weights.render.depth_unit_m
+    terms = _physical_terms(rollout.pairs, before, predicted, weights, images.depth_unit_m)
+    terms["track"] = weights.track * _track_error(rollout, predicted, frame) / images.depth_unit_m
     generator = torch.Generator("cpu").manual_seed(rollout.window.noise_seed + k)
     state = predicted
     if weights.image > 0:
@@ -134,25 +120,24 @@ def _advance(
         state = replace(resampled, gaussians=resampled.gaussians.with_(ids=before.ids[parents]))
         if len(parents) != len(before) or not torch.equal(parents, everyone):
             rollout.pairs, rollout.rows = rollout.pairs.following(parents), rollout.rows[parents]
-        terms["image"] = weights.image * _image_loss(rollout, state.gaussians, frame, k, weights.render)
+        terms["image"] = weights.image * _image_loss(rollout, state.gaussians, frame, k, images)
     rollout.state = state
     return terms
 
 
 def _physical_terms(
-    pairs: Neighbourhood, before: Gaussians, predicted: ParticleState, weights: LossWeights
+    pairs: Neighbourhood, before: Gaussians, predicted: ParticleState, weights: LossWeights, unit_m: float
 ) -> dict[str, Tensor]:
     if weights.sever:
         pairs = pairs.severed(predicted.side)
-    unit = weights.render.depth_unit_m
     after = predicted.gaussians
     terms = {}
     if weights.rigid > 0:
-        terms["rigid"] = weights.rigid * rigidity(pairs, before, after) / unit
+        terms["rigid"] = weights.rigid * rigidity(pairs, before, after) / unit_m
     if weights.rotation > 0:
         terms["rotation"] = weights.rotation * rotation_similarity(pairs, before, after)
     if weights.isometry > 0:
-        terms["isometry"] = weights.isometry * isometry(pairs, after) / unit
+        terms["isometry"] = weights.isometry * isometry(pairs, after) / unit_m
     return terms
 
 

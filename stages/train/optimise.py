@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -24,60 +24,18 @@ from plop.dynamics.interface import at_rest
 from plop.pipeline.stage import Output
 from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
 from stages.train.journal import Journal
-from stages.train.objective import LossWeights, TrainingStep
+from stages.train.objective import TrainingStep
 from stages.train.processes import Processes, share
+from stages.train.settings import TrainConfig
 from stages.train.tracks import Track
 from stages.train.windows import draw_windows
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """How long and how fast; see TrainConfig for the meaning and unit of each."""
-
-    track_steps: int
-    image_steps: int
-    batch: int
-    horizon: int
-    learning_rate: float
-    averaging: float
-    noise_m: float
-    mirror: bool
-    validate_every: int
-    checkpoint_every: int
-    seed: int
-
-    @property
-    def steps(self) -> int:
-        """Steps of both phases."""
-        return self.track_steps + self.image_steps
-
-    def horizon_at(self, step: int) -> int:
-        """Horizon of the curriculum: 1, 2, 4, ... each for the same time, so the longer, the fewer steps."""
-        horizons = [2**level for level in range(max(self.horizon, 1).bit_length()) if 2**level < self.horizon]
-        horizons.append(self.horizon)
-        shares = np.cumsum([1 / horizon for horizon in horizons])
-        level = int(np.searchsorted(shares / shares[-1], step / max(self.track_steps, 1), side="right"))
-        return horizons[min(level, len(horizons) - 1)]
-
-    def rate_at(self, step: int) -> float:
-        """Learning rate: linear rise over a tenth of the steps, then a cosine to a hundredth.
-
-        By hand, since torch's schedulers go from step to step, so that a training that was stopped would have to keep
-        their state to go on bit by bit as if it had not been.
-        """
-        rise = max(1, self.steps // 10)
-        if step < rise:
-            return self.learning_rate * (step + 1) / rise
-        share_done = (step - rise) / max(1, self.steps - rise)
-        return self.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share_done)))
 
 
 def optimise(
     config: PlopConfig,
     track: Callable[[int], Track],
     episodes: int,
-    plan: Schedule,
-    weights: LossWeights,
+    plan: TrainConfig,
     out: Output,
     *,
     judged: int | None = None,
@@ -90,8 +48,7 @@ def optimise(
         config: The model's form and units.
         track: Gives the track of an episode by its number.
         episodes: Number of training episodes.
-        plan: Schedule.
-        weights: Weights of the loss.
+        plan: Schedule, and weights of the loss.
         out: Where to write; a checkpoint found there is taken up.
         judged: Episodes from the first on whose rollouts choose the weights; all when absent.
         about: What the model is a model of; kept beside the weights.
@@ -111,7 +68,7 @@ def optimise(
         loss = math.nan
         with Journal.open(out.path, at.step, enabled=processes.first) as journal:
             for step in range(at.step, plan.steps):
-                loss, log = _one_step(step_loss, optimiser, track, motions, plan, weights, step, processes)
+                loss, log = _one_step(step_loss, optimiser, track, motions, plan, step, processes)
                 averaged.update_parameters(model)
                 journal.write(step, loss, log)
                 done = step + 1
@@ -132,19 +89,17 @@ def _one_step(
     optimiser: torch.optim.Optimizer,
     track: Callable[[int], Track],
     motions: list[np.ndarray],
-    plan: Schedule,
-    weights: LossWeights,
+    plan: TrainConfig,
     step: int,
     processes: Processes,
 ) -> tuple[float, dict[str, float]]:
     windows = draw_windows(motions, plan.batch, plan.horizon_at(step), seed=plan.seed, step=step, mirror=plan.mirror)
     mine = share(windows, processes)
-    if step < plan.track_steps:
-        weights = replace(weights, image=0.0)
+    weights = replace(plan.weights, image=0.0) if step < plan.track_steps else plan.weights
     for group in optimiser.param_groups:
         group["lr"] = plan.rate_at(step)
     optimiser.zero_grad()
-    loss, log = step_loss(mine, [track(w.episode) for w in mine], weights, plan.noise_m)
+    loss, log = step_loss(mine, [track(w.episode) for w in mine], weights, plan.render, plan.noise_m)
     loss.backward()
     nn.utils.clip_grad_norm_(step_loss.parameters(), 1.0)
     optimiser.step()

@@ -2,46 +2,112 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import inf
-from typing import Literal
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from plop.checked_settings import check_jobs, check_ranges
-from plop.dynamics.i2n.features import FeatureSet
+import numpy as np
+
+from plop.dynamics.filter.particle_filter import UpdateConfig
+from plop.dynamics.i2n.network import I2NConfig
+from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
+from plop.physics.scenes.varied_motion import VariationRanges
+from plop.render.losses import RenderWeights
+from plop.setting_kinds import (
+    ALL_CORES,
+    AUTO_DEVICE,
+    COMMON,
+    Formerly,
+    Jobs,
+    Range,
+    Seed,
+    Settings,
+    Share,
+    Unit,
+    Weight,
+)
 
 
 @dataclass(frozen=True)
-class TrainConfig:
-    """Settings of `train`; their defaults are written only here."""
+class LossWeights(Settings):
+    """Weights of the terms of the loss; lengths count in `render.depth_unit_m`, as depth does."""
 
-    seed: int = 0
+    track: Weight = 1.0
+    """Weight of the distance to the filter's track."""
+    image: Weight = 1.0
+    """Weight of the rendering loss in the second phase; 0 renders nothing."""
+    rigid: Weight = 1.0
+    """Weight Lambda_r of the rigidity term."""
+    rotation: Weight = 0.05
+    """Weight Lambda_rot of the rotation term."""
+    isometry: Weight = 1.0
+    """Weight Lambda_i of the isometry term."""
+    sever: bool = True
+    """A blade severs neighbours in the last three terms; the paper keeps them."""
+
+
+@dataclass(frozen=True)
+class MadeUpConfig(VariationRanges):
+    """How many episodes the engine makes up, and how far they may differ from the recorded ones."""
+
+    episodes: Annotated[int, Range(0), Unit("episodes"), Formerly("made_up")] = 24
+    """How many are made up where an engine is given."""
+
+
+@dataclass(frozen=True)
+class Schedule(Settings):
+    """How long and how fast."""
+
+    seed: Annotated[Seed, COMMON] = 0
     """Seed of everything random."""
-    track_steps: int = 700
+    track_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 700
     """Optimisation steps on the filter's tracks alone."""
-    image_steps: int = 100
+    image_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 100
     """Optimisation steps after those, with the rendering loss."""
-    batch: int = 2
+    batch: Annotated[int, Range(1), Unit("windows")] = 2
     """Windows in a step, over all processes."""
-    horizon: int = 4
-    """Longest horizon of a window, in frames; the curriculum starts at 1 and doubles."""
-    learning_rate: float = 3e-3
+    horizon: Annotated[int, Range(1), Unit("frames"), COMMON] = 4
+    """Longest horizon of a window; the curriculum starts at 1 and doubles."""
+    learning_rate: Annotated[float, Range(0, 1), COMMON] = 3e-3
     """Largest learning rate of Adam; rises over the first tenth, then falls by a cosine."""
-    averaging: float = 0.98
-    """Decay of the averaged weights that are kept [-]."""
-    noise_m: float = 0.001
-    """Disturbance of a window's start [m]."""
+    averaging: Share = 0.98
+    """Decay of the averaged weights that are kept."""
+    noise_m: Annotated[float, Range(0, 1), Unit("m")] = 0.001
+    """Disturbance of a window's start."""
     mirror: bool = True
     """See windows mirrored half of the time."""
-    validate_every: int = 100
+    validate_every: Annotated[int, Range(1), Unit("steps")] = 100
     """Steps between rollouts of the training episodes, from which the best weights are chosen."""
-    checkpoint_every: int = 25
+    checkpoint_every: Annotated[int, Range(1), Unit("steps")] = 25
     """Steps between checkpoints."""
-    kernel: Literal["paper", "quadratic", "cubic"] = "quadratic"
-    """Kernel between particles and grid: 8, 27 or 64 nodes."""
-    features: FeatureSet = "contact"
-    """What a particle tells the network; "contact" adds place and motion relative to the tool, "oriented" also how the
-    table's axes lie: for a table that rubs differently along x and y, as DiSECt's does."""
+
+    @property
+    def steps(self) -> int:
+        """Steps of both phases."""
+        return self.track_steps + self.image_steps
+
+    def horizon_at(self, step: int) -> int:
+        """Horizon of the curriculum: 1, 2, 4, ... each for the same time, so the longer, the fewer steps."""
+        horizons = [2**level for level in range(max(self.horizon, 1).bit_length()) if 2**level < self.horizon]
+        horizons.append(self.horizon)
+        shares = np.cumsum([1 / horizon for horizon in horizons])
+        level = int(np.searchsorted(shares / shares[-1], step / max(self.track_steps, 1), side="right"))
+        return horizons[min(level, len(horizons) - 1)]
+
+    def rate_at(self, step: int) -> float:
+        """Learning rate: linear rise over a tenth of the steps, then a cosine to a hundredth."""
+        rise = max(1, self.steps // 10)
+        if step < rise:
+            return self.learning_rate * (step + 1) / rise
+        share_done = (step - rise) / max(1, self.steps - rise)
+        return self.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share_done)))
+
+
+@dataclass(frozen=True)
+class TrainConfig(Schedule):
+    """Settings of `train`; their defaults are written only here."""
+
     frame: Literal["tool", "world"] = "tool"
     """Frame of the network: turns with the tool, or the world (the paper's)."""
     coupled: bool = True
@@ -52,99 +118,34 @@ class TrainConfig:
     cut_faces: bool = True
     """In a rollout a blade narrows the Gaussians that it passes, so that none reaches across the cut; off in the
     paper."""
-    width: int = 24
-    """Channels of particles and of the finest grid."""
-    cells_across: float = 8.0
-    """Grid cells along the object's longest extent."""
-    resample: bool = True
-    """Merge and split Gaussians."""
-    merge_below: float = 0.05
-    """Opacity under which a Gaussian merges into its neighbour [-]."""
-    split_above: float = 20.0
-    """Ratio of longest to shortest axis above which a Gaussian splits [-]; `fit-init` makes them up to 12."""
-    resampling_form: Literal["moments", "paper"] = "moments"
-    """Merging and splitting that keep the moments, or Eq. 27-28 as printed."""
-    track_weight: float = 1.0
-    """Weight of the distance to the track, per 0.1 m [-]."""
-    image_weight: float = 1.0
-    """Weight of the rendering loss in the second phase [-]."""
-    rigid_weight: float = 1.0
-    """Lambda_r of the rigidity term, per 0.1 m [-]."""
-    rotation_weight: float = 0.05
-    """Lambda_rot of the rotation term [-]."""
-    isometry_weight: float = 1.0
-    """Lambda_i of the isometry term, per 0.1 m [-]."""
-    sever: bool = True
-    """A blade severs neighbours in those terms; the paper keeps them."""
-    ssim_weight: float = 0.1
-    """Lambda_SSIM [-]."""
-    l1_weight: float = 0.9
-    """Lambda_L1 [-]."""
-    depth_weight: float = 0.2
-    """Lambda_depth, per `length_unit_m` [-]."""
-    mask_weight: float = 0.1
-    """Weight of the silhouette [-]; 0 in the paper."""
-    length_unit_m: float = 0.1
-    """Length that counts as 1 in the loss [m]; 1 in the paper, whose scenes have other units."""
-    filter_iterations: int = 40
-    """Gradient steps a frame of the filter that makes the tracks."""
-    folds: int = 0
+    folds: Annotated[int, Range(0, but=1), Unit("models")] = 0
     """Models trained besides, each without its share of the episodes (2 or more; 0: none), so that `diagnose` can tell
     how far the model is off in episodes that it has not seen."""
-    made_up: int = 24
-    """Episodes that the engine makes up, where one is given."""
-    made_up_reach: float = 1.6
-    """Largest factor of the recorded ways along the table in made-up episodes; the smallest is 0.5 [-]."""
-    made_up_speed: float = 1.4
-    """Largest factor of the recorded speeds in made-up episodes; the smallest is its inverse [-]."""
-    made_up_turn_deg: float = 20.0
-    """Largest turn of a made-up motion about the vertical [degrees]."""
-    device: str = "auto"
+    network: I2NConfig = I2NConfig()
+    """Size and form of the network."""
+    resampling: ResamplingConfig = ResamplingConfig()
+    """When Gaussians merge and split."""
+    weights: LossWeights = LossWeights()
+    """Weights of the terms of the loss."""
+    render: RenderWeights = RenderWeights()
+    """Weights of the rendering loss, in the tracks, too."""
+    update: UpdateConfig = UpdateConfig()
+    """The filter that makes the tracks."""
+    made_up: MadeUpConfig = MadeUpConfig()
+    """Episodes that an engine makes up."""
+    device: str = AUTO_DEVICE
     """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
-    jobs: int = field(default=-1, metadata={"in_fingerprint": False})
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Tracks that are made at a time, made-up ones as well, each in a process; -1 is one a core. On a GPU one after
     the other."""
 
-
-def check_settings(config: TrainConfig) -> None:
-    """Refuse settings out of range, by name.
-
-    Raises:
-        PlopError: One is.
-    """
-    weights = ("track", "image", "rigid", "rotation", "isometry", "ssim", "l1", "depth", "mask")
-    check_jobs(config, "train")
-    check_ranges(
-        config,
-        "train",
-        {
-            "track_steps": (0, inf),
-            "image_steps": (0, inf),
-            "batch": (1, inf),
-            "horizon": (1, inf),
-            "learning_rate": (0, 1),
-            "averaging": (0, 1),
-            "noise_m": (0, 1),
-            "validate_every": (1, inf),
-            "checkpoint_every": (1, inf),
-            "width": (2, 4096),
-            "cells_across": (1, 256),
-            "merge_below": (0, 1),
-            "folds": (0, inf),
-            "made_up": (0, inf),
-            "made_up_reach": (0, 10),
-            "made_up_speed": (1, 10),
-            "made_up_turn_deg": (0, 180),
-            "split_above": (1, inf),
-            "length_unit_m": (1e-6, inf),
-            "filter_iterations": (0, inf),
-            **{f"{name}_weight": (0, inf) for name in weights},
-        },
-    )
-    if config.track_steps + config.image_steps < 1:
-        raise PlopError(
-            "There is nothing to train.",
-            where="train.track_steps, train.image_steps",
-            expected="at least one step",
-            found="0 and 0",
-        )
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.steps < 1:
+            raise PlopError(
+                "There is nothing to train.",
+                where="track_steps, image_steps",
+                expected="at least one step",
+                found="0 and 0",
+                fix="Give one of them a number of steps.",
+            )

@@ -24,23 +24,21 @@ from plop.artifacts.layouts import Fits, Model
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device, jobs_on
-from plop.dynamics.filter.particle_filter import UpdateConfig
 from plop.dynamics.i2n.model import PlopConfig
 from plop.errors import PlopError
 from plop.geometry.meshes.convex import convex_surface
 from plop.geometry.meshes.extent import box_edges_m
 from plop.models import seen_by
-from plop.physics.scenes.varied_motion import VariationRanges
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary, settings_only
+from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
 from stages.common_inputs import init_input, recordings_input
-from stages.train.form import loss_weights, model_config, render_weights
+from stages.train.form import model_config
 from stages.train.lessons import Lessons
-from stages.train.made_up import MadeUp, MakingUp, engine_model, make_up
-from stages.train.optimise import Schedule, optimise
+from stages.train.made_up import MadeUp, engine_model, make_up
+from stages.train.optimise import optimise
 from stages.train.processes import Processes
-from stages.train.settings import TrainConfig, check_settings
+from stages.train.settings import TrainConfig
 from stages.train.tracks import Track, track_episode
 
 
@@ -61,7 +59,6 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
         PlopError: No training episode, one without fitted Gaussians, or an engine that is none, of another object, or
             fitted to test episodes.
     """
-    check_settings(config)
     recordings = RecordingSet.load(inputs["recordings"].path)
     if "engine" in inputs:
         engine_model(inputs["engine"].path)
@@ -80,7 +77,7 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
             found=f"{len(recordings.test)} test episodes",
             fix="Choose fewer test episodes where these recordings are made: --test.",
         )
-    if config.folds == 1 or config.folds > len(recordings.train):
+    if config.folds > len(recordings.train):
         raise PlopError(
             "The training episodes cannot be dealt out to so many folds.",
             where="train.folds",
@@ -186,29 +183,8 @@ def train_on(
         The model's form and units, and the figures of the chosen weights.
     """
     model = model_config(config, [track(i) for i in range(episodes)])
-    plan = Schedule(
-        track_steps=config.track_steps,
-        image_steps=config.image_steps,
-        batch=config.batch,
-        horizon=config.horizon,
-        learning_rate=config.learning_rate,
-        averaging=config.averaging,
-        noise_m=config.noise_m,
-        mirror=config.mirror,
-        validate_every=config.validate_every,
-        checkpoint_every=config.checkpoint_every,
-        seed=config.seed,
-    )
     chosen = optimise(
-        model,
-        track,
-        episodes,
-        plan,
-        loss_weights(config),
-        out,
-        judged=judged,
-        about=about,
-        device=chosen_device(config.device),
+        model, track, episodes, config, out, judged=judged, about=about, device=chosen_device(config.device)
     )
     return model, chosen
 
@@ -237,14 +213,14 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name:
             found="no file",
             fix="Run `plop fit-init` on the same recordings.",
         )
-    update = UpdateConfig(iterations=config.filter_iterations, weights=render_weights(config))
     error = track_episode(
         recordings.path(name),
         splat,
         Model(out.path).tracks.states(name),
-        update,
+        config.update,
         lambda done, frames: out.progress(done, frames, f"track {name}"),
         chosen_device(config.device),
+        weights=config.render,
     )
     write_json(Model(out.path).tracks.innovation(name), error)
     return error
@@ -256,9 +232,7 @@ def _make_up(
     """Let the engine make up episodes, where there is one; gives those that it followed, and a warning of others."""
     if "engine" not in inputs:
         return [], []
-    ranges = VariationRanges(config.made_up_reach, config.made_up_speed, config.made_up_turn_deg)
-    paths = inputs["init"].path, inputs["engine"].path
-    return make_up(recordings, *paths, MakingUp(config.made_up, ranges, config.seed, config.jobs), out)
+    return make_up(recordings, inputs["init"].path, inputs["engine"].path, config, out)
 
 
 STAGE = Stage(
@@ -277,5 +251,4 @@ STAGE = Stage(
         ),
     },
     run=run,
-    check=settings_only(check_settings),
 )

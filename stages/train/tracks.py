@@ -24,6 +24,7 @@ from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory, TrajectoryWriter
 from plop.recordings.recording import Recording
+from plop.render.losses import RenderWeights
 
 
 def track_episode(
@@ -33,6 +34,8 @@ def track_episode(
     config: UpdateConfig,
     on_frame: Callable[[int, int], None],
     device: torch.device | str = "cpu",
+    *,
+    weights: RenderWeights | None = None,
 ) -> dict[str, float]:
     """Follow the object through one episode and write its track.
 
@@ -43,6 +46,7 @@ def track_episode(
         config: The filter's update.
         on_frame: Called with (frames done, frames in all).
         device: Where the filter runs.
+        weights: Weights of the rendering loss; the usual ones when absent.
 
     Returns:
         Mean over frames and cameras: {"depth_mm", "l1"} of the updated states.
@@ -51,7 +55,7 @@ def track_episode(
     rows: list[dict[str, float]] = []
     with Recording.open(recording_path) as recording, TrajectoryWriter(track_path) as writer:
         append_state(writer, 0, at_rest(initial))
-        for step in run_filter(ConstantVelocity(), recording, initial, config):
+        for step in run_filter(ConstantVelocity(), recording, initial, config, weights=weights):
             append_state(writer, step.frame, step.updated)
             rows += step.innovation.values()
             on_frame(step.frame + 1, len(recording))

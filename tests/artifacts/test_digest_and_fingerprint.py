@@ -6,6 +6,7 @@ import hashlib
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 from hypothesis import given
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from plop.artifacts.digest import DigestCache, content_digest, file_digest, files_below
 from plop.artifacts.fingerprint import deciding, fingerprint, plain
 from plop.errors import PlopError
+from plop.setting_kinds import SAME_RESULT
 
 
 def test_file_digest_is_sha256(tmp_path: Path):
@@ -77,6 +79,7 @@ def test_content_digest_does_not_depend_on_order(files: dict[str, str]):
 @dataclass(frozen=True)
 class Inner:
     width: int = 3
+    program: Annotated[str, SAME_RESULT] = "blender"
 
 
 @dataclass(frozen=True)
@@ -84,12 +87,12 @@ class Config:
     rate: float = 0.1
     sizes: tuple[int, ...] = (1, 2)
     inner: Inner = field(default_factory=Inner)
-    threads: int = field(default=1, metadata={"in_fingerprint": False})
+    threads: Annotated[int, SAME_RESULT] = 1
 
 
 def test_fingerprint_changes_with_everything_that_decides():
     base = fingerprint("train", 1, deciding(Config()), {"raw": "aa"})
-    assert base == fingerprint("train", 1, deciding(Config(threads=8)), {"raw": "aa"})
+    assert base == fingerprint("train", 1, deciding(Config(threads=8, inner=Inner(program="bpy"))), {"raw": "aa"})
     others = [
         fingerprint("fuse", 1, deciding(Config()), {"raw": "aa"}),
         fingerprint("train", 2, deciding(Config()), {"raw": "aa"}),

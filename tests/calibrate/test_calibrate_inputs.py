@@ -192,18 +192,3 @@ def test_a_disturbed_scan_is_bad_and_a_right_one_good(tmp_path):
     assert facts["episodes"]["a"]["scan"][0]["verdict"] == "good"
     assert facts["episodes"]["b"]["scan"][0]["verdict"] == "bad"
     assert any("scan wrist (b)" in warning for warning in summary.warnings)
-
-
-@pytest.mark.parametrize(
-    "config",
-    [
-        CalibrateConfig(refine_scan="maybe"),
-        CalibrateConfig(scan_scale="feet"),
-        CalibrateConfig(check_frames=0),
-        CalibrateConfig(max_disagreement_mm=-1),
-    ],
-)
-def test_bad_settings_are_explained(tmp_path, config):
-    write_set(tmp_path / "set", {"a": {}}, cameras=ring(2))
-    with pytest.raises(PlopError):
-        calibrate(tmp_path, config)

@@ -17,7 +17,7 @@ from plop.recordings.truth import Truth
 from tests.cases.case import Case, Done
 from tests.recordings import disect_sample
 
-_SMALL = "--size 24 --cameras 2 --set supersample=1"
+_SMALL = "--cameras.size 24 --cameras.count 2 --set cameras.supersample=1"
 _MESH, _DISECT = f"ingest mesh raw {_SMALL}", f"ingest disect raw {_SMALL}"
 _Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0.0]])
 _SIZE_M = np.array([0.10, 0.06, 0.05])

@@ -59,7 +59,14 @@ def test_help_imports_nothing_heavy():
 def test_help_of_a_stage_shows_types_defaults_and_units(workspace: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["ingest", "mesh", "--help"]) == 0
     text = capsys.readouterr().out
-    for part in ("--pause-s", "Time a piece takes [s].", "0.0", "--seed", "RAW", "--dry-run", "PLOP_WORKSPACE"):
+    for part in (
+        "--pause-s",
+        "Time a piece takes. [0 to 60 s; default 0]",
+        "--seed",
+        "RAW",
+        "--dry-run",
+        "PLOP_WORKSPACE",
+    ):
         assert part in text
 
 
@@ -122,9 +129,9 @@ def test_what_is_on_can_be_turned_off(workspace: Path, capsys: pytest.CaptureFix
         (["why", "a", "b"], 1, ["no workspace here yet"]),
         (["reproduce", "nowhere"], 1, ["no such folder"]),
         (["reproduce", "nowhere", "--profile", "demo"], 1, ["expected: cpu, cpu-recordings, paper\n"]),
-        (["ingest", "mesh", "nowhere", "--pieces", "abc"], 1, ["ingest mesh.pieces", "integer", "'abc'"]),
-        (["ingest", "mesh", "nowhere", "--pause-s", "nan"], 1, ["ingest mesh.pause_s", "finite"]),
-        (["ingest", "mesh", "nowhere", "--seed", "-1"], 1, ["ingest mesh.seed", "0 or more"]),
+        (["ingest", "mesh", "nowhere", "--pieces", "abc"], 1, ["ingest.mesh.pieces", "integer", "'abc'"]),
+        (["ingest", "mesh", "nowhere", "--pause-s", "nan"], 1, ["ingest.mesh.pause_s", "finite"]),
+        (["ingest", "mesh", "nowhere", "--seed", "-1"], 1, ["ingest.mesh.seed", "0 or more"]),
         (["demo", "--seed", "-1"], 1, ["command line: seed", "0 or more"]),
         (["demo-physics", "--seed", "abc"], 1, ["command line: seed", "integer"]),
         (["ingest", "mesh", "nowhere", "--pieces"], 2, ["--pieces"]),
@@ -133,9 +140,9 @@ def test_what_is_on_can_be_turned_off(workspace: Path, capsys: pytest.CaptureFix
         (["rollout", "--backend", "gpu", "--dry-run"], 1, ["rollout.backend", "numba", "plop rollout --help"]),
         (["fit-init", "--lr-means", "-1", "--dry-run"], 1, ["fit-init.lr_means", "0 to 1", "found: -1"]),
         (
-            ["ingest", "disect", "nowhere", "--size", "2", "--dry-run"],
+            ["ingest", "disect", "nowhere", "--cameras.size", "2", "--dry-run"],
             1,
-            ["ingest.disect.size", "ingest disect --help"],
+            ["ingest.disect.cameras.size", "8 to 8192 px", "ingest disect --help"],
         ),
     ],
 )

@@ -70,7 +70,7 @@ def _wrong_options(words: list[str], known: dict[str, bool], *, strict: bool) ->
     wrong = []
     for word, following in zip(words, [*words[1:], ""], strict=True):
         option, given, _ = word.partition("=")
-        if not re.fullmatch(r"--[a-z][a-z0-9-]*", option):
+        if not re.fullmatch(r"--[a-z][a-z0-9.-]*", option):
             continue
         if option not in known:
             wrong += [f"no option {option}"] if strict else []
@@ -102,7 +102,7 @@ def unknown(text: str) -> list[str]:
     """Name what cannot be typed of the commands and options that a message tells."""
     commands = [span for span in re.findall(r"`(plop [^`]*)`", text) if not span.startswith("plop {}")]
     known = {option for each in options().values() for option in each}
-    alone = re.findall(r"(?<![\w`-])--[a-z][a-z-]*[a-z](?![\w{-])", re.sub(r"`[^`]*`", "", text))
+    alone = re.findall(r"(?<![\w`-])--[a-z][a-z.-]*[a-z](?![\w{-])", re.sub(r"`[^`]*`", "", text))
     return [wrong for span in commands for wrong in faults(span)] + [option for option in alone if option not in known]
 
 
@@ -125,8 +125,9 @@ def test_wrong_messages_are_seen() -> None:
 
 
 def test_wrong_commands_are_seen() -> None:
-    assert faults("plop ingest droid raw --keep-skipped true") == ["--keep-skipped takes no value"]
-    assert faults("--keep-skipped true") == ["--keep-skipped takes no value"]
+    assert faults("plop ingest droid raw --rows.keep-skipped true") == ["--rows.keep-skipped takes no value"]
+    assert faults("--rows.keep-skipped true") == ["--rows.keep-skipped takes no value"]
+    assert faults("plop train --render.dpth 1") == ["no option --render.dpth"]
     assert faults("$ plop diagnose --modell base") == ["no option --modell"]
     assert faults("plop diagnoze --model base") == ["no command diagnoze"]
     assert faults("plop run diagnose --modell base") == ["no option --modell"]

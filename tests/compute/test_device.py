@@ -26,7 +26,8 @@ from plop.recordings.set import RecordingSet
 from plop.render.losses import RenderWeights
 from stages.fit_init.optimise import fit
 from stages.fit_init.stage import FitInitConfig
-from stages.train.objective import LossWeights, TrainingStep
+from stages.train.objective import TrainingStep
+from stages.train.settings import LossWeights
 from stages.train.tracks import load_track, track_episode
 from stages.train.windows import Window
 from tests.support.small_episode import write_set
@@ -50,11 +51,11 @@ def test_a_training_step_makes_nothing_elsewhere(episode, resampling):
     track, _, _ = episode
     model = PlopModel(PlopConfig(resampling=resampling, tool_points=50))
     optimiser = torch.optim.AdamW(model.parameters())
-    weights = LossWeights(1.0, 1.0, 1.0, 1.0, 1.0, True, RenderWeights())
+    weights = LossWeights(rotation=1.0)
     windows = [Window(0, start, 2, (True, False), seed, (0, 1)) for start, seed in ((0, 1), (2, 2))]
     step_loss = TrainingStep(model)
     with torch.device("meta"):
-        loss, _ = step_loss(windows, [track, track], weights, 1e-3)
+        loss, _ = step_loss(windows, [track, track], weights, RenderWeights(), 1e-3)
         loss.backward()
         optimiser.step()
     assert loss.device.type == "cpu" and torch.isfinite(loss.detach())

@@ -314,12 +314,6 @@ def test_an_error_in_an_effect_file_is_named_with_its_line(inputs, tmp_path):
     assert error.where == f"{mine}, line 3" and "wnid" in error.found
 
 
-@pytest.mark.parametrize("change", [{"shams": 10}, {"split": "tset"}])
-def test_settings_that_make_no_sense(inputs, tmp_path, change):
-    error = refused(inputs, tmp_path, replace(CONFIG, **change))
-    assert error.where == f"diagnose.{next(iter(change))}"
-
-
 def test_a_learned_model_needs_an_engine(inputs, tmp_path):
     (tmp_path / "model").mkdir()
     (tmp_path / "model" / "model.json").write_text(json.dumps({"schema": 1, "kind": "plop", "config": {}}))

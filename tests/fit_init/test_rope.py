@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from plop.render.losses import RenderWeights
 from stages.fit_init.episode import fit_object
 from stages.fit_init.held_out import score_view
 from stages.fit_init.stage import FitInitConfig
@@ -13,7 +14,7 @@ from tests.support.rope import rope_surface, rope_views
 def test_photographs_of_a_rope_are_fitted_without_depth(shared_data):
     folder = shared_data / "gs_dynamics_demo"
     views, surface = rope_views(folder, 160, 120), rope_surface(folder)
-    config = FitInitConfig(count=1200, filling="none", depth_weight=0.0)
+    config = FitInitConfig(count=1200, filling="none", render=RenderWeights(depth=0.0))
 
     def psnr(steps: int) -> float:
         shell, _ = fit_object(surface, views, None, replace(config, steps=steps))

@@ -16,9 +16,10 @@ from plop.physics.adapters.filled import EngineBase
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration
 from plop.physics.engine.fill import fill_surface
+from plop.pipeline.settings import resolve
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
-from stages.identify.stage import STAGE, IdentifyConfig, _summary, run
+from stages.identify.stage import FIRST_GUESS, STAGE, IdentifyConfig, _summary, run
 from tests.support.coarse_episodes import BASE, MATERIAL, coarse_episode
 from tests.support.tracked_set import write_recordings
 
@@ -31,10 +32,9 @@ def inputs(tmp_path_factory):
 def test_the_fit_is_no_worse_and_the_model_can_be_loaded(inputs, tmp_path):
     config = IdentifyConfig(
         fit=("youngs_modulus_pa",),
-        youngs_modulus_pa=2.0e4,
+        material=replace(FIRST_GUESS, youngs_modulus_pa=2.0e4, damping_per_s=5.0),
         spacing_m=0.010,
         start="settled",
-        damping_per_s=5,
         iterations=1,
         jobs=1,
     )
@@ -70,12 +70,12 @@ def test_stiffness_is_recovered_from_the_engines_own_motion():
         ({"split": "tset"}, "train"),
         ({"table_cone": "square"}, "pyramid"),
         ({"iterations": -1}, "0 or more"),
-        ({"table_friction": -1.0}, "0 to 10"),
+        ({"material.table_friction": -1.0}, "0 to 10"),
     ],
 )
-def test_settings_that_make_no_sense_are_told_before_anything_is_read(change, expected):
+def test_settings_that_make_no_sense_are_refused_before_anything_is_read(change, expected):
     with pytest.raises(PlopError) as caught:
-        STAGE.check(replace(IdentifyConfig(), **change), {})
+        resolve(IdentifyConfig, "identify", ("--set", change))
     name = next(iter(change))
     assert str(caught.value.where).endswith(name) and expected in str(caught.value.expected) and caught.value.fix
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import h5py
 
+from plop.pipeline.settings import resolve
 from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.set import RecordingSet
 from stages.ingest.droid import INGEST_DROID, DroidConfig
@@ -16,9 +17,12 @@ def episode_of(raw: Path) -> Path:
 
 
 def ingest(raw: Path, out: Path, **settings) -> tuple[Summary, RecordingSet]:
+    """Ingest with settings by key; those of a group as `rows__stride`."""
     extra = {key: Input(settings.pop(key)) for key in ("masks", "intrinsics", "extrinsics") if key in settings}
     out.mkdir(parents=True, exist_ok=True)
-    summary = INGEST_DROID.run({"raw": Input(raw), **extra}, DroidConfig(**settings), Output(out))
+    given = {key.replace("__", "."): value for key, value in settings.items()}
+    config = resolve(DroidConfig, "ingest droid", ("test", given))
+    summary = INGEST_DROID.run({"raw": Input(raw), **extra}, config, Output(out))
     return summary, RecordingSet.load(out)
 
 

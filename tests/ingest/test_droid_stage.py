@@ -156,7 +156,9 @@ def test_no_intrinsics_unless_the_user_brings_them(tmp_path):
     make_episode(tmp_path / "raw", intrinsics=False, rows=5)
     with pytest.raises(PlopError, match="no intrinsics"):
         ingest(tmp_path / "raw", tmp_path / "a")
-    summary, recordings = ingest(tmp_path / "raw", tmp_path / "b", exterior_focal_px=1200.0, wrist_focal_px=1200.0)
+    summary, recordings = ingest(
+        tmp_path / "raw", tmp_path / "b", cameras__exterior_focal_px=1200.0, cameras__wrist_focal_px=1200.0
+    )
     assert said(summary, "assumed", "plop calibrate")
     with recordings.open(recordings.names[0]) as recording:
         assert recording.camera(EXT1, 0).intrinsics[0, 0] == 60
@@ -171,7 +173,7 @@ def test_the_scan_may_be_an_episode_of_its_own(tmp_path):
     raw = tmp_path / "raw"
     scan = make_episode(raw, rows=8, moment=datetime(2023, 8, 6, 22, 0, 0), serials=(EXT1, WRIST))
     make_episode(raw, rows=6, notes={"scan_episode": scan.relative_to(raw).as_posix()})
-    _, recordings = ingest(raw, tmp_path / "out", scan_frames=4, episodes=("*-22h-13m-*",))
+    _, recordings = ingest(raw, tmp_path / "out", rows__scan_frames=4, episodes=("*-22h-13m-*",))
     with recordings.open(recordings.names[0]) as recording:
         assert recording.scan_length(WRIST) == 4 and len(recording) == 6
 

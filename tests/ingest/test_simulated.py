@@ -18,12 +18,14 @@ import trimesh
 
 from plop.errors import PlopError
 from plop.geometry.view import MaskLabel
+from plop.pipeline.settings import resolve
 from plop.pipeline.stage import Input, Output, Summary
 from plop.recordings.readers.declared_units import WORLD_FROM_UP
 from plop.recordings.readers.mesh.sequence import MeshSequence, write_mesh_sequence
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet, split_names
 from plop.recordings.truth import Truth, write_without_truth
+from plop.render.virtual_cameras.settings import CameraSettings
 from stages.ingest.resting import check_table
 from stages.ingest.settings import DisectConfig, MeshConfig
 from stages.ingest.stage import INGEST_DISECT, INGEST_MESH
@@ -31,17 +33,23 @@ from stages.ingest.surface_checks import check_order, sound_surface
 from tests.support.box_sequence import box_sequence
 
 BOX = box_sequence()
-SMALL = MeshConfig(size=24, cameras=2, supersample=1)
+SMALL = MeshConfig(cameras=CameraSettings(size=24, count=2, supersample=1))
 
 KILLED_RUN = """
 import sys
 from pathlib import Path
 from plop.pipeline.stage import Input, Output
+from plop.pipeline.settings import resolve
+from plop.render.virtual_cameras.settings import CameraSettings
 from stages.ingest.settings import MeshConfig
 from stages.ingest.stage import INGEST_MESH
 raw, out = map(Path, sys.argv[1:])
-INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(size=64, cameras=2), Output(out))
+INGEST_MESH.run({"raw": Input(raw)}, MeshConfig(cameras=CameraSettings(size=64, count=2)), Output(out))
 """
+
+
+def filmed(config: MeshConfig, **cameras: object) -> MeshConfig:
+    return dataclasses.replace(config, cameras=dataclasses.replace(config.cameras, **cameras))
 
 
 def ingest(raw: Path, folder: Path, config: MeshConfig = SMALL) -> Summary:
@@ -64,7 +72,7 @@ def payload(folder: Path) -> dict[str, bytes]:
 
 
 def test_recordings_show_the_object_where_the_truth_says(tmp_path: Path) -> None:
-    summary = ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", dataclasses.replace(SMALL, size=48))
+    summary = ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", filmed(SMALL, size=48))
     recordings = RecordingSet.load(tmp_path / "out")
     assert (recordings.train, recordings.test) == (["box_000", "box_001", "box_002"], ["box_003"])
     assert recordings.environment == "box" and summary.figures["frames"] == 12 and not summary.warnings
@@ -83,7 +91,7 @@ def test_recordings_show_the_object_where_the_truth_says(tmp_path: Path) -> None
 
 def test_same_input_gives_the_same_bytes_and_another_seed_another_texture(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", box_sequence())
-    noisy = dataclasses.replace(SMALL, depth_noise_m=0.002, depth_dropout=0.05)
+    noisy = filmed(SMALL, depth_noise_m=0.002, depth_dropout=0.05)
     for folder, config in (("a", noisy), ("b", noisy), ("c", dataclasses.replace(noisy, seed=1))):
         ingest(raw, tmp_path / folder, config)
     assert payload(tmp_path / "a") == payload(tmp_path / "b") != payload(tmp_path / "c")
@@ -91,7 +99,7 @@ def test_same_input_gives_the_same_bytes_and_another_seed_another_texture(tmp_pa
 
 def test_depth_noise_has_the_size_that_was_asked_for(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", box_sequence())
-    clean_config = dataclasses.replace(SMALL, size=64)
+    clean_config = filmed(SMALL, size=64)
     noisy_config = dataclasses.replace(clean_config, depth_noise_m=0.003, depth_dropout=0.1)
     depths = []
     for folder, config in (("clean", clean_config), ("noisy", noisy_config)):
@@ -117,7 +125,7 @@ def test_finished_episodes_are_kept_when_a_run_goes_on(tmp_path: Path) -> None:
 
 def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", *[box_sequence(f"box_{index:03d}", frames=8) for index in range(3)])
-    config = dataclasses.replace(SMALL, size=64, supersample=3)
+    config = filmed(SMALL, size=64, supersample=3)
     ingest(raw, tmp_path / "whole", config)
     out = tmp_path / "killed"
     out.mkdir()
@@ -284,23 +292,26 @@ def test_a_camera_that_loses_the_object_is_pointed_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"size": 2},
-        {"cameras": 0},
-        {"supersample": 2},
-        {"depth_dropout": 1.0},
-        {"depth_noise_m": np.nan},
-        {"room_m": np.inf},
+        {"cameras.size": 2},
+        {"cameras.count": 0},
+        {"cameras.supersample": 2},
+        {"cameras.depth_dropout": 1.0},
+        {"cameras.depth_noise_m": np.nan},
+        {"cameras.room_m": np.inf},
         {"workspace_m": np.nan},
+        {"smallest_m": 3.0},
     ],
 )
-def test_settings_out_of_range_are_named(tmp_path: Path, change: dict[str, float]) -> None:
+def test_settings_out_of_range_are_named(change: dict[str, float]) -> None:
     with pytest.raises(PlopError, match=f"{next(iter(change))}") as caught:
-        ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", dataclasses.replace(SMALL, **change))
-    assert re.fullmatch(r"[0-9.]+ to [0-9.]+|an odd number", str(caught.value.expected))
+        resolve(MeshConfig, "ingest mesh", ("--set", change))
+    assert re.fullmatch(
+        r"[0-9.]+ to [0-9.]+( px| m)?|an odd number|largest_m of 3 m or more", str(caught.value.expected)
+    )
 
 
 def test_blender_that_is_not_there_is_a_clear_error(tmp_path: Path) -> None:
-    config = dataclasses.replace(SMALL, renderer="blender", blender="no-such-blender")
+    config = filmed(SMALL, renderer="blender", blender="no-such-blender")
     with pytest.raises(PlopError, match="Blender is not here"):
         ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", config)
     assert payload(tmp_path / "out") == {}
@@ -330,7 +341,8 @@ def test_a_recording_without_truth_gives_everything_but_the_truth(tmp_path: Path
 
 def test_a_real_recording_opens_its_cut(shared_data: Path, tmp_path: Path) -> None:
     pytest.importorskip("pxr", reason="usd-core (the extra `disect`) is not installed")
-    config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", size=32, cameras=2, supersample=1)
+    cameras = CameraSettings(size=32, count=2, supersample=1)
+    config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", cameras=cameras)
     summary = INGEST_DISECT.run({"raw": Input(shared_data / "disect")}, config, Output(tmp_path))
     assert summary.figures["train"] == 1 and summary.table[0]["frames"] == 26
     assert summary.warnings == ["No episode is kept for the test."]
@@ -347,7 +359,8 @@ def test_a_real_recording_opens_its_cut(shared_data: Path, tmp_path: Path) -> No
 
 def test_a_real_recording_may_begin_at_rest(shared_data: Path, tmp_path: Path) -> None:
     pytest.importorskip("pxr", reason="usd-core (the extra `disect`) is not installed")
-    config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", size=32, cameras=2, supersample=1)
+    cameras = CameraSettings(size=32, count=2, supersample=1)
+    config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", cameras=cameras)
     for folder, from_rest in (("stored", False), ("rest", True)):
         (tmp_path / folder).mkdir()
         INGEST_DISECT.run(

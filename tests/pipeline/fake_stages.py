@@ -7,20 +7,22 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 from plop.pipeline.cluster import spread
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
+from plop.setting_kinds import Range, Seed, Settings, Unit
 
 
 @dataclass(frozen=True)
-class PiecesConfig:
+class PiecesConfig(Settings):
     """Settings of the fake ingest."""
 
-    pieces: int = 4
+    pieces: Annotated[int, Range(0)] = 4
     """Number of files."""
-    pause_s: float = 0.0
-    """Time a piece takes [s]."""
-    seed: int = 0
+    pause_s: Annotated[float, Range(0, 60), Unit("s")] = 0.0
+    """Time a piece takes."""
+    seed: Seed = 0
     """Added to every number."""
 
 

@@ -15,9 +15,9 @@ SMALL = [
     "train.image_steps=2",
     "train.horizon=2",
     "train.validate_every=4",
-    "train.filter_iterations=3",
-    "train.width=4",
-    "train.cells_across=4",
+    "train.update.iterations=3",
+    "train.network.width=4",
+    "train.network.cells_across=4",
     "eval.threads=1",
 ]
 """--set options of the small workspace, for commands that run the whole pipeline."""
@@ -26,10 +26,12 @@ COMMANDS = ("ingest mesh", "calibrate", "fuse", "fit-init", "train", "filter", "
 
 SETTINGS = """
 [ingest.mesh]
-size = 40
-cameras = 4
-supersample = 1
 test = ["box_002"]
+
+[ingest.mesh.cameras]
+size = 40
+count = 4
+supersample = 1
 
 [fit-init]
 count = 120
@@ -42,13 +44,13 @@ image_steps = 2
 horizon = 2
 validate_every = 4
 checkpoint_every = 2
-filter_iterations = 3
-width = 4
-cells_across = 4
+update.iterations = 3
+network.width = 4
+network.cells_across = 4
 
 [filter]
 split = "test"
-iterations = 3
+update.iterations = 3
 
 [eval]
 threads = 1

@@ -10,9 +10,10 @@ from typing import Any, Literal
 import pytest
 
 from plop.errors import PlopError
-from plop.pipeline.setting_values import convert, describe
-from plop.pipeline.settings import resolve, settings_of
+from plop.pipeline.setting_values import convert
+from plop.pipeline.settings import checked, resolve, settings_of
 from plop.pipeline.settings_file import own_assignments, parse_assignments, read_settings_file
+from plop.setting_kinds import Seed, Settings, describe
 
 COMMANDS = ["ingest disect", "ingest mesh", "fit-init", "train"]
 
@@ -23,7 +24,7 @@ class Form(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(Settings):
     """Inner settings."""
 
     cells: int = 32
@@ -31,7 +32,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Settings):
     """Settings of a stage."""
 
     voxel_m: float = 0.003
@@ -43,8 +44,9 @@ class Config:
     limit: int | None = None
     resample: bool = True
     low: tuple[float, ...] = ()
-    seed: int = 0
+    seed: Seed = 0
     grid: Grid = field(default_factory=Grid)
+    """Of the grid."""
 
 
 def test_every_field_is_listed_with_its_docstring():
@@ -52,7 +54,8 @@ def test_every_field_is_listed_with_its_docstring():
     assert list(found) == ["voxel_m", "steps", "test", "form", "limit", "resample", "low", "seed", "grid.cells"]
     assert found["voxel_m"].help == "Edge of one voxel [m]."
     assert found["steps"].help == ""
-    assert (found["grid.cells"].default, found["grid.cells"].help) == (32, "Cells along a side.")
+    inner = found["grid.cells"]
+    assert (inner.default, inner.help, inner.group) == (32, "Cells along a side.", "Of the grid.")
 
 
 def test_later_layers_win_and_nested_fields_are_reached():
@@ -87,7 +90,7 @@ def test_unknown_key_suggests_the_right_one():
     ],
 )
 def test_values_are_converted(text: Any, kind: Any, value: Any):
-    assert convert(text, kind, key="k", where="w") == value
+    assert convert(text, kind) == value
 
 
 @pytest.mark.parametrize(
@@ -104,8 +107,11 @@ def test_values_are_converted(text: Any, kind: Any, value: Any):
     ],
 )
 def test_wrong_values_are_clear_errors(text: Any, kind: Any):
-    with pytest.raises(PlopError, match="wrong kind"):
-        convert(text, kind, key="k", where="w")
+    with pytest.raises(ValueError, match=str(text)):
+        convert(text, kind)
+    with pytest.raises(PlopError, match="wrong kind") as caught:
+        checked(text, kind, where="plop.toml: fuse.k", fix="so")
+    assert (caught.value.where, caught.value.expected) == ("plop.toml: fuse.k", describe(kind))
 
 
 @pytest.mark.parametrize(
@@ -116,13 +122,29 @@ def test_wrong_values_are_clear_errors(text: Any, kind: Any):
         ("low", "0,-inf", "not finite"),
         ("steps", "inf", "wrong kind"),
         ("limit", "1e999", "wrong kind"),
-        ("seed", "-1", "seed is negative"),
+        ("seed", "-1", "out of range"),
     ],
 )
 def test_what_no_setting_takes_is_refused_by_name(key: str, value: Any, problem: str):
     with pytest.raises(PlopError, match=problem) as caught:
         resolve(Config, "fuse", ("--set", {key: value}))
     assert (caught.value.where, caught.value.expected is None) == (f"--set: fuse.{key}", False)
+
+
+def test_a_choice_that_is_mistyped_gets_a_suggestion():
+    with pytest.raises(PlopError) as caught:
+        resolve(Config, "fuse", ("--set", {"form": "solit"}))
+    assert caught.value.fix == "Did you mean solid?" and caught.value.expected == "paper|solid"
+
+
+def test_nested_tables_of_a_settings_file_are_groups(tmp_path: Path):
+    path = tmp_path / "plop.toml"
+    path.write_text("[train]\nsteps = 5\n[train.grid]\ncells = 8\n")
+    layer = read_settings_file(path, COMMANDS)["train"]
+    assert resolve(Config, "train", ("plop.toml", layer)) == Config(steps=5, grid=Grid(8))
+    with pytest.raises(PlopError) as caught:
+        resolve(Config, "train", ("plop.toml", {"grid.cels": 8}))
+    assert caught.value.fix == "Did you mean grid.cells?"
 
 
 def test_same_setting_spelled_differently_is_the_same():
@@ -145,7 +167,10 @@ def test_settings_file_by_command(tmp_path: Path):
     assert read_settings_file(tmp_path / "absent.toml", COMMANDS) == {}
 
 
-@pytest.mark.parametrize(("text", "word"), [("[trian]\nx = 1", "train"), ("x = 1", "plop.toml"), ("[train", "TOML")])
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("[trian]\nx = 1", "train"), ("x = 1", "plop.toml"), ("[train", "TOML"), ("train = 3", "[train]")],
+)
 def test_bad_settings_file_is_a_clear_error(tmp_path: Path, text: str, word: str):
     path = tmp_path / "plop.toml"
     path.write_text(text)
@@ -174,6 +199,6 @@ def test_assignments():
 
 def test_a_list_may_be_written_as_toml_writes_it():
     words = ['["*_004", "*_005"]', "*_004,*_005", '[ "*_004","*_005" ]']
-    assert {convert(text, tuple[str, ...], key="test", where="x") for text in words} == {("*_004", "*_005")}
-    assert convert("[ab]*, c", tuple[str, ...], key="test", where="x") == ("[ab]*", "c")
-    assert convert("[1, 2.5]", tuple[float, ...], key="x", where="x") == (1.0, 2.5)
+    assert {convert(text, tuple[str, ...]) for text in words} == {("*_004", "*_005")}
+    assert convert("[ab]*, c", tuple[str, ...]) == ("[ab]*", "c")
+    assert convert("[1, 2.5]", tuple[float, ...]) == (1.0, 2.5)

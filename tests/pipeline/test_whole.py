@@ -31,7 +31,8 @@ def test_demo_ends_with_scores_a_video_and_times(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("plop.physics.scenes.demo.make_demo_recordings", small_recordings)
-    command = ["demo", "-w", str(tmp_path), *options([*SMALL, "ingest.mesh.size=40", "ingest.mesh.cameras=4"])]
+    cameras = ["ingest.mesh.cameras.size=40", "ingest.mesh.cameras.count=4"]
+    command = ["demo", "-w", str(tmp_path), *options([*SMALL, *cameras])]
     assert main(command) == 0
     shown = capsys.readouterr().out
     for word in ("plop", "persistence", "rigid", "video.mp4", "still.png", "scores.json", "rollout", "all "):
@@ -52,9 +53,9 @@ def reproduce_small(shared_data: Path, folder: Path) -> tuple[list[str], Path]:
     docs.mkdir()
     settings = [
         *SMALL,
-        "ingest.disect.size=32",
-        "ingest.disect.cameras=3",
-        "ingest.disect.supersample=1",
+        "ingest.disect.cameras.size=32",
+        "ingest.disect.cameras.count=3",
+        "ingest.disect.cameras.supersample=1",
         "ingest.disect.episodes=*_part_00[04]",
     ]
     return [
@@ -76,7 +77,8 @@ def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, t
     results = json.loads((docs / "results" / "disect-paper.json").read_text())
     assert results["seeds"] == [0, 1, 2] and "--profile paper --env prism-jelly --set " in results["command"]
     trained = Store(tmp_path / "work").find("train@latest").manifest.config
-    assert (trained["kernel"], trained["features"], trained["resampling_form"]) == ("paper", "paper", "paper")
+    forms = trained["network"]["kernel"], trained["network"]["features"], trained["resampling"]["form"]
+    assert forms == ("paper", "paper", "paper")
 
 
 def test_reproduce_writes_the_results(
@@ -96,7 +98,7 @@ def test_reproduce_writes_the_results(
     whole_table_stays(alone, docs, capsys)
     more = [
         "fit-init.count=300",
-        "filter.iterations=1",
+        "filter.update.iterations=1",
         "identify.iterations=1",
         "identify.fit=table_friction",
         "train.made_up=1",

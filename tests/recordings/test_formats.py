@@ -139,9 +139,9 @@ def test_empty_archive_file_and_a_level_too_high(tmp_path):
 def test_ingest_without_a_format_guesses_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     npz(tmp_path / "my sims/a.npz", *MESH)
-    assert main(["ingest", "my sims", "--size", "64"]) == 1
+    assert main(["ingest", "my sims", "--cameras.size", "64"]) == 1
     said = capsys.readouterr().err
-    assert "plop ingest mesh 'my sims' --size 64" in said
+    assert "plop ingest mesh 'my sims' --cameras.size 64" in said
     assert all(f"plop ingest {name} PATH" in said for name in ("droid", "disect", "mesh"))
     assert main(["ingest", "./nowhere"]) == 1 and "no such folder" in capsys.readouterr().err
     assert main(["ingest", "drod", "x"]) == 2 and "droid" in capsys.readouterr().err

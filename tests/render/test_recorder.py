@@ -14,7 +14,7 @@ from plop.render.virtual_cameras.settings import CameraSettings
 from plop.sensors.faults.library import parse_faults
 from tests.support.box_sequence import box_sequence
 
-SETTINGS = CameraSettings(size=32, cameras=2, supersample=1)
+SETTINGS = CameraSettings(size=32, count=2, supersample=1)
 
 
 def views(disturbances=Disturbances(), settings=SETTINGS):
@@ -56,6 +56,6 @@ def test_colour_noise_has_the_size_that_was_asked_for():
 
 
 def test_blender_refuses_faults():
-    settings = CameraSettings(size=32, cameras=2, renderer="blender")
+    settings = CameraSettings(size=32, count=2, renderer="blender")
     with pytest.raises(PlopError, match="Blender cannot"):
         views(Disturbances(parse_faults(["clock=0.05"])), settings)

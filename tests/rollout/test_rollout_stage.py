@@ -163,7 +163,7 @@ def test_a_model_of_another_environment_is_refused_unless_allowed(run, tmp_path)
     assert run(inputs=other, other_environment=True).figures["episodes"] == 1
 
 
-@pytest.mark.parametrize("config", [{"split": "train"}, {"split": "tset"}, {"episodes": "z*"}, {"video_camera": "top"}])
+@pytest.mark.parametrize("config", [{"split": "train"}, {"episodes": "z*"}, {"video_camera": "top"}])
 def test_a_choice_that_is_not_there_is_an_error(run, config):
     with pytest.raises(PlopError):
         run(**config)

@@ -12,10 +12,13 @@ import pytest
 from plop.artifacts.store import Store
 from plop.errors import PlopError
 from plop.physics.scenes.sealed import ANSWER, open_answer
+from plop.pipeline.settings import resolve
 from plop.pipeline.stage import Input, Output, Summary
+from plop.recordings.readers.droid.episode import RowChoice
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.recordings.truth import Truth
+from plop.render.virtual_cameras.settings import CameraSettings
 from plop_cli.app import main
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 from stages.simulate import stage
@@ -33,7 +36,7 @@ size_m = [0.08, 0.05, 0.04]
 [motion]
 hold_s = [0.1, 0.1]
 """
-SMALL = SimulateConfig(size=24, cameras=2, supersample=1)
+SMALL = SimulateConfig(cameras=CameraSettings(size=24, count=2, supersample=1, depth_noise_m=0.001))
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +44,10 @@ def scene(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "gel.toml"
     path.write_text(SCENE)
     return path
+
+
+def filmed(config: SimulateConfig, **cameras) -> SimulateConfig:
+    return replace(config, cameras=replace(config.cameras, **cameras))
 
 
 def simulate(scene: Path, folder: Path, config: SimulateConfig = SMALL) -> Summary:
@@ -73,7 +80,9 @@ def test_the_recordings_are_split_by_episode_and_the_answer_says_nothing_hidden(
 
 
 def test_a_drawn_effect_is_found_in_the_answer_only(scene, plain, tmp_path):
-    summary = simulate(scene, tmp_path, replace(SMALL, hide=("random",), seed=0, depth_noise_m=0.0005, episodes=2))
+    summary = simulate(
+        scene, tmp_path, replace(filmed(SMALL, depth_noise_m=0.0005), hide=("random",), seed=0, episodes=2)
+    )
     answer = open_answer(tmp_path)
     ((name, values),) = answer["effects"].items()
     assert answer["random"] and answer["snr"] == pytest.approx(answer["rms_m"] / 0.0005)
@@ -109,7 +118,7 @@ def test_a_killed_run_goes_on_to_the_same_result(scene, tmp_path, monkeypatch):
 
 
 def test_a_fault_changes_its_camera_only(scene, plain, tmp_path):
-    quiet = replace(SMALL, episodes=1, depth_noise_m=0.0)
+    quiet = replace(filmed(SMALL, depth_noise_m=0.0), episodes=1)
     simulate(scene, tmp_path / "right", quiet)
     simulate(scene, tmp_path / "wrong", replace(quiet, fault=("depth_scale=1.05@cam_01",)))
     with (
@@ -123,11 +132,11 @@ def test_a_fault_changes_its_camera_only(scene, plain, tmp_path):
 
 
 def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_path):
-    config = replace(SMALL, size=64, episodes=1, droid=True, depth_noise_m=0.0, colour_noise=0.0)
+    config = replace(filmed(SMALL, size=64, depth_noise_m=0.0), episodes=1, droid=True, colour_noise=0.0)
     simulate(scene, tmp_path / "out", config)
     (tmp_path / "read").mkdir()
     summary = INGEST_DROID.run(
-        {"raw": Input(tmp_path / "out/droid")}, DroidConfig(min_frames=3), Output(tmp_path / "read")
+        {"raw": Input(tmp_path / "out/droid")}, DroidConfig(rows=RowChoice(min_frames=3)), Output(tmp_path / "read")
     )
     (name,) = RecordingSet.load(tmp_path / "read").names
     assert summary.figures["skipped"] == 0
@@ -149,16 +158,16 @@ def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_pa
         ({"fault": ("clok=0.02",)}, "Did you mean clock"),
         ({"fault": ("clock=0.02@cam_07",)}, "does not exist"),
         ({"test": ("gel_99",)}, "no episode of this name"),
-        ({"snr": -1.0}, r"simulate\.snr[\s\S]*0 to 1e\+06"),
-        ({"size": 2}, r"simulate\.size[\s\S]*8 to 8192"),
-        ({"depth_noise_m": 5.0}, r"depth_noise_m[\s\S]*0 to 0.1"),
-        ({"supersample": 2}, "odd"),
+        ({"snr": -1.0}, r"simulate\.snr[\s\S]*0 to 1e6"),
+        ({"cameras.size": 2}, r"simulate\.cameras\.size[\s\S]*8 to 8192 px"),
+        ({"cameras.depth_noise_m": 5.0}, r"depth_noise_m[\s\S]*0 to 0.1 m"),
+        ({"cameras.supersample": 2}, "odd"),
         ({"hide": ("viscosity=1",), "snr": 1e5}, "cannot give the wanted signal"),
     ],
 )
 def test_bad_settings_are_refused_and_leave_no_recording(scene, tmp_path, change, message):
     with pytest.raises(PlopError, match=message):
-        simulate(scene, tmp_path, replace(SMALL, **{"episodes": 1, **change}))
+        simulate(scene, tmp_path, resolve(SimulateConfig, "simulate", ("test", {"episodes": 1, **change})))
     assert payload(tmp_path) == {}
 
 
@@ -174,7 +183,7 @@ def test_the_command_takes_shipped_scenes_and_repeated_options(tmp_path, monkeyp
 
 def test_the_command_makes_an_artifact_that_other_stages_take(scene, tmp_path, capsys):
     common = ["-w", str(tmp_path), "-q"]
-    small = ["--size", "24", "--cameras", "2", "--supersample", "1", "--episodes", "2"]
+    small = ["--cameras.size", "24", "--cameras.count", "2", "--cameras.supersample", "1", "--episodes", "2"]
     assert main(["simulate", str(scene), "--hide", "viscosity=5", *small, "--name", "mystery", *common]) == 0
     assert Store(tmp_path).find("mystery").manifest.environment == "gel"
     assert main(["calibrate", "--recordings", "mystery", *common]) == 0, capsys.readouterr().err

@@ -71,7 +71,7 @@ def make_inputs(folder: Path, names: tuple[str, ...] = ("box_000", "box_001")) -
         path.mkdir(parents=True, exist_ok=True)
     for name in names:
         sequence = cut_and_push(name)
-        settings = CameraSettings(size=48, cameras=4, supersample=1)
+        settings = CameraSettings(size=48, count=4, supersample=1)
         list(record(parts["recordings"] / "episodes" / f"{name}.h5", sequence, settings))
         (parts["init"] / name).mkdir(exist_ok=True)
         write_splat(parts["init"] / name / "object.ply", splats(points, 0.0015, 0))

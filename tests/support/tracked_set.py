@@ -60,7 +60,7 @@ def write_recordings(folder: Path, count: int, effects: tuple[Effect, ...] = (),
             record(
                 parts["recordings"] / "episodes" / f"{sequence.name}.h5",
                 sequence,
-                CameraSettings(size=80, cameras=4, supersample=1),
+                CameraSettings(size=80, count=4, supersample=1),
             )
         )
         paths = surface_paths(sequence)

@@ -10,8 +10,10 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from plop.dynamics.filter.particle_filter import UpdateConfig
 from plop.dynamics.i2n.model import PlopModel
 from plop.dynamics.i2n.model_io import save_model
+from plop.dynamics.i2n.network import I2NConfig
 from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
 from plop.models import trained_on
@@ -21,7 +23,7 @@ from plop.recordings.set import RecordingSet
 from stages.train import made_up, stage
 from stages.train.lessons import Lessons
 from stages.train.made_up import MadeUp
-from stages.train.settings import TrainConfig
+from stages.train.settings import MadeUpConfig, TrainConfig
 from stages.train.stage import run, train_on
 from tests.support.small_episode import PUSH_M, write_set
 from tests.support.tracked_set import write_engine
@@ -31,11 +33,9 @@ QUICK = TrainConfig(
     image_steps=2,
     batch=2,
     horizon=1,
-    width=4,
-    cells_across=4,
-    filter_iterations=1,
-    made_up=3,
-    made_up_reach=3.0,
+    network=I2NConfig(width=4, cells_across=4),
+    update=UpdateConfig(iterations=1),
+    made_up=MadeUpConfig(reach=3.0, episodes=3),
     jobs=1,
 )
 NAMES = ["episode_0-0", "episode_1-1", "episode_0-2"]
@@ -98,7 +98,7 @@ def test_recorded_episodes_weigh_as_much_as_made_up_ones_and_alone_choose_the_we
 def test_they_change_what_is_learned_and_nothing_when_there_are_none(inputs, trained, tmp_path):
     weights = {}
     for name, config, given in (
-        ("none", replace(QUICK, made_up=0), inputs),
+        ("none", replace(QUICK, made_up=MadeUpConfig(episodes=0)), inputs),
         ("no engine", QUICK, {k: v for k, v in inputs.items() if k != "engine"}),
     ):
         (tmp_path / name).mkdir()
@@ -213,7 +213,7 @@ def test_recordings_are_told_apart_by_content_not_by_the_names_of_their_episodes
     assert run({**inputs, "recordings": own, "engine": other}, QUICK, Output(tmp_path / "out")).figures
 
 
-@pytest.mark.parametrize("setting", [{"made_up": -1}, {"made_up_speed": 0.5}, {"made_up_turn_deg": 200.0}])
-def test_settings_out_of_range_are_refused(inputs, tmp_path, setting):
+@pytest.mark.parametrize("setting", [{"episodes": -1}, {"speed": 0.5}, {"turn_deg": 200.0}])
+def test_settings_out_of_range_are_refused(setting):
     with pytest.raises(PlopError, match=next(iter(setting))):
-        run(inputs, replace(QUICK, **setting), Output(tmp_path))
+        MadeUpConfig(**setting)

@@ -14,15 +14,16 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from plop.dynamics.filter.particle_filter import UpdateConfig
 from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.i2n.network import I2NConfig
 from plop.errors import PlopError
 from plop.models import judges_of, load_model, trained_on
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.train import stage
 from stages.train.form import stray_m
-from stages.train.optimise import Schedule
-from stages.train.settings import TrainConfig
+from stages.train.settings import Schedule, TrainConfig
 from stages.train.stage import run, train_on
 from stages.train.tracks import Track
 from stages.train.windows import draw_windows
@@ -34,16 +35,22 @@ SMALL = TrainConfig(
     image_steps=4,
     batch=2,
     horizon=2,
-    width=8,
-    cells_across=5,
+    network=I2NConfig(width=8, cells_across=5),
     learning_rate=5e-3,
     averaging=0.8,
-    filter_iterations=12,
+    update=UpdateConfig(iterations=12),
     validate_every=77,
     checkpoint_every=5,
 )
 
-QUICK = TrainConfig(track_steps=2, image_steps=1, batch=1, horizon=1, width=4, cells_across=4, filter_iterations=1)
+QUICK = TrainConfig(
+    track_steps=2,
+    image_steps=1,
+    batch=1,
+    horizon=1,
+    network=I2NConfig(width=4, cells_across=4),
+    update=UpdateConfig(iterations=1),
+)
 
 
 @pytest.fixture(scope="module")
@@ -192,12 +199,14 @@ def test_no_training_episode_is_an_error(inputs, tmp_path):
 PROGRAM = """
 import sys
 from pathlib import Path
+from plop.dynamics.filter.particle_filter import UpdateConfig
+from plop.dynamics.i2n.network import I2NConfig
 from plop.pipeline.stage import Input, Output
 from stages.train.settings import TrainConfig
 from stages.train.stage import run
 recordings, init, out = map(Path, sys.argv[1:])
-config = TrainConfig(track_steps=3, image_steps=1, batch=2, horizon=2, width=4, cells_across=4, filter_iterations=1,
-                     validate_every=100)
+config = TrainConfig(track_steps=3, image_steps=1, batch=2, horizon=2, validate_every=100,
+                     network=I2NConfig(width=4, cells_across=4), update=UpdateConfig(iterations=1))
 run({"recordings": Input(recordings), "init": Input(init)}, config, Output(out))
 """
 
@@ -221,7 +230,7 @@ def test_two_processes_have_the_loss_of_one(inputs, tmp_path):
 
 
 def test_the_curriculum_grows_to_the_horizon():
-    plan = Schedule(100, 20, 2, 4, 1e-3, 0.9, 0, True, 10, 10, 0)
+    plan = Schedule(track_steps=100, image_steps=20, horizon=4, learning_rate=1e-3)
     # Equal time for 1, 2 and 4: shares 4/7, 2/7 and 1/7 of the first phase, the longest ever after.
     assert [plan.horizon_at(s) for s in (0, 57, 58, 85, 86, 119)] == [1, 1, 2, 2, 4, 4]
     assert plan.rate_at(11) == pytest.approx(1e-3, rel=0.01)

@@ -9,7 +9,8 @@ pressing tool covers gives way to it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import torch
 from torch import Tensor
@@ -33,30 +34,29 @@ from plop.geometry.rigid import (
 from plop.recordings.recording import Recording
 from plop.render.losses import RenderWeights, Target, render_loss
 from plop.render.rasterizer.rasterize import render
+from plop.setting_kinds import COMMON, Formerly, Range, Settings, Unit, Weight
 
 
 @dataclass(frozen=True)
-class UpdateConfig:
+class UpdateConfig(Settings):
     """How the filter updates a predicted state; the defaults are written only here."""
 
-    iterations: int = 40
-    """Gradient steps a frame."""
-    views: int = 2
-    """Views in each of them, drawn in turn."""
-    cells_across: float = 7.0
+    iterations: Annotated[int, Range(0), Unit("steps"), COMMON, Formerly("filter_iterations")] = 40
+    """Gradient steps of the filter on a frame."""
+    views: Annotated[int, Range(1), Unit("views")] = 2
+    """Views in each of these steps, drawn in turn."""
+    cells_across: Annotated[float, Range(1, 64), Unit("cells")] = 7.0
     """Cells of the displacement grid along the object's longest extent."""
-    step_m: float = 4e-4
-    """First step of Adam on the displacement [m]; falls to a tenth by a cosine."""
-    opacity_step: float = 0.02
-    """Step of Adam on the opacity logit [-]; 0 leaves opacities alone."""
-    isometry: float = 1.0
-    """Weight of the isometry term, counted in units of 0.1 m as depth is [-]."""
-    contact: float = 1.0
-    """Weight of how deep Gaussians lie inside a solid tool, in units of 0.1 m [-]; 0 lets them."""
-    smoothness: float = 0.3
-    """Weight of the difference between neighbouring grid nodes, in units of 0.1 m [-]."""
-    weights: RenderWeights = field(default_factory=RenderWeights)
-    """Weights of the rendering loss."""
+    step_m: Annotated[float, Range(0, 1, above=True), Unit("m")] = 4e-4
+    """First step of Adam on the displacement; falls to a tenth by a cosine."""
+    opacity_step: Weight = 0.02
+    """Step of Adam on the opacity logit; 0 leaves opacities alone."""
+    isometry: Weight = 1.0
+    """Weight of the isometry term, counted in `render.depth_unit_m` as depth is."""
+    contact: Weight = 1.0
+    """Weight of how deep Gaussians lie inside a solid tool that is no blade, in `render.depth_unit_m`; 0 lets them."""
+    smoothness: Weight = 0.3
+    """Weight of the difference between neighbouring grid nodes, in `render.depth_unit_m`."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,7 @@ def run_filter(
     initial: Gaussians,
     config: UpdateConfig,
     *,
+    weights: RenderWeights | None = None,
     cameras: list[str] | None = None,
     generator: torch.Generator | None = None,
     score: bool = True,
@@ -87,6 +88,7 @@ def run_filter(
         recording: The episode.
         initial: Gaussians at frame 0.
         config: The update.
+        weights: Weights of the rendering loss; the usual ones when absent.
         cameras: Cameras to use; all when absent.
         generator: Draws what the model draws.
         score: Measure the innovation per camera (costs two renderings a camera).
@@ -106,7 +108,7 @@ def run_filter(
             pairs, state = pairs.following(lineage), state.select(lineage)
         views = measured_views(recording, frame, cameras, initial.means.device)
         tool = SolidTool.of(actions.tool, actions.world_from_tool[frame])
-        updated = update(predicted, state.gaussians, views, pairs, length, config, tool)
+        updated = update(predicted, state.gaussians, views, pairs, length, config, tool, weights)
         innovation = _innovation(predicted, updated, views) if score else {}
         yield FilterStep(frame, predicted, updated, innovation)
         state = updated
@@ -131,7 +133,9 @@ def _first_ancestors(before: Gaussians, after: Gaussians) -> Tensor | None:
     return best
 
 
-def settled(initial: Gaussians, views: list[Target], config: UpdateConfig, rounds: int) -> Gaussians:
+def settled(
+    initial: Gaussians, views: list[Target], config: UpdateConfig, rounds: int, weights: RenderWeights | None = None
+) -> Gaussians:
     """Update the first frame on its own views, so that it lies where later updates would put it.
 
     A fit weighs colour, depth and shape otherwise than the update does: without this the first step moves the
@@ -142,10 +146,12 @@ def settled(initial: Gaussians, views: list[Target], config: UpdateConfig, round
         views: Measured views of frame 0.
         config: The update.
         rounds: Updates; each begins with a full step again. With none the Gaussians stay as they are.
+        weights: Weights of the rendering loss; the usual ones when absent.
     """
     length = float((initial.means.amax(0) - initial.means.amin(0)).max())
     for _ in range(rounds):
-        initial = update(at_rest(initial), initial, views, Neighbourhood.of(initial.means), length, config).gaussians
+        pairs = Neighbourhood.of(initial.means)
+        initial = update(at_rest(initial), initial, views, pairs, length, config, weights=weights).gaussians
     return initial
 
 
@@ -186,6 +192,7 @@ def update(
     length_m: float,
     config: UpdateConfig,
     tool: SolidTool | None = None,
+    weights: RenderWeights | None = None,
 ) -> ParticleState:
     """Move a predicted state towards the measured views (Eq. 4).
 
@@ -197,6 +204,7 @@ def update(
         length_m: Longest extent of the object [m].
         config: The update.
         tool: Where the tool is in this frame, if nothing can be inside it.
+        weights: Weights of the rendering loss; the usual ones when absent.
 
     Returns:
         Updated state; rotations follow the neighbourhoods' best rotation since the last frame.
@@ -210,7 +218,8 @@ def update(
         groups.append({"params": [unknown.logits], "lr": config.opacity_step})
     optimiser = torch.optim.Adam(groups)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.iterations, eta_min=config.step_m / 10)
-    unit = config.weights.depth_unit_m
+    weights = weights or RenderWeights()
+    unit = weights.depth_unit_m
     for iteration in range(config.iterations):
         moved = unknown.apply()
         loss = (config.isometry * isometry(intact, moved) + config.smoothness * unknown.roughness()) / unit
@@ -218,7 +227,7 @@ def update(
             loss = loss + config.contact * tool.overlap_m(moved.means) / unit
         chosen = [views[(iteration * config.views + k) % len(views)] for k in range(min(config.views, len(views)))]
         for view in chosen:
-            loss = loss + render_loss(render(moved, view.camera), view, config.weights)[0] / len(chosen)
+            loss = loss + render_loss(render(moved, view.camera), view, weights)[0] / len(chosen)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

@@ -7,6 +7,7 @@ decode the update of each particle. No pair of particles is ever looked at.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
@@ -17,6 +18,7 @@ from plop.dynamics.i2n.features import OBJECT_FEATURES, TOOL_FEATURES, FeatureSe
 from plop.dynamics.particle_grid.grid import fit_grid
 from plop.dynamics.particle_grid.kernels import Kernel, build_stencil
 from plop.dynamics.particle_grid.transfer import g2p, p2g
+from plop.setting_kinds import COMMON, Range, Settings, Unit
 
 STRIDE = 4
 """The grid network halves the resolution twice."""
@@ -28,17 +30,17 @@ image 1."""
 
 
 @dataclass(frozen=True)
-class I2NConfig:
-    """Size and form of the network."""
+class I2NConfig(Settings):
+    """Size and form of the network; the defaults are written only here."""
 
     kernel: Kernel = "quadratic"
-    """Transfer kernel: "paper" (8 nodes), "quadratic" (27) or "cubic" (64)."""
-    features: FeatureSet = "contact"
-    """"paper", "contact" (adds the place relative to the tool, and the side of the cut) or "oriented" (and the
-    tool's motion mirrored in the table's x axis)."""
-    width: int = 24
+    """Kernel between particles and grid: "paper" (8 nodes), "quadratic" (27) or "cubic" (64)."""
+    features: Annotated[FeatureSet, COMMON] = "contact"
+    """What a particle tells the network; "contact" adds place and motion relative to the tool, "oriented" also how the
+    table's axes lie: for a table that rubs differently along x and y, as DiSECt's does."""
+    width: Annotated[int, Range(2, 4096)] = 24
     """Channels of particles and of the finest grid."""
-    cells_across: float = 8.0
+    cells_across: Annotated[float, Range(1, 256), Unit("cells")] = 8.0
     """Grid cells along the object's longest extent; sets the spacing h."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from plop.errors import PlopError
 
 IMAGE_KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+BoardKind = Literal["charuco", "chessboard", "marker"]
 MIN_CORNERS = 6
 """Fewer corners of a ChArUco board than this are not used."""
 
@@ -20,7 +22,7 @@ MIN_CORNERS = 6
 class Board:
     """A flat calibration board."""
 
-    kind: str
+    kind: BoardKind
     """"chessboard", "charuco", or "marker" (one ArUco tag)."""
     columns: int = 0
     """Squares along x; of a chessboard the inner corners are one fewer."""
@@ -40,8 +42,8 @@ class Board:
 
     def check(self) -> None:
         """Raise a PlopError when the description cannot be."""
-        if self.kind not in ("chessboard", "charuco", "marker"):
-            raise PlopError("The kind of board is unknown.", expected="chessboard, charuco or marker", found=self.kind)
+        if self.kind not in get_args(BoardKind):
+            raise PlopError("The kind of board is unknown.", expected=" or ".join(get_args(BoardKind)), found=self.kind)
         if self.kind != "marker" and (self.columns < 3 or self.rows < 3):
             raise PlopError(
                 "The board has too few squares.",

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from plop.physics.effects.effect import Effect, at_rest
-from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.config import EngineConfig, TableCone
 from plop.physics.engine.fill import fill_surface
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
@@ -37,13 +37,13 @@ class EngineBase:
     spacing_m: float = SPACING_M
     settled: bool = True
     """The object has carried its own weight before the first frame; else it is free of stress there."""
-    table_cone: str = "round"
+    table_cone: TableCone = "round"
     """See EngineConfig."""
 
     @property
     def config(self) -> EngineConfig:
         """Grid and surroundings; the table's height is the recording's."""
-        return EngineConfig(dx_m=CELLS * self.spacing_m, table_cone=self.table_cone)  # type: ignore[arg-type]
+        return EngineConfig(dx_m=CELLS * self.spacing_m, table_cone=self.table_cone)
 
 
 @lru_cache(maxsize=64)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Annotated
 
 import numpy as np
 
-from plop.errors import PlopError
+from plop.setting_kinds import COMMON, Range, Settings, Unit
 
 
 class ElasticLaw(IntEnum):
@@ -21,59 +22,37 @@ class ElasticLaw(IntEnum):
     """Stable neo-Hookean with the coefficients used as they are (Smith et al. 2018, Eq. 14)."""
 
 
-_RANGES: dict[str, tuple[float, float, str]] = {
-    "youngs_modulus_pa": (50.0, 1e10, "Pa"),
-    "poisson": (-0.9, 0.495, "-"),
-    "density_kg_m3": (1.0, 3e4, "kg/m^3"),
-    "damping_per_s": (0.0, 1e4, "1/s"),
-    "viscosity_pa_s": (0.0, 1e5, "Pa s"),
-    "table_friction": (0.0, 10.0, "-"),
-    "tool_friction": (0.0, 10.0, "-"),
-    "cut_friction": (0.0, 10.0, "-"),
-    "toughness_j_m2": (0.0, 1e5, "J/m^2"),
-    "table_slip_m_s": (0.0, 10.0, "m/s"),
-}
+Friction = Annotated[float, Range(0, 10)]
+"""A coefficient of Coulomb's law."""
 
 
 @dataclass(frozen=True)
-class Material:
+class Material(Settings):
     """Parameters of a homogeneous soft object and of its contacts."""
 
-    youngs_modulus_pa: float = 1.0e4
-    """Young's modulus [Pa]."""
-    poisson: float = 0.4
-    """Poisson's ratio [-]."""
-    density_kg_m3: float = 1000.0
-    """Density at rest [kg/m^3]."""
-    damping_per_s: float = 0.0
-    """Velocity damping: a free velocity falls as exp(-damping t) [1/s]."""
-    viscosity_pa_s: float = 0.0
-    """Kelvin-Voigt viscosity of the deviatoric rate of deformation [Pa s]."""
-    table_friction: float = 0.5
-    """Coulomb friction between object and table [-]."""
-    tool_friction: float = 0.5
-    """Coulomb friction between object and tool [-]."""
-    cut_friction: float = 0.5
-    """Coulomb friction between the two faces of a cut [-]."""
-    toughness_j_m2: float = 0.0
-    """Energy that the tool's edge spends on each square metre of new cut [J/m^2]."""
-    table_slip_m_s: float = 0.0
+    youngs_modulus_pa: Annotated[float, Range(50, 1e10), Unit("Pa"), COMMON] = 1.0e4
+    """Young's modulus."""
+    poisson: Annotated[float, Range(-0.9, 0.495)] = 0.4
+    """Poisson's ratio."""
+    density_kg_m3: Annotated[float, Range(1, 3e4), Unit("kg/m^3")] = 1000.0
+    """Density at rest; with imposed motions only stiffness over density matters."""
+    damping_per_s: Annotated[float, Range(0, 1e4), Unit("1/s")] = 0.0
+    """Velocity damping: a free velocity falls as exp(-damping t)."""
+    viscosity_pa_s: Annotated[float, Range(0, 1e5), Unit("Pa s")] = 0.0
+    """Kelvin-Voigt viscosity of the deviatoric rate of deformation."""
+    table_friction: Friction = 0.5
+    """Coulomb friction between object and table."""
+    tool_friction: Friction = 0.5
+    """Coulomb friction between object and tool."""
+    cut_friction: Friction = 0.5
+    """Coulomb friction between the two faces of a cut."""
+    toughness_j_m2: Annotated[float, Range(0, 1e5), Unit("J/m^2")] = 0.0
+    """Energy that the tool's edge spends on each square metre of new cut."""
+    table_slip_m_s: Annotated[float, Range(0, 10), Unit("m/s")] = 0.0
     """Sliding slower than `table_friction` times this, the table rubs in proportion to the speed, as a wet or creeping
-    contact does: its coefficient is min(table_friction, speed / table_slip) [m/s]. 0: Coulomb's law down to rest."""
+    contact does: its coefficient is min(table_friction, speed / table_slip). 0: Coulomb's law down to rest."""
     law: ElasticLaw = ElasticLaw.NEO_HOOKEAN
     """The elastic energy."""
-
-    def __post_init__(self) -> None:
-        for name, (low, high, unit) in _RANGES.items():
-            value = getattr(self, name)
-            if not (np.isfinite(value) and low <= value <= high):
-                raise PlopError(
-                    "A material parameter is out of range.",
-                    where=name,
-                    expected=f"{low:g} to {high:g} {unit}",
-                    found=f"{value:g}",
-                    fix="Check the unit: lengths are metres, stresses pascals.",
-                )
 
     @property
     def shear_pa(self) -> float:

@@ -6,12 +6,14 @@ What a robot did once tells how it moves this tool; a simulator can carry out wh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from plop.geometry.meshes.tool import ToolGeometry
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.physics.engine.tool_motion import ToolMotion
+from plop.setting_kinds import Range, Settings, Unit
 
 _ASIDE = 0.15
 """Largest shift along the object's extents, as a share of them [-]."""
@@ -21,15 +23,15 @@ _TRIES = 20
 
 
 @dataclass(frozen=True)
-class VariationRanges:
-    """How far motions may differ from the recorded ones."""
+class VariationRanges(Settings):
+    """How far motions may differ from the recorded ones; the defaults are written only here."""
 
-    reach: float
-    """Largest factor of the way along the table; the smallest is 0.5 [-]."""
-    speed: float
-    """Largest factor of the speed; the smallest is its inverse [-]."""
-    turn_deg: float
-    """Largest turn about the vertical through the object's middle [degrees]."""
+    reach: Annotated[float, Range(0, 10)] = 1.6
+    """Largest factor of the way along the table; the smallest is 0.5."""
+    speed: Annotated[float, Range(1, 10)] = 1.4
+    """Largest factor of the speed; the smallest is its inverse."""
+    turn_deg: Annotated[float, Range(0, 180), Unit("deg")] = 20.0
+    """Largest turn about the vertical through the object's middle."""
 
 
 @dataclass(frozen=True)

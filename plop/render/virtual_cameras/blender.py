@@ -27,7 +27,7 @@ from plop.render.virtual_cameras.mesh_raycast import Look
 _SCRIPT = Path(__file__).with_name("blender_scene.py")
 _GET_IT = (
     "Install Blender 4 or 5, or make a virtual environment with `pip install bpy`, and name its executable "
-    "or its python with --blender; or use --renderer raycast."
+    "or its python with --cameras.blender; or use --cameras.renderer raycast."
 )
 
 
@@ -46,7 +46,7 @@ def blender_command(executable: str, scene: Path, folder: Path) -> list[str]:
     if found is None:
         raise PlopError(
             "Blender is not here.",
-            where=f"--blender {executable}",
+            where=f"--cameras.blender {executable}",
             expected="Blender or a Python with bpy",
             found="no such executable",
             fix=_GET_IT,

@@ -46,7 +46,7 @@ NOTHING = Disturbances()
 
 
 def record(
-    path: Path, sequence: MeshSequence, settings: CameraSettings, disturbances: Disturbances = NOTHING
+    path: Path, sequence: MeshSequence, settings: CameraSettings, disturbances: Disturbances = NOTHING, *, seed: int = 0
 ) -> Iterator[float]:
     """Write one recording; yield the share that is done, 0..1.
 
@@ -55,6 +55,7 @@ def record(
         sequence: The episode.
         settings: Cameras, light, noise of depth.
         disturbances: What else is wrong.
+        seed: Of texture and noise; the texture depends on it and on the environment's name only.
 
     Raises:
         PlopError: A camera sees nothing of the object at the start, or Blender is missing or asked for faults.
@@ -62,7 +63,7 @@ def record(
     cameras = cameras_of(sequence, settings)
     images = len(sequence) * len(cameras)
     with ExitStack() as stack:
-        render = disturbed_render(sequence, cameras, settings, disturbances, stack)
+        render = disturbed_render(sequence, cameras, settings, disturbances, stack, seed=seed)
         for done in write_episode(path, sequence, cameras, render):
             yield done / images
 
@@ -71,7 +72,7 @@ def cameras_of(sequence: MeshSequence, settings: CameraSettings) -> list[Camera]
     """Place the cameras around the object at rest."""
     return ring_cameras(
         sequence.rest,
-        count=settings.cameras,
+        count=settings.count,
         size_px=settings.size,
         fov_deg=settings.fov_deg,
         low_deg=settings.low_deg,
@@ -88,6 +89,8 @@ def disturbed_render(
     settings: CameraSettings,
     disturbances: Disturbances,
     stack: ExitStack,
+    *,
+    seed: int = 0,
 ) -> Render:
     """Give the function that renders what a camera records at a frame, faults and noise included.
 
@@ -97,6 +100,7 @@ def disturbed_render(
         settings: Light, texture and noise.
         disturbances: What is wrong with the cameras.
         stack: Closes the renderer.
+        seed: Of texture and noise.
     """
     faults = disturbances.faults
     if faults and settings.renderer == "blender":
@@ -106,12 +110,12 @@ def disturbed_render(
             found="blender",
             fix="Take the renderer raycast, or no faults.",
         )
-    shared = _renderer(sequence, cameras, settings, stack)
+    shared = _renderer(sequence, cameras, settings, stack, seed)
     shown = {
         camera.name: np.array([faults.true_time(camera.name, float(t)) for t in sequence.times]) for camera in cameras
     }
     late = {
-        name: _renderer(resampled(sequence, times), cameras, settings, stack)
+        name: _renderer(resampled(sequence, times), cameras, settings, stack, seed)
         for name, times in shown.items()
         if (times != sequence.times).any()
     }
@@ -122,23 +126,25 @@ def disturbed_render(
         view = late.get(camera.name, shared)(frame, true)
         if disturbances.arm_m:
             view = hide_behind_arm(view, sequence.world_from_tool[frame], sequence.tool_vertices, disturbances.arm_m)
-        seed = (settings.seed, sequence.name, camera.name, frame)
+        own = (seed, sequence.name, camera.name, frame)
         depth = add_depth_noise(
             faults.depth(camera.name, view.depth_m),
             noise_m=settings.depth_noise_m,
             quantization_m=settings.depth_quantization_m,
             dropout=settings.depth_dropout,
-            seed=seed,
+            seed=own,
         )
-        rgb = add_colour_noise(view.rgb, noise=disturbances.colour_noise, seed=seed)
+        rgb = add_colour_noise(view.rgb, noise=disturbances.colour_noise, seed=own)
         return View(camera, rgb, depth, view.mask)
 
     return render
 
 
-def _renderer(sequence: MeshSequence, cameras: list[Camera], settings: CameraSettings, stack: ExitStack) -> Render:
-    seed = seed_from(sequence.environment, settings.seed)
-    texture = SolidTexture.dough(seed) if settings.texture == "dough" else SolidTexture.from_seed(seed)
+def _renderer(
+    sequence: MeshSequence, cameras: list[Camera], settings: CameraSettings, stack: ExitStack, seed: int
+) -> Render:
+    drawn = seed_from(sequence.environment, seed)
+    texture = SolidTexture.dough(drawn) if settings.texture == "dough" else SolidTexture.from_seed(drawn)
     look = Look(texture, Light(settings.ambient, settings.directional))
     if settings.renderer == "raycast":
         return MeshRenderer(sequence, look, supersample=settings.supersample).render

@@ -5,10 +5,11 @@ from __future__ import annotations
 import colorsys
 import hashlib
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-TEXTURES = ("waves", "dough")
+Texture = Literal["waves", "dough"]
 """What an object may look like: strong colours that tell every place from every other, or a plausible soft object."""
 _DOUGHS = ((0.80, 0.62, 0.40), (0.76, 0.50, 0.36), (0.66, 0.58, 0.34), (0.72, 0.42, 0.40))
 """Colours of crust, caramel, pistachio and red bean."""

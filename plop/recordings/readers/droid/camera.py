@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -27,29 +27,41 @@ from plop.recordings.readers.droid.pose import check_pose, pose_from_json
 from plop.recordings.readers.droid.trajectory import DroidTrajectory
 from plop.recordings.readers.droid.video import DroidVideo, find_video
 from plop.recordings.readers.side_pictures import find_side_pictures
+from plop.setting_kinds import Formerly, Range, Settings, Unit
 
 BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
 """Distance between the eyes as built [m]."""
 
 
 @dataclass(frozen=True)
-class DroidCameraSettings:
+class DroidCameraSettings(Settings):
     """What a user may have to tell about DROID cameras; the defaults are written only here."""
 
-    exterior_focal_px: float = 0.0
-    """Focal length of exterior cameras without intrinsics, at 1280 px width [px] (ZED 2: about 530); 0 = none."""
-    wrist_focal_px: float = 0.0
-    """Focal length of a wrist camera without intrinsics, at 1280 px width [px] (ZED Mini: about 733); 0 = none."""
-    baseline_m: float = 0.0
-    """Distance between the eyes of every stereo camera [m]; 0 = from its left and right extrinsics."""
-    match_width: int = 640
-    """Width at which stereo pairs are matched [px]."""
-    nearest_m: float = 0.2
-    """Nearest depth that stereo matching looks for [m]."""
-    farthest_m: float = 2.5
-    """Farther stereo depth is dropped [m]."""
-    camera_delay_ms: float = 0.0
-    """How much earlier than its time stamp says a picture was taken [ms]; `plop calibrate` measures it."""
+    exterior_focal_px: Annotated[float, Range(0, 1e5), Unit("px")] = 0.0
+    """Focal length of exterior cameras without intrinsics, at 1280 px width (ZED 2: about 530); 0 = none."""
+    wrist_focal_px: Annotated[float, Range(0, 1e5), Unit("px")] = 0.0
+    """Focal length of a wrist camera without intrinsics, at 1280 px width (ZED Mini: about 733); 0 = none."""
+    baseline_m: Annotated[float, Range(0, 1), Unit("m")] = 0.0
+    """Distance between the eyes of every stereo camera; 0 = from its left and right extrinsics."""
+    match_width: Annotated[int, Range(16, 8192), Unit("px")] = 640
+    """Width at which stereo pairs are matched."""
+    nearest_m: Annotated[float, Range(0.01, 100), Unit("m")] = 0.2
+    """Nearest depth that stereo matching looks for."""
+    farthest_m: Annotated[float, Range(0.01, 1000), Unit("m")] = 2.5
+    """Farther stereo depth is dropped."""
+    delay_ms: Annotated[float, Range(-1e4, 1e4), Unit("ms"), Formerly("camera_delay_ms")] = 0.0
+    """How much earlier than its time stamp says a picture was taken; `plop calibrate` measures it."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.farthest_m < self.nearest_m:
+            raise PlopError(
+                "The farthest depth is nearer than the nearest.",
+                where="cameras.farthest_m, cameras.nearest_m",
+                expected=f"farthest_m of {self.nearest_m:g} m or more",
+                found=f"{self.farthest_m:g} m",
+                fix="Raise farthest_m, or lower nearest_m.",
+            )
 
 
 @dataclass(frozen=True)
@@ -156,7 +168,7 @@ def _opened(
     frame_of_row, more = frames_of_rows(received, video.frames, stamps, trajectory.origin_ns, video.path)
     warnings += more
     captured = capture_times(trajectory.captured_ms.get(serial, unknown), received, trajectory.robot_time_ms)
-    captured = captured - options.settings.camera_delay_ms
+    captured = captured - options.settings.delay_ms
     poses, stored, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
     warnings += more
     focal = options.settings.wrist_focal_px if wrist else options.settings.exterior_focal_px
@@ -298,16 +310,16 @@ def _baseline(
             where=where,
             expected="1 to 50 cm",
             found=f"{measured:.4f} m",
-            fix="Correct the extrinsics, or set baseline_m.",
+            fix="Correct the extrinsics, or set cameras.baseline_m.",
         )
     nearest = min(BASELINES_M.values(), key=lambda built: abs(built - measured))
     if abs(measured - nearest) > 0.02 * nearest:
         text = (
             f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
             f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
-            "set baseline_m if you know it"
+            "set cameras.baseline_m if you know it"
         )
-        return measured, [Noticed(text, Cause.DEPTH, "Set baseline_m.")]
+        return measured, [Noticed(text, Cause.DEPTH, "Set cameras.baseline_m.")]
     return measured, []
 
 

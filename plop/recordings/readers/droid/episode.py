@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
@@ -16,20 +17,27 @@ from plop.recordings.readers.droid.notes import EpisodeNotes, read_notes
 from plop.recordings.readers.droid.tool import tool_mesh
 from plop.recordings.readers.droid.trajectory import DroidTrajectory, read_trajectory
 from plop.recordings.recording import Mesh
+from plop.setting_kinds import Range, Settings, Unit
 
 LONGEST_GAP_S = 0.5
 
 
 @dataclass(frozen=True)
-class RowChoice:
-    """Which rows of a trajectory to keep."""
+class RowChoice(Settings):
+    """Which rows of a trajectory to keep; the defaults are written only here."""
 
     keep_skipped: bool = False
-    idle_s: float = 1.0
-    idle_m: float = 0.002
-    stride: int = 1
-    min_frames: int = 2
-    scan_frames: int = 40
+    """Keep rows with skip_action."""
+    idle_s: Annotated[float, Range(0, 1e6), Unit("s")] = 1.0
+    """Stretches in which the robot stands still are cut to this length; 0 = kept whole."""
+    idle_m: Annotated[float, Range(0, 1), Unit("m")] = 0.002
+    """Movement of the flange that counts as standing still."""
+    stride: Annotated[int, Range(1, 1e4)] = 1
+    """Keep every n-th row."""
+    min_frames: Annotated[int, Range(2, 1e6), Unit("frames")] = 5
+    """Episodes with fewer are skipped."""
+    scan_frames: Annotated[int, Range(1, 1e4), Unit("frames")] = 40
+    """Most frames of the wrist camera's scan."""
 
 
 @dataclass(frozen=True)
@@ -164,14 +172,14 @@ def _choose_rows(
     rows = active_rows(trajectory.flange, time_ms / 1000, rows, idle_s=choice.idle_s, idle_m=choice.idle_m)
     dropped = last + 1 - first - len(rows)
     rows = rows[:: choice.stride]
-    if len(rows) < max(2, choice.min_frames):
+    if len(rows) < choice.min_frames:
         raise PlopError(
             "Too few frames are left of the episode.",
             where=f"{trajectory.path}: rows {first}..{last}",
-            expected=f"{max(2, choice.min_frames)} or more",
+            expected=f"{choice.min_frames} or more",
             found=f"{len(rows)} ({int(trajectory.skipped[first : last + 1].sum())} rows have skip_action, "
             f"{int((~has_frame[first : last + 1]).sum())} have no frame)",
-            fix="Leave the episode out, or set keep_skipped / idle_s / min_frames.",
+            fix="Leave the episode out, or set rows.keep_skipped / rows.idle_s / rows.min_frames.",
         )
     check_speed(trajectory.flange[rows], time_ms[rows], str(trajectory.path))
     if dropped:

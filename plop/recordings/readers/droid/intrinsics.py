@@ -63,7 +63,7 @@ def find_intrinsics(
             where=f"{episode.folder}: camera {serial}",
             expected="observation/camera_intrinsics in trajectory.h5, or intrinsics.json in the raw folder",
             found="neither: the raw release keeps them inside the SVO files only",
-            fix="Bring intrinsics.json, or set exterior_focal_px / wrist_focal_px "
+            fix="Bring intrinsics.json, or set cameras.exterior_focal_px / cameras.wrist_focal_px "
             "(HD720: about 530 for a ZED 2, 733 for a ZED Mini).",
         )
     matrix, more = _fit_to_size(matrix, width, height, where)
