@@ -15,7 +15,6 @@ import math
 import numbers
 import types
 import typing
-from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -189,8 +188,6 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def _numbers(value: Any) -> list[float]:
-    if isinstance(value, Mapping):
-        value = list(value.values())
     if isinstance(value, (tuple, list)):
         return [number for part in value for number in _numbers(part)]
     return [float(value)] if isinstance(value, numbers.Real) and not isinstance(value, (bool, enum.Enum)) else []

@@ -13,7 +13,7 @@ from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError
 from plop.pipeline.execute import raw_content
 from plop.pipeline.registry import places, stage_ref
-from plop.pipeline.settings import resolve
+from plop.pipeline.settings import resolve, settings_of
 from plop.pipeline.settings_file import flat_values
 from plop.pipeline.stage import Stage
 from plop_cli.console import Console, format_seconds
@@ -80,7 +80,9 @@ def _stale(store: Store, artifacts: list[Artifact]) -> dict[Key, str]:
         stage = stages.get(command)
         if stage is None:
             return None
-        config = resolve(stage.config, command, ("manifest", dict(flat_values(artifact.manifest.config))))
+        known = {setting.key for setting in settings_of(stage.config)}
+        recorded = {key: value for key, value in flat_values(artifact.manifest.config) if key in known}
+        config = resolve(stage.config, command, ("manifest", recorded))
         return raw_content(store, stage, path, config)
 
     reasons = stale_reasons(store, artifacts, versions, raw_digest)

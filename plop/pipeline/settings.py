@@ -1,8 +1,8 @@
 """Settings of a stage: defaults of its dataclass, then plop.toml, then the command line.
 
-Written by hand: tyro and jsonargparse read such dataclasses, too, but would replace only the 15 lines that make an
-option of a setting. They know nothing of layers with their source, of ranges with units or of renamed keys, and end
-the process with their own message where a PlopError is due.
+Kept by hand: tyro (tried, 1.0) and jsonargparse would replace the making of options and no more, since they take nan,
+know neither ranges with units nor which of plop.toml, `--set` and the command line a value came from, and end the
+process with a message of their own where a PlopError is due.
 """
 
 from __future__ import annotations
