@@ -37,7 +37,9 @@ class Range:
 
     def text(self, unit: str = "") -> str:
         """Write it for people, with a unit; empty where every number is good."""
-        low, high = (f"{end:g}".replace("e+0", "e").replace("e-0", "e-") for end in (self.low, self.high))
+        low, high = (
+            f"{end:g}".replace("e+", "e").replace("e0", "e").replace("e-0", "e-") for end in (self.low, self.high)
+        )
         if self.high < math.inf:
             text = f"{'more than ' if self.above else ''}{low} to {high}"
         elif self.low > -math.inf:
