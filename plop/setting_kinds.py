@@ -205,7 +205,7 @@ def describe(kind: Any) -> str:
             return f"{describe(parts[0])}, ..."
         return ", ".join(describe(part) for part in parts)
     if choices := Kind(kind).choices:
-        return "|".join(choices)
+        return " or ".join(choices)
     if kind is type(None):
         return "none"
     return {int: "integer", float: "number", str: "text", bool: "yes/no"}.get(kind, str(kind))

@@ -199,7 +199,7 @@ def test_wrong_settings_are_told_before_anything_is_made_on_the_way(store, monke
     }
     for command, *words, told in (
         ("diagnose", "--effects", "tilf", "Did you mean tilt?"),
-        ("diagnose", "--shams", "3", "Too few shams"),
+        ("diagnose", "--shams", "3", "49 or more"),
         ("compare", "--split", "tset", "train or test or all"),
         ("identify", "--fit", "poison", "mean poisson?"),
         ("report", "--frames", "-1", "2 or more"),
