@@ -70,6 +70,7 @@ def loss_ms() -> float:
 
 def main() -> int:
     """Fit the first episode of each recording set."""
+    from plop.pipeline.settings import resolve
     from plop.pipeline.stage import Input, Output
     from stages.fit_init.stage import STAGE
 
@@ -91,7 +92,7 @@ def main() -> int:
         out = options.out / folder.name
         out.mkdir(parents=True, exist_ok=True)
         started, used = time.perf_counter(), time.process_time()
-        STAGE.run(inputs, STAGE.config(**{"episodes": first, **settings}), Output(out))
+        STAGE.run(inputs, resolve(STAGE.config, "fit-init", ("--set", {"episodes": first, **settings})), Output(out))
         score = json.loads((out / first / "fit.json").read_text())
         keys = ("gaussians", "inner", "held_out", "psnr_db", "psnr_black_db", "depth_error_mm", "coverage")
         seconds = {"wall_s": round(time.perf_counter() - started, 1), "cpu_s": round(time.process_time() - used, 1)}
@@ -102,12 +103,12 @@ def main() -> int:
 def rope(folder: Path, settings: dict[str, object]) -> dict[str, object]:
     """Fit the photographs of the rope: all four, then each one scored by a fit to the other three."""
     from benchmarks.rope import rope_surface, rope_views
-    from plop.render.losses import RenderWeights
+    from plop.pipeline.settings import resolve
     from stages.fit_init.episode import fit_object
     from stages.fit_init.held_out import score_view
     from stages.fit_init.stage import FitInitConfig
 
-    config = FitInitConfig(**{"filling": "none", "render": RenderWeights(depth=0.0), **settings})  # type: ignore[arg-type]
+    config = resolve(FitInitConfig, "fit-init", ("--set", {"filling": "none", "render.depth": 0.0, **settings}))
     views, surface = rope_views(folder), rope_surface(folder)
     shell, _ = fit_object(surface, views, None, config)
     fitted = [score_view(shell, view)[0].psnr_db for view in views]
