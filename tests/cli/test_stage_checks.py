@@ -129,6 +129,7 @@ def test_the_reference_has_a_row_for_every_setting() -> None:
         for setting in settings(ref):
             (row,) = [line for line in lines if line.startswith(f"| `{setting.key}`")]
             assert len(re.findall(r"(?<!\\)\|", row)) == 7, row
+    assert "cuda:&lt;number>" in reference["train"] and "`animation/frame_<number>.ply`" in reference["rollout"]
     assert "| `horizon` | integer | `4` | frames | 1 or more |" in reference["train"]
     assert "| `render.depth_unit_m` | number | `0.1` | m | 1e-6 to 1e6 |" in reference["fit-init"]
 
