@@ -44,7 +44,7 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
         console.warn(error.render())
     if len(shown) < len(artifacts):
         console.say(
-            f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them, `plop gc` removes them"
+            f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them, `plop gc` lists what can go"
         )
     for stage, fingerprint in unfinished(store):
         console.say(f"unfinished: {stage}@{fingerprint[:8]}; the same command goes on with it")

@@ -236,7 +236,8 @@ def _unobserved() -> None:
     profiler = worker.periodic_callbacks.get("profile")
     if profiler is not None and profiler.is_running():
         stopped = Event()
-        worker.loop.add_callback(lambda: (profiler.stop(), stopped.set()))
+        worker.loop.add_callback(profiler.stop)
+        worker.loop.add_callback(stopped.set)
         stopped.wait(timeout=60)
 
 
