@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.handeye.solve import difference
+from plop.geometry.handeye.solve import HAND_EYE_METHODS, difference
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.geometry.view import MaskLabel
