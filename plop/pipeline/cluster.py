@@ -209,7 +209,13 @@ def make(
     sources = given({name: spelt(value) for name, value in inputs.items()})
     with trusting(trust_effects):
         outcome = execute(
-            ref.load(), store=Store(workspace), config=config, inputs=sources, command=ref.command, force=force
+            ref.load(),
+            store=Store(workspace),
+            config=config,
+            inputs=sources,
+            command=ref.command,
+            force=force,
+            mapper=spread,
         )
     return Made(outcome.artifact.key, outcome.skipped, outcome.seconds, outcome.warnings)
 

@@ -140,7 +140,7 @@ def in_processes(task: Callable[[str], Piece], names: Sequence[str], jobs: int, 
 
     with parallel_config("loky", initializer=_end_with_parent, initargs=(os.getpid(),)):
         parallel = Parallel(n_jobs=processes(jobs, len(names)), return_as="generator_unordered")
-    return iter(parallel(delayed(_in_child)(task, os.getpid(), name) for name in names))
+    return iter(parallel(delayed(_in_child)(task, os.getpid(), os.getcwd(), name) for name in names))
 
 
 def _carried_out(
@@ -211,8 +211,9 @@ def _shifted(progress: Progress, done: float, total: int, name: str) -> Progress
     return shifted
 
 
-def _in_child(task: Callable[[str], Piece], parent: int, name: str) -> Piece:
+def _in_child(task: Callable[[str], Piece], parent: int, folder: str, name: str) -> Piece:
     _end_with_parent(parent)  # older versions of joblib call no initializer
+    os.chdir(folder)  # a process that is used again is where its first caller was; raw data may have relative paths
     return task(name)
 
 
