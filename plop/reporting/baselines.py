@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from plop.reporting.colours import PERSISTENCE, RIGID
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.errors_over import error_over, judged_on
-from plop.reporting.html import number
+from plop.reporting.numbers import number
 
 
 @dataclass(frozen=True)
