@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from plop.diagnosis.finding import GAIN_LEAST
 from plop.diagnosis.limits import Limit
 from plop.diagnosis.result import Diagnosis, Ranked
+from plop.diagnosis.verdict import VerdictKind
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,10 @@ class DiagnosisSection:
     """Largest share on the scale of the ranking."""
     limits: list[tuple[str, Limit]]
     """By effect, the smallest displacement first."""
+    says: str
+    """The verdict's own sentence; "" where headline and ranking say all of it."""
     closed: float | None
-    """Share of the explainable gap that the best effect closes; None where the verdict's sentence says it already."""
+    """Share of the explainable gap that the best law closes; None where that sentence says it already."""
 
     def stiff(self, row: Ranked) -> bool:
         """Tell whether a law would help only with the base as it is."""
@@ -36,8 +39,9 @@ def diagnosis_section(label: str, found: Diagnosis) -> DiagnosisSection:
     """Put a diagnosis of the model `label` in order."""
     idle = [row for row in found.ranking if row.gain <= 0 and row.effect not in found.verdict.named]
     rows = [*found.ranking, found.base]
+    says = "" if found.verdict.kind == VerdictKind.EFFECT and len(found.named) == 1 else found.verdict.text
     # the verdict's sentence says it of what is named; beside a base parameter the best effect's share says nothing
-    closed = None if found.verdict.named or (found.closed_share or 0) <= 0 else min(found.closed_share or 0, 1)
+    known = found.closed_share is not None and found.closed_share > 0 and not (says and found.verdict.named)
     return DiagnosisSection(
         label,
         found,
@@ -45,5 +49,6 @@ def diagnosis_section(label: str, found: Diagnosis) -> DiagnosisSection:
         idle,
         min(max([row.gain + row.gain_error for row in rows if row.gain > 0] + [0.05]), 1.0),
         sorted(found.limits.items(), key=lambda pair: pair[1].displacement_m or float("inf")),
-        closed,
+        says,
+        min(found.closed_share or 0, 1) if known else None,
     )

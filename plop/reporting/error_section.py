@@ -39,7 +39,7 @@ class Chart:
     """Bars in groups.
 
     Bars of the background do not set the scale beyond twice what the others need: where nothing moves is often so far
-    off that the models could not be told apart. A bar that is cut off so ends in a fade; its value stands beside it.
+    off that the models could not be distinguished. A bar that is cut off so ends in a fade; its value stands beside it.
     """
 
     title: str
@@ -58,12 +58,12 @@ def where_section(facts: ReportFacts) -> list[Chart]:
     """Draw the error by phase, distance, height and camera."""
     tables = [c.errors.tables for c in facts.compared]
     charts = [
-        _chart(facts, "By phase: error", [t.phase for t in tables]),
-        _chart(facts, "By distance to the tool in mm: error", [t.distance for t in tables]),
-        _chart(facts, "By height above the table in mm: error", [t.height for t in tables]),
+        _chart(facts, "Error by phase [mm]", [t.phase for t in tables]),
+        _chart(facts, "Error [mm] by distance to the tool [mm]", [t.distance for t in tables]),
+        _chart(facts, "Error [mm] by height above the table [mm]", [t.height for t in tables]),
     ]
     if tables[0].camera:
-        charts.append(_chart(facts, "By camera: mean difference in depth", [t.camera for t in tables]))
+        charts.append(_chart(facts, "Mean depth difference by camera [mm]", [t.camera for t in tables]))
     return charts
 
 

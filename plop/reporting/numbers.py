@@ -27,5 +27,7 @@ def percent(share: float) -> str:
 
 
 def unbroken(sentence: str) -> str:
-    """Keep a number and its unit on one line."""
-    return sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace(" mm", "\N{NO-BREAK SPACE}mm")
+    """Keep a number on one line with its unit and its name."""
+    for broken in (" %", " mm", " = "):
+        sentence = sentence.replace(broken, broken.replace(" ", "\N{NO-BREAK SPACE}"))
+    return sentence

@@ -1,4 +1,4 @@
-"""The top of a report: the headline, where a baseline is better than a model, and the figures that carry it."""
+"""The top of a report: the headline, where a baseline is better than a model, and the figures behind it."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def worst(compared: Compared) -> str:
     return (
         f"The model {compared.label} is off by {number(whole.rms_mm)} mm{times}, most in episode "
         f"{episode.label} ({number(episode.rms_mm)} mm) and in the phase {phase.label} "
-        f"({number(phase.rms_mm)} mm), and what it is missing has not been looked for (plop diagnose "
-        "does)."
+        f"({number(phase.rms_mm)} mm), and what it is missing was not looked for (`plop "
+        "diagnose` does that)."
     )
 
 
@@ -79,13 +79,13 @@ def _held_out(facts: ReportFacts) -> str:
         return f"Held out of every fit: {', '.join(facts.held_out)}{others}."
     if fitted:
         rest = [name for name in every if name not in fitted]
-        free = f" Neither fitted to nor kept for the test: {', '.join(rest)}." if rest else ""
+        free = f" Neither fitted to nor held out: {', '.join(rest)}." if rest else ""
         which = ", ".join(fitted) if rest else "all of them"
         return (
-            f"None of these episodes was held out: {which} took part in a fit, so that the error in new recordings "
-            f"may be larger.{free}"
+            f"None of these episodes was held out: {which} took part in a fit, so the error on new recordings may be "
+            f"larger.{free}"
         )
-    return "Which of these episodes were held out of the fit is not known here."
+    return "It is not known which of these episodes were held out of the fit."
 
 
 def _figures(facts: ReportFacts) -> list[Figure]:
@@ -96,21 +96,21 @@ def _figures(facts: ReportFacts) -> list[Figure]:
     if len(facts.compared) > 1:
         models = f"{facts.compared[0].label} to {facts.compared[-1].label}"
         figures = [
-            Figure(f"{number(before['rms'])} → {number(after['rms'])} mm", f"error on {name}, {models}"),
-            Figure(gap_text(closed_gap(before, after)), "of the way from there to the noise floor"),
+            Figure(f"{number(before['rms'])} → {number(after['rms'])} mm", f"RMS error on {name}, {models}"),
+            Figure(gap_text(closed_gap(before, after)), "of the gap to the noise floor closed"),
         ]
     else:
         times = before["rms"] / before["floor"] if before["floor"] else None
         figures = [
-            Figure(f"{number(before['rms'])} mm", f"error on {name}, RMS"),
+            Figure(f"{number(before['rms'])} mm", f"RMS error on {name}"),
             Figure(number(times, 1), "times the noise floor"),
         ]
-    figures += [Figure(f"{number(before[b.key])} mm", b.label) for b in BASELINES]
-    return [*figures, Figure(f"{number(before['floor'])} mm", "noise floor"), *_explained(facts)]
+    baselines = [Figure(f"{number(before[b.key])} mm", f"baseline: {b.label}") for b in BASELINES]
+    return [*figures, *_explained(facts), *baselines, Figure(f"{number(before['floor'])} mm", "noise floor")]
 
 
 def gap_text(share: float | None) -> str:
-    """Write how much of the way to the noise floor is gone; an error that has grown is not a negative share."""
+    """Write how much of the gap to the noise floor is closed; an error that has grown is not a negative share."""
     return "–" if share is None else "worse" if share < 0 else percent(share)
 
 
