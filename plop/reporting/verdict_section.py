@@ -65,8 +65,8 @@ def worst(compared: Compared) -> str:
     return (
         f"The model {compared.label} is off by {number(whole.rms_mm)} mm{times}, most in episode "
         f"{episode.label} ({number(episode.rms_mm)} mm) and in the phase {phase.label} "
-        f"({number(phase.rms_mm)} mm), and what it is missing was not looked for (`plop "
-        "diagnose` does that)."
+        f"({number(phase.rms_mm)} mm), and what it is missing was not looked for (plop "
+        "diagnose does that)."
     )
 
 
