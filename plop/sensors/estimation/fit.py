@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from plop.sensors.estimation.camera_frames import CameraScene
-from plop.sensors.estimation.parameters import COUNT, PRIOR_WIDTH, SLICES, TOTAL
+from plop.sensors.estimation.parameters import COUNT, LINEAR, PRIOR_WIDTH, SLICES, TOTAL
 from plop.sensors.estimation.residuals import PATTERNS, Rows, residuals
 
 BLURS_PX = (3.0, 2.0, *([1.2] * 8))
@@ -69,7 +69,10 @@ class CameraFit:
 
 
 def fit_camera(scene: CameraScene) -> CameraFit:
-    """Minimise the Huber loss of all residuals by Gauss-Newton (Huber 1964, iteratively reweighted)."""
+    """Minimise the Huber loss of all residuals (Huber 1964, iteratively reweighted) by damped Gauss-Newton.
+
+    Where the data tell little the point of linearisation stays (Levenberg 1944): far off, residuals are of other things.
+    """
     basis = np.eye(TOTAL)[:, :COUNT]
     unknown = np.zeros(TOTAL + 2 * PATTERNS, bool)
     for name in CHANGING:
@@ -82,7 +85,8 @@ def fit_camera(scene: CameraScene) -> CameraFit:
         shares = [sighting.share for sighting in some]
         evidence = _evidence(frames, shares, sigmas, blur, np.r_[deviation, np.zeros(2 * PATTERNS)], unknown)
         values, covariance = evidence.about(basis)
-        step = np.clip(values - deviation[:COUNT], -PRIOR_WIDTH[:COUNT], PRIOR_WIDTH[:COUNT])
+        precision = np.linalg.inv(covariance)
+        step = np.linalg.solve(precision + np.diag(LINEAR[:COUNT] ** -2.0), precision @ (values - deviation[:COUNT]))
         if blur == BLURS_PX[-1] and (np.abs(step) < ENOUGH * np.sqrt(np.diag(covariance))).all():
             break
         deviation[:COUNT] += step

@@ -25,3 +25,5 @@ _WIDTHS = {"s": 0.2, "-": 0.1, "m": 0.05, "rad": 0.1}
 PRIOR_WIDTH = np.array([_WIDTHS[p.unit] for p in _FLAT])
 """Standard deviation of a weak prior around 'absent', shape [19]: what the data do not tell stays there, with this
 as its standard error."""
+LINEAR = 5 * np.array([p.step for p in _FLAT])
+"""Change within which residuals are nearly linear, shape [19]: 5 ms, mm, mrad or parts in a thousand."""
