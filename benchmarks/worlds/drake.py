@@ -29,7 +29,7 @@ from plop.recordings.readers.mesh.sequence import MeshSequence
 
 LAWS = {"linear": "kLinear", "corotated": "kCorotated", "linear-corotated": "kLinearCorotated", "neo-hookean": "kNeoHookean"}
 _TOOL_KG = 1e5
-_TABLE_M = 0.02
+_TABLE_M = 0.1
 _ROUGH = 1e6
 """Friction of the soft body: that of a pair is 2ab/(a + b), so that half of what is wanted at table and tool gives it."""
 
@@ -82,7 +82,7 @@ def _built(world: World, mesh: TetrahedralMesh, tool: ToolMotion, folder: Path) 
     plant.set_discrete_contact_approximation(plants.DiscreteContactApproximation.kLagged)
     plant.mutable_gravity_field().set_gravity_vector(world.gravity_m_s2)
     slab, below = geometry.Box(1.0, 1.0, _TABLE_M), [0, 0, -_TABLE_M / 2]
-    _collides(plant, plant.world_body(), slab, world, world.table_friction, below, "table")
+    _collides(plant, plant.world_body(), slab, world, world.table_friction, below, _TABLE_M / 2, "table")
     body = _soft_body(plant, world, mesh, folder)
     moved = _tool(plant, world, tool, folder)
     plant.Finalize()
@@ -90,12 +90,12 @@ def _built(world: World, mesh: TetrahedralMesh, tool: ToolMotion, folder: Path) 
 
 
 def _collides(
-    plant: Any, body: Any, shape: Any, world: World, friction: float, place: list[float], name: str
+    plant: Any, body: Any, shape: Any, world: World, friction: float, place: list[float], depth_m: float, name: str
 ) -> None:
-    """Give a rigid body a shape that soft bodies touch."""
+    """Give a rigid body a shape that soft bodies touch; `depth_m` is how far its middle lies below the face [m]."""
     geometry, maths, plants = needed("pydrake.geometry"), needed("pydrake.math"), needed("pydrake.multibody.plant")
     properties = geometry.ProximityProperties()
-    geometry.AddCompliantHydroelasticProperties(0.01, world.contact_pa, properties)
+    geometry.AddCompliantHydroelasticProperties(0.01, world.contact_pa_m * depth_m, properties)
     geometry.AddContactMaterial(friction=plants.CoulombFriction(friction / 2, friction / 2), properties=properties)
     plant.RegisterCollisionGeometry(body, maths.RigidTransform(place), shape, name, properties)
 
@@ -134,7 +134,8 @@ def _tool(plant: Any, world: World, tool: ToolMotion, folder: Path) -> Any:
     path = folder / "tool.obj"
     turned = tool.vertices @ tool.world_from_tool[0, :3, :3].T
     path.write_text(_obj(turned, tool.faces), encoding="ascii")
-    _collides(plant, parent, geometry.Convex(str(path)), world, world.tool_friction, [0, 0, 0], "tool")
+    depth_m = float(np.ptp(turned[:, 2])) / 2
+    _collides(plant, parent, geometry.Convex(str(path)), world, world.tool_friction, [0, 0, 0], depth_m, "tool")
     return instance
 
 

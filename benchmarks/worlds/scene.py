@@ -51,8 +51,8 @@ class World:
     tool_friction: float = 0.5
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     """Tilt of the table: gravity leans so far towards +x and towards +y [deg]."""
-    contact_pa: float = 1e6
-    """How hard table and tool are: pressure at which their middle would be reached [Pa]. Drake's own 1e7 makes the
+    contact_pa_m: float = 2e7
+    """How hard table and tool are: pressure over penetration [Pa/m]. Drake's own default, 2e8 for this table, makes the
     contact rattle in every time step, so that a block creeps down a tilt on which it ought to stick."""
     cells_m: float = 0.010
     """Edge of the mesh's cells, each of six tetrahedra [m]."""
