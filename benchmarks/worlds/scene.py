@@ -54,7 +54,9 @@ class World:
     contact_pa_m: float = 2e7
     """How hard table and tool are: pressure over penetration [Pa/m]. Drake's own default, 2e8 for this table, makes the
     contact rattle in every time step, so that a block creeps down a tilt on which it ought to stick."""
-    cells_m: float = 0.010
+    contact_time_s: float = 0.004
+    """Time in which MuJoCo's soft contact gives way and comes back [s]; twice the time step at least."""
+    cells_m: float = 0.007
     """Edge of the mesh's cells, each of six tetrahedra [m]."""
     time_step_s: float = 0.002
 
@@ -127,6 +129,12 @@ def tetrahedral_mesh(world: World) -> TetrahedralMesh:
     inverted = _volumes(nodes, tetrahedra) < 0
     tetrahedra[inverted, :2] = tetrahedra[inverted, 1::-1]
     return TetrahedralMesh(nodes, tetrahedra, body.surface, _boundary(tetrahedra, body.surface))
+
+
+def node_volumes(mesh: TetrahedralMesh) -> np.ndarray:
+    """Give each node a quarter of every tetrahedron around it, [N] [m^3]."""
+    share = np.repeat(_volumes(mesh.nodes, mesh.tetrahedra) / 4, 4)
+    return np.bincount(mesh.tetrahedra.ravel(), share, len(mesh.nodes))
 
 
 def _volumes(nodes: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:

@@ -52,8 +52,9 @@ class IdentifyConfig:
     """Friction between the faces of a cut [-]."""
     toughness_j_m2: float = 0.0
     """Energy of new cut surface [J/m^2]."""
-    table_slip_m_s: float = 0.0
-    """Slip speed of the table, below which it rubs in proportion to the speed [m/s]; 0 is Coulomb's law."""
+    table_slip_m_s: float = 0.003
+    """First guess of the table's slip speed, below which it rubs in proportion to the speed [m/s]; 0 is Coulomb's law,
+    if it is not fitted."""
     table_cone: str = "round"
     """Friction cone at the table: "round", or "pyramid" as some simulators have it."""
     start: str = "auto"
@@ -214,7 +215,7 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=8,
+    version=9,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={
