@@ -217,7 +217,7 @@ def _values(texts: tuple[str, ...]) -> dict[str, float]:
 
 STAGE = Stage(
     name="augment",
-    version=5,
+    version=6,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

@@ -242,7 +242,7 @@ def _summary(fields: list[ErrorField], found: dict[str, list[dict[str, Any]]], l
 
 STAGE = Stage(
     name="compare",
-    version=7,
+    version=8,
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={

@@ -240,7 +240,7 @@ def _same_object(model: Path, recordings: RecordingSet, episodes: list[Episode])
 
 STAGE = Stage(
     name="diagnose",
-    version=31,
+    version=32,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={
