@@ -14,20 +14,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks.worlds.needs import needed
-from benchmarks.worlds.scene import (
-    SETTLE_S,
-    Motion,
-    TetrahedralMesh,
-    World,
-    as_sequence,
-    tetrahedral_mesh,
-    tool_motion,
-)
+from benchmarks.worlds.scene import SETTLE_S, Motion, TetrahedralMesh, World, as_sequence, tetrahedral_mesh, tool_motion
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.names import one_of
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
-LAWS = {"linear": "kLinear", "corotated": "kCorotated", "linear-corotated": "kLinearCorotated", "neo-hookean": "kNeoHookean"}
+LAWS = {
+    "linear": "kLinear",
+    "corotated": "kCorotated",
+    "linear-corotated": "kLinearCorotated",
+    "neo-hookean": "kNeoHookean",
+}
 _TOOL_KG = 1e5
 _TABLE_M = 0.1
 _ROUGH = 1e6
@@ -146,7 +143,13 @@ def _obj(vertices: np.ndarray, faces: np.ndarray) -> str:
 
 def _vtk(mesh: TetrahedralMesh) -> str:
     """Legacy VTK text of a tetrahedral mesh."""
-    rows = ["# vtk DataFile Version 3.0", "object", "ASCII", "DATASET UNSTRUCTURED_GRID", f"POINTS {len(mesh.nodes)} double"]
+    rows = [
+        "# vtk DataFile Version 3.0",
+        "object",
+        "ASCII",
+        "DATASET UNSTRUCTURED_GRID",
+        f"POINTS {len(mesh.nodes)} double",
+    ]
     rows += [f"{x:.12g} {y:.12g} {z:.12g}" for x, y, z in mesh.nodes]
     count = len(mesh.tetrahedra)
     rows += [f"CELLS {count} {5 * count}", *(f"4 {a} {b} {c} {d}" for a, b, c, d in mesh.tetrahedra)]

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from plop.physics.engine.tool_motion import ToolMotion
-from plop.physics.scenes.lattice import lattice
 from plop.physics.scenes.motions import led_along
 from plop.physics.scenes.names import one_of
 from plop.physics.scenes.shapes import Shape, lattice_counts, whole_body
@@ -109,7 +108,8 @@ def tetrahedral_mesh(world: World) -> TetrahedralMesh:
     """Cut a world's object into tetrahedra of the declared edge, mirrored in its middle planes.
 
     Each cell of a lattice is cut into six tetrahedra about its diagonal (Kuhn 1960). The diagonals point away from the
-    middle, so that a mesh with even numbers of cells prefers no side, and the corners of a round object are halved rather than flat.
+    middle, so that a mesh with even numbers of cells prefers no side, and the
+    corners of a round object are halved rather than flat.
     """
     body = whole_body(world.shape, world.cells_m)
     counts = lattice_counts(world.shape, world.shape.size_m[0], world.cells_m)

@@ -141,13 +141,6 @@ def identify(
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
     slopes: list[Any] = [TrackedCase(episode, coarser) for episode in episodes]
     found = calibrate(
-        cases,
-        start.material,
-        names,
-        start.config,
-        iterations=iterations,
-        jobs=jobs,
-        progress=progress,
-        slopes=slopes,
+        cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
     )
     return replace(start, material=found.material), found

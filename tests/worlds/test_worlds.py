@@ -12,15 +12,7 @@ from numpy.testing import assert_allclose
 
 from benchmarks.worlds import needs
 from benchmarks.worlds.laws import on_a_tilt, slide
-from benchmarks.worlds.scene import (
-    KINDS,
-    Motion,
-    TetrahedralMesh,
-    World,
-    node_volumes,
-    tetrahedral_mesh,
-    tool_motion,
-)
+from benchmarks.worlds.scene import KINDS, Motion, TetrahedralMesh, World, node_volumes, tetrahedral_mesh, tool_motion
 from plop.errors import PlopError
 from plop.physics.scenes.shapes import Shape
 from plop.recordings.readers.mesh.sequence import check_mesh_sequence, read_mesh_sequence, write_mesh_sequence

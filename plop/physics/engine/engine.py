@@ -353,7 +353,16 @@ class Engine:
         volume, radius, held = (self._scattered(values) for values in (self.volume, self.radius, self.held))
         memory = {key: self._scattered(value) for key, value in self.memory.items()}
         return Particles(
-            self._whole("x"), volume, self._whole("v"), self._whole("f"), sides, radius, self._whole("c"), cut, memory, held
+            self._whole("x"),
+            volume,
+            self._whole("v"),
+            self._whole("f"),
+            sides,
+            radius,
+            self._whole("c"),
+            cut,
+            memory,
+            held,
         )
 
     def _whole(self, name: str) -> np.ndarray:

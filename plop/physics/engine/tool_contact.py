@@ -102,7 +102,24 @@ def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
 
 @kernel(parallel=True)
 def push_tool(
-    x, v, mass, radius, side, cut, held, bounds, kind, pose, faces, thickness, friction, modulus, density, dx, dt, impulses
+    x,
+    v,
+    mass,
+    radius,
+    side,
+    cut,
+    held,
+    bounds,
+    kind,
+    pose,
+    faces,
+    thickness,
+    friction,
+    modulus,
+    density,
+    dx,
+    dt,
+    impulses,
 ):
     """Push particles that reach into the tool out of it, and hold or rub them along with it.
 
