@@ -28,7 +28,7 @@ LAWS = {
 _TOOL_KG = 1e5
 _TABLE_M = 0.1
 _ROUGH = 1e6
-"""Friction of the soft body: that of a pair is 2ab/(a + b), so that half of what is wanted at table and tool gives it."""
+"""Friction of the soft body: that of a pair is 2ab/(a + b), so that half of what is wanted at the others gives it."""
 
 
 def record(world: World, motion: Motion, name: str | None = None) -> MeshSequence:
@@ -118,7 +118,7 @@ def _soft_body(plant: Any, world: World, mesh: TetrahedralMesh, folder: Path) ->
 
 def _tool(plant: Any, world: World, tool: ToolMotion, folder: Path) -> Any:
     """Add the tool on three sliding joints along the world's axes, turned as its motion is."""
-    tree, maths, geometry = needed("pydrake.multibody.tree"), needed("pydrake.math"), needed("pydrake.geometry")
+    tree, geometry = needed("pydrake.multibody.tree"), needed("pydrake.geometry")
     instance = plant.AddModelInstance("tool")
     inertia = tree.SpatialInertia.SolidBoxWithMass(_TOOL_KG, 1.0, 1.0, 1.0)
     parent = plant.world_body()

@@ -1,8 +1,8 @@
 """MuJoCo as a foreign world: flexes (linear tetrahedra, Saint Venant-Kirchhoff) with soft contact.
 
 `pip install -e '.[worlds]'`. The tool is a body too heavy to be moved, whose place and velocity are set in every step.
-Source: the chapter on deformable objects of MuJoCo's documentation; Todorov, Convex and analytically-invertible dynamics
-with contacts and constraints (ICRA 2014).
+Source: the chapter on deformable objects of MuJoCo's documentation; Todorov, Convex and analytically-invertible
+dynamics with contacts and constraints (ICRA 2014).
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 Unmaintained. Records three episodes of one block (cells of 6.7 mm in Drake, 5 mm in MuJoCo) and fits five parameters.
 """
 
+# ruff: noqa
 import importlib
 import sys
 import time

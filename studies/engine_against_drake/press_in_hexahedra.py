@@ -1,3 +1,6 @@
+"""A shallow press in hexahedra, B-bar: what is exact. Unmaintained."""
+
+# ruff: noqa
 import numpy as np, scipy.sparse as sp, scipy.sparse.linalg as sl, sys, time
 
 

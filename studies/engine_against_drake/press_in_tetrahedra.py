@@ -1,3 +1,6 @@
+"""The same press in the worlds' own tetrahedra. Unmaintained."""
+
+# ruff: noqa
 import numpy as np, scipy.sparse as sp, scipy.sparse.linalg as sl, sys, time
 from dataclasses import replace
 from benchmarks.worlds.scene import *

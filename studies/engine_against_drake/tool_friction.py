@@ -1,3 +1,6 @@
+"""A punch held in a block and moved aside, over friction. Unmaintained."""
+
+# ruff: noqa
 # a punch held in a block, moved 3 mm sideways: does the surface follow, and is the force mu N once it slips?
 import numpy as np, time
 from plop.physics.engine.config import EngineConfig
