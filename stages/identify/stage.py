@@ -27,7 +27,12 @@ from plop.tracking.sets import tracked_episodes
 from stages.common_inputs import init_input, recordings_input, tracks_input
 
 FIRST_GUESS = Material(
-    youngs_modulus_pa=1.2e4, damping_per_s=2.0, table_friction=0.4, tool_friction=0.3, cut_friction=0.3
+    youngs_modulus_pa=1.2e4,
+    damping_per_s=2.0,
+    table_friction=0.4,
+    tool_friction=0.3,
+    cut_friction=0.3,
+    table_slip_m_s=0.003,
 )
 """What fits begin with: a soft dough. It is not the material that scenes have by default."""
 
@@ -179,7 +184,7 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=8,
+    version=9,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={

@@ -160,7 +160,7 @@ def _find_raw(name: str, path: Path) -> Path:
 
 STAGE = Stage(
     name="simulate",
-    version=3,
+    version=4,
     help="Simulate a scene (TOML) of a soft object and a tool, with or without hidden effects, into recordings.",
     config=SimulateConfig,
     inputs={

@@ -237,7 +237,7 @@ def _make_up(
 
 STAGE = Stage(
     name="train",
-    version=10,
+    version=11,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={

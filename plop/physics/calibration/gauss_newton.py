@@ -19,6 +19,8 @@ from plop.statistics.cluster_robust import clusters
 
 _LEVELS = 6
 """How often a step may be shortened before the fit counts as converged."""
+_REACH = 20
+"""Longest step along one parameter, in its finite differences: what the data hardly feel does not run away."""
 
 
 def _of_material(
@@ -70,8 +72,12 @@ def calibrate(
     iterations: int = 6,
     jobs: int = 1,
     progress: Callable[[int, int, float], None] | None = None,
+    slopes: Sequence[Case] | None = None,
 ) -> Calibration:
     """Minimise the squared distance between engine and measured points.
+
+    Derivatives are differences at the start and at the end, of which the last give the intervals; between them every
+    step corrects them by what it found (Broyden 1965), and they are differenced anew only where a step fails.
 
     Intervals come from the scatter between independent blocks (episodes; with fewer than four, fifths of an episode),
     because neighbouring points and frames err together; blocks count by what they hold of a parameter (`clusters`).
@@ -84,6 +90,7 @@ def calibrate(
         iterations: Most Gauss-Newton steps.
         jobs: Processes that share the rollouts.
         progress: Called after each step with (step, iterations, RMS in metres).
+        slopes: The same episodes on a coarser grid, which is enough for derivatives; `cases` when absent.
 
     Raises:
         PlopError: An unknown parameter, no episode, or the engine is unstable at the start.
@@ -97,25 +104,33 @@ def calibrate(
             found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
             fix="Give one episode and one of these parameters at least.",
         )
-    return _Fit(cases, start, [PARAMETERS[name] for name in names], config, jobs).run(iterations, progress)
+    fit = _Fit(cases, slopes or cases, start, [PARAMETERS[name] for name in names], config, jobs)
+    return fit.run(iterations, progress)
 
 
 class _Fit:
     """The running fit; coordinates are `Parameter.encode` of the values."""
 
     def __init__(
-        self, cases: Sequence[Case], start: Material, parameters: list[Parameter], config: EngineConfig, jobs: int
+        self,
+        cases: Sequence[Case],
+        slopes: Sequence[Case],
+        start: Material,
+        parameters: list[Parameter],
+        config: EngineConfig,
+        jobs: int,
     ) -> None:
-        self.cases, self.start, self.parameters, self.config, self.jobs = cases, start, parameters, config, jobs
+        self.cases, self.slopes, self.start, self.parameters = cases, slopes, start, parameters
+        self.config, self.jobs = config, jobs
         self.rollouts = 0
 
     def material(self, coordinates: np.ndarray) -> Material:
         values: dict[str, Any] = {p.name: p.decode(c) for p, c in zip(self.parameters, coordinates, strict=True)}
         return replace(self.start, **values)
 
-    def residuals(self, points: list[np.ndarray]) -> list[list[np.ndarray]]:
+    def residuals(self, points: list[np.ndarray], cases: Sequence[Case] | None = None) -> list[list[np.ndarray]]:
         """Simulate all episodes at all points; residuals [T, M, 3] in metres, unmeasured points 0."""
-        tasks = [(case, self.material(point)) for point in points for case in self.cases]
+        tasks = [(case, self.material(point)) for point in points for case in cases or self.cases]
         self.rollouts += len(tasks)
         flat = Parallel(n_jobs=self.jobs)(delayed(_residual)(case, material, self.config) for case, material in tasks)
         count = len(self.cases)
@@ -124,20 +139,24 @@ class _Fit:
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Calibration:
         here = np.array([p.encode(max(getattr(self.start, p.name), p.low)) for p in self.parameters])
         residual = self.residuals([here])[0]
+        jacobian, fresh = self.jacobian(here, residual), True
         before = _rms(residual)
         damping, done = 1e-3, 0
         for done in range(1, iterations + 1):
-            jacobian = self.jacobian(here, residual)
             better = self.step(here, residual, jacobian, damping)
             if better is None:
-                break
+                if fresh:
+                    break
+                jacobian, fresh = self.jacobian(here, residual), True
+                continue
+            jacobian, fresh = _corrected(jacobian, better[0] - here, residual, better[1]), False
             gain = _cost(residual) - _cost(better[1])
             here, residual, damping = better
             if progress is not None:
                 progress(done, iterations, _rms(residual))
             if gain < 1e-3 * _cost(residual):
                 break
-        estimates = self.intervals(here, residual, self.jacobian(here, residual))
+        estimates = self.intervals(here, residual, jacobian if fresh else self.jacobian(here, residual))
         return Calibration(self.material(here), estimates, before, _rms(residual), done, self.rollouts)
 
     def jacobian(self, here: np.ndarray, residual: list[np.ndarray]) -> list[list[np.ndarray]]:
@@ -150,7 +169,10 @@ class _Fit:
                 point[k] = here[k] - parameter.step
             points.append(point)
             steps.append(point[k] - here[k])
-        moved = self.residuals(points)
+        if self.slopes is self.cases:
+            moved = self.residuals(points)
+        else:
+            residual, *moved = self.residuals([here, *points], self.slopes)
         return [[(m - r) / s for m, r in zip(row, residual, strict=True)] for row, s in zip(moved, steps, strict=True)]
 
     def step(
@@ -160,12 +182,13 @@ class _Fit:
         hessian, gradient = _normal_equations(jacobian, residual)
         low = np.array([p.encode(p.low) if p.low > 0 or not p.logarithmic else -np.inf for p in self.parameters])
         high = np.array([p.encode(p.high) for p in self.parameters])
+        reach = _REACH * np.array([abs(p.step) for p in self.parameters])
         free = ~((here <= low) & (gradient > 0)) & ~((here >= high) & (gradient < 0))
         for _ in range(_LEVELS):
             scaled = hessian + np.diag(damping * np.diag(hessian) + 1e-30)
             move = np.zeros(len(here))
             move[free] = -np.linalg.solve(scaled[np.ix_(free, free)], gradient[free])
-            there = np.clip(here + move, low, high)
+            there = np.clip(here + np.clip(move, -reach, reach), low, high)
             trial = self.residuals([there])[0]
             if _cost(trial) < _cost(residual):
                 return there, trial, damping / 10
@@ -194,6 +217,24 @@ class _Fit:
             p.name: Estimate(v, low, high, p.unit, bool(b)).within(p)
             for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)
         }
+
+
+def _corrected(
+    jacobian: list[list[np.ndarray]], move: np.ndarray, before: list[np.ndarray], after: list[np.ndarray]
+) -> list[list[np.ndarray]]:
+    """Correct derivatives by what a step found, in proportion to its share of each parameter (Broyden 1965, Eq. 4.5).
+
+    The parameters are compared in units of what they do to the residual.
+    """
+    size = np.array([_cost(row) for row in jacobian])
+    shares = size * move / max(float(size @ move**2), 1e-300)
+    missed = [
+        b - a - sum(m * row[e] for m, row in zip(move, jacobian, strict=True))
+        for e, (a, b) in enumerate(zip(before, after, strict=True))
+    ]
+    return [
+        [j + share * m for j, m in zip(row, missed, strict=True)] for row, share in zip(jacobian, shares, strict=True)
+    ]
 
 
 def _residual(case: Case, material: Material, config: EngineConfig) -> np.ndarray:

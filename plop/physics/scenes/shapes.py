@@ -88,7 +88,7 @@ class Body:
 
 def whole_body(shape: Shape, spacing_m: float) -> Body:
     """Fill a shape with one lattice of particles about `spacing_m` [m] apart."""
-    grid = lattice(_counts(shape, shape.size_m[0], spacing_m))
+    grid = lattice(lattice_counts(shape, shape.size_m[0], spacing_m))
     points = _placed(shape, grid.parameters * 2 - 1, 0.0, 0.0)
     return _body([grid], [points], [0])
 
@@ -117,7 +117,7 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
         )
     grids, points, sides = [], [], []
     for sign in (-1, 1):
-        grid = lattice(_counts(shape, half - sign * offset_m, spacing_m))
+        grid = lattice(lattice_counts(shape, half - sign * offset_m, spacing_m))
         cube = grid.parameters * [1, 2, 2] + [-1 if sign < 0 else 0, -1, -1]
         grids.append(grid)
         points.append(_placed(shape, cube, offset_m, yaw_rad))
@@ -125,7 +125,8 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
     return _body(grids, points, sides)
 
 
-def _counts(shape: Shape, length_m: float, spacing_m: float) -> tuple[int, int, int]:
+def lattice_counts(shape: Shape, length_m: float, spacing_m: float) -> tuple[int, int, int]:
+    """Number the cells of a lattice along each axis for a shape of which `length_m` [m] lie along x."""
     # an even number of cells across puts a node where a round object touches the table
     step = 1 if shape.kind == "block" else 2
     first = max(2, round(length_m / spacing_m))
