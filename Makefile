@@ -4,7 +4,7 @@
 # make test        what CI runs: style, types, tests
 # make docs        the documentation, built strictly into build/site
 # make bench       speed; writes docs/results/bench.json
-# make reproduce DATA=<folder> PROFILE=cpu|cpu-recordings|paper    the nine DiSECt environments, from raw recordings to the table
+# make reproduce DATA=<folder> PROFILE=cpu|cpu-recordings|paper [SCHEDULER=tcp://HOST:8786]    the nine DiSECt environments, from raw recordings to the table
 # make setup       everything `make demo` needs; the others add what they need themselves
 
 PYTHON ?= python3
@@ -77,7 +77,7 @@ bench-physics: setup
 
 reproduce: $(STAMP)-disect
 	@test -n "$(DATA)" || { echo "usage: make reproduce DATA=<folder of DiSECt recordings> PROFILE=cpu|cpu-recordings|paper" >&2; exit 2; }
-	$(BIN)/plop reproduce "$(DATA)" --profile $(PROFILE) -w reproduce
+	$(BIN)/plop reproduce "$(DATA)" --profile $(PROFILE) -w reproduce $(if $(SCHEDULER),--scheduler $(SCHEDULER))
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -15,7 +15,6 @@ import math
 import numbers
 import types
 import typing
-from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -38,7 +37,9 @@ class Range:
 
     def text(self, unit: str = "") -> str:
         """Write it for people, with a unit; empty where every number is good."""
-        low, high = (f"{end:g}".replace("e+0", "e").replace("e-0", "e-") for end in (self.low, self.high))
+        low, high = (
+            f"{end:g}".replace("e+", "e").replace("e0", "e").replace("e-0", "e-") for end in (self.low, self.high)
+        )
         if self.high < math.inf:
             text = f"{'more than ' if self.above else ''}{low} to {high}"
         elif self.low > -math.inf:
@@ -189,8 +190,6 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def _numbers(value: Any) -> list[float]:
-    if isinstance(value, Mapping):
-        value = list(value.values())
     if isinstance(value, (tuple, list)):
         return [number for part in value for number in _numbers(part)]
     return [float(value)] if isinstance(value, numbers.Real) and not isinstance(value, (bool, enum.Enum)) else []
@@ -206,7 +205,7 @@ def describe(kind: Any) -> str:
             return f"{describe(parts[0])}, ..."
         return ", ".join(describe(part) for part in parts)
     if choices := Kind(kind).choices:
-        return "|".join(choices)
+        return " or ".join(choices)
     if kind is type(None):
         return "none"
     return {int: "integer", float: "number", str: "text", bool: "yes/no"}.get(kind, str(kind))

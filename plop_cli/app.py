@@ -37,7 +37,7 @@ ingest = typer.Typer(
 )
 
 stages = typer.Typer(
-    help="Run a stage, and before it whatever it needs; `plop STAGE` does the same.",
+    help="Run a stage, and before it whatever it needs; the command of the stage itself does the same.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",

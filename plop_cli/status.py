@@ -42,10 +42,8 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
     problems = [*damage.values(), *store.unreadable().values(), *circle]
     for error in problems:
         console.warn(error.render())
-    if len(shown) < len(artifacts):
-        console.say(
-            f"{len(artifacts) - len(shown)} older artifacts are not shown; --all shows them, `plop gc` removes them"
-        )
+    if older := len(artifacts) - len(shown):
+        console.say(f"{older} older artifacts are not shown; --all shows them, `plop gc` lists what can go")
     for stage, fingerprint in unfinished(store):
         console.say(f"unfinished: {stage}@{fingerprint[:8]}; the same command goes on with it")
     if not artifacts and not problems:

@@ -37,10 +37,10 @@ def episode(index: int, seed: int = 0) -> MeshSequence:
     return demo_episode(f"sensors_{index:03d}", draw_plan(np.random.default_rng([seed, index])))
 
 
-def film(path: Path, sequence: MeshSequence, faults: Faults, **settings: float) -> Path:
+def film(path: Path, sequence: MeshSequence, faults: Faults, *, seed: int = 0, **settings: float) -> Path:
     """Film one episode with the cameras of `plop ingest mesh`; `settings` are those of CameraSettings."""
     cameras = CameraSettings(**{"supersample": 1, **settings})  # type: ignore[arg-type]
-    for _ in record(path, sequence, cameras, Disturbances(faults)):
+    for _ in record(path, sequence, cameras, Disturbances(faults), seed=seed):
         pass
     return path
 

@@ -56,7 +56,7 @@ class Config(Settings):
         ("corner", (0.0,), "wrong kind", "number, number"),
         ("corner", (0.0, math.inf), "not finite", "-1 to 1 m"),
         ("scales", (1.0, math.nan), "not finite", "a finite number"),
-        ("form", "foam", "wrong kind", "paper|solid"),
+        ("form", "foam", "wrong kind", "paper or solid"),
         ("free", -math.inf, "not finite", "a finite number"),
     ],
 )

@@ -27,11 +27,15 @@ RANKED = 4
 """Effects of each ranking that are kept, besides the base's own parameter."""
 DIGITS = 4
 SETTINGS = """\
-[filter]
+[filter.update]
 iterations = 24
 
 [identify]                          # first guesses are what the recordings state, but for the stiffness
 fit = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s", "toughness_j_m2"]
+table_cone = "pyramid"
+start = "unloaded"                  # the jelly is let go at time 0
+
+[identify.material]
 youngs_modulus_pa = 8e3
 poisson = 0.45
 damping_per_s = 0.0                 # the other simulator has no drag on velocities
@@ -39,8 +43,6 @@ table_friction = 0.5
 tool_friction = 0.5
 toughness_j_m2 = 1.0
 table_slip_m_s = 0.005
-table_cone = "pyramid"
-start = "unloaded"                  # the jelly is let go at time 0
 """
 BASES = {
     "engine": ("jelly-engine", ("--reference", "part")),

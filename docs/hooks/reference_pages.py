@@ -110,25 +110,15 @@ def _slug(name: str) -> str:
 
 def settings_page() -> str:
     """List every setting of every stage as plop.toml takes it."""
-    from plop.pipeline.registry import pipeline
-    from plop.pipeline.setting_values import describe
-    from plop.pipeline.settings import settings_of
+    from plop.pipeline.settings_reference import settings_reference
 
     parts = [
         "# Settings",
         "Each is a key of `plop.toml` in the workspace, below `[STAGE]`; an option of the stage's command, "
         "`--KEY VALUE` with `-` for `_`; and `--set KEY=VALUE`. [Which one wins](../how-to/change-settings.md).",
     ]
-    for ref in pipeline():
-        lines = []
-        for setting in settings_of(ref.load().config):
-            default = setting.default
-            shown = ", ".join(map(str, default)) if isinstance(default, (tuple, list)) else default
-            shown = getattr(shown, "value", shown)
-            lines.append(
-                (_code(setting.key), _escaped(describe(setting.kind)), _code(shown) or "empty", _escaped(setting.help))
-            )
-        parts += [f"## {ref.command}", rows(["key", "type", "default", "meaning"], lines) if lines else "None."]
+    for command, tables in settings_reference().items():
+        parts += [f"## {command}", tables.strip()]
     return "\n\n".join(parts) + "\n"
 
 

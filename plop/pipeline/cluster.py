@@ -85,10 +85,11 @@ class ClusterRunner(Runner):
         made: dict[Task, Any] = {}
         try:
             for task in in_order(tasks):
-                if self._runs_here(task):
-                    outcome = self._here(task, made)
-                    made[task] = Made(outcome.artifact.key, outcome.skipped, outcome.seconds, [])
-                    yield task, outcome
+                if any(other in self.failed for other in task.before) or self._runs_here(task):
+                    result = self._here(task, made)
+                    if isinstance(result, Outcome):
+                        made[task] = Made(result.artifact.key, result.skipped, result.seconds, [])
+                    yield task, result
                 else:
                     made[task] = self._submitted(task, addresses(task, made))
                     running[made[task]] = task
@@ -104,17 +105,23 @@ class ClusterRunner(Runner):
         """Tell whether a task is there already, or hands out its own work to the scheduler."""
         return (task.there is not None and not task.force) or _hands_out(task.config)
 
-    def _here(self, task: Task, made: Mapping[Task, Any]) -> Outcome:
+    def _here(self, task: Task, made: Mapping[Task, Any]) -> Outcome | PlopError:
         """Carry out a task in this process, once what it needs is made."""
-        keys = {}
-        for other in task.before:
-            result = self._result(made[other])
-            if isinstance(result, PlopError):
-                raise result
-            keys[other] = "@".join(result.key)
-        if _hands_out(task.config):
-            task.config = replace(task.config, scheduler=self.client.scheduler.address)
-        return self.one(task, given(addresses(task, keys)))
+        try:
+            keys = {}
+            for other in task.before:
+                result = self.failed[other] if other in self.failed else self._result(made[other])
+                if isinstance(result, PlopError):
+                    raise result
+                keys[other] = "@".join(result.key)
+            if _hands_out(task.config):
+                task.config = replace(task.config, scheduler=self.client.scheduler.address)
+            return self.one(task, given(addresses(task, keys)))
+        except PlopError as error:
+            if not self.keep_going:
+                raise
+            self.failed[task] = error
+            return error
 
     def _submitted(self, task: Task, inputs: Mapping[str, Any]) -> Any:
         facts = (task.ref, str(self.store.workspace), task.config, task.force, self.trust_effects, _version())
@@ -202,7 +209,13 @@ def make(
     sources = given({name: spelt(value) for name, value in inputs.items()})
     with trusting(trust_effects):
         outcome = execute(
-            ref.load(), store=Store(workspace), config=config, inputs=sources, command=ref.command, force=force
+            ref.load(),
+            store=Store(workspace),
+            config=config,
+            inputs=sources,
+            command=ref.command,
+            force=force,
+            mapper=spread,
         )
     return Made(outcome.artifact.key, outcome.skipped, outcome.seconds, outcome.warnings)
 
@@ -236,12 +249,8 @@ def _unobserved() -> None:
     profiler = worker.periodic_callbacks.get("profile")
     if profiler is not None and profiler.is_running():
         stopped = Event()
-
-        def stop() -> None:
-            profiler.stop()
-            stopped.set()
-
-        worker.loop.add_callback(stop)
+        worker.loop.add_callback(profiler.stop)
+        worker.loop.add_callback(stopped.set)
         stopped.wait(timeout=60)
 
 

@@ -136,10 +136,11 @@ def processes(jobs: int, pieces: int) -> int:
 
 def in_processes(task: Callable[[str], Piece], names: Sequence[str], jobs: int, /) -> Iterator[Piece]:
     """Carry out tasks in processes of this machine, each on its share of the cores."""
-    from joblib import Parallel, delayed
+    from joblib import Parallel, delayed, parallel_config
 
-    count = processes(jobs, len(names))
-    return iter(Parallel(n_jobs=count, return_as="generator_unordered")(delayed(_in_child)(task, n) for n in names))
+    with parallel_config("loky", initializer=_end_with_parent, initargs=(os.getpid(),)):
+        parallel = Parallel(n_jobs=processes(jobs, len(names)), return_as="generator_unordered")
+    return iter(parallel(delayed(_in_child)(task, os.getpid(), os.getcwd(), name) for name in names))
 
 
 def _carried_out(
@@ -210,15 +211,15 @@ def _shifted(progress: Progress, done: float, total: int, name: str) -> Progress
     return shifted
 
 
-def _in_child(task: Callable[[str], Piece], name: str) -> Piece:
-    _end_with_parent()
+def _in_child(task: Callable[[str], Piece], parent: int, folder: str, name: str) -> Piece:
+    _end_with_parent(parent)  # older versions of joblib call no initializer
+    os.chdir(folder)  # a process that is used again is where its first caller was; raw data may have relative paths
     return task(name)
 
 
 @cache
-def _end_with_parent() -> None:
-    """Let this process end when the one that started it is killed: nobody waits for what it makes."""
-    parent = os.getppid()
+def _end_with_parent(parent: int) -> None:
+    """Let this process end when the one that started it is killed, perhaps already: nobody waits for what it makes."""
 
     def watch() -> None:
         while os.getppid() == parent:

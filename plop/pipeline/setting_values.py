@@ -33,12 +33,9 @@ def _convert(value: Any, kind: Any) -> Any:
         return parts[[str(part) for part in parts].index(str(value))]
     if origin in (tuple, list):
         return _convert_sequence(value, origin, parts)
-    if origin is dict or kind is dict:
-        loaded = json.loads(value) if isinstance(value, str) else value
-        return dict(loaded)
     if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        named = {member.name.lower(): member for member in kind}
-        return named[value.lower()] if isinstance(value, str) and value.lower() in named else kind(value)
+        named = {str(word).lower(): member for member in kind for word in (member.value, member.name)}
+        return named[str(value).lower()]
     if kind is bool:
         return _convert_bool(value)
     if kind in (int, float):

@@ -1,8 +1,8 @@
 """Settings of a stage: defaults of its dataclass, then plop.toml, then the command line.
 
-Written by hand: tyro and jsonargparse read such dataclasses, too, but would replace only the 15 lines that make an
-option of a setting. They know nothing of layers with their source, of ranges with units or of renamed keys, and end
-the process with their own message where a PlopError is due.
+Kept by hand: tyro (tried, 1.0) and jsonargparse would replace the making of options and no more, since they take nan,
+know neither ranges with units nor which of plop.toml, `--set` and the command line a value came from, and end the
+process with a message of their own where a PlopError is due.
 """
 
 from __future__ import annotations
@@ -113,16 +113,15 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
         for key, value in layer.items():
             if key not in known:
                 raise unknown_setting(key, list(known.values()), where=source, stage=stage)
-            kind = known[key].kind
+            kind, where = known[key].kind, f"{source}: {stage.replace(' ', '.')}.{key}"
             if PROGRAM in kind.marks and source == SETTINGS_FILE:
                 raise PlopError(
                     "A settings file names a program to run.",
-                    where=f"{source}: {stage}.{key}",
+                    where=where,
                     expected="programs named on the command line only: a workspace may be a stranger's",
                     found=str(value),
                     fix=f"Remove the line, and give --{key} yourself.",
                 )
-            where = f"{source}: {stage.replace(' ', '.')}.{key}"
             values[key] = checked(value, kind, where=where, fix=f"`plop {stage} --help` describes it.")
     try:
         return _replaced(config(), values)
@@ -191,7 +190,8 @@ def meant(key: str, known: list[Setting]) -> list[str]:
     if found:
         return found
     like = {s.key: _likeness(key, s.key) for s in known}
-    least = 1.0 if 1.0 in like.values() else 0.6
+    best = max(like.values(), default=0.0)
+    least = best if best == 1 else max(0.6, best - 0.1)
     return sorted((name for name in like if like[name] >= least), key=lambda name: -like[name])[:3]
 
 

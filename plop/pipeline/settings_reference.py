@@ -46,7 +46,7 @@ def markdown(command: str, settings: list[Setting]) -> str:
     table = command.replace(" ", ".")
     parts = [
         f"Given as `plop {command} --KEY VALUE`, as `--set KEY=VALUE`, or below `[{table}]` in `plop.toml`; "
-        f"the keys of a group also below `[{table}.GROUP]`. What is marked * does not change a result.\n"
+        f"the keys of a group also below `[{table}.GROUP]`. What is marked * does not change a result."
     ]
     for title, rows in sections(settings).items():
         parts.append(f"### {title}\n\n{_row(COLUMNS)}\n{_row(['---'] * len(COLUMNS))}\n" + "\n".join(map(_cells, rows)))
@@ -73,7 +73,12 @@ def _cells(setting: Setting) -> str:
     mark = " *" if SAME_RESULT in kind.marks else ""
     expected = " or ".join(f"`{word}`" for word in kind.choices) or kind.range.text()
     name = "choice" if kind.choices else describe(kind.type)
-    return _row([f"`{setting.key}`{mark}", name, f"`{written(setting.default)}`", kind.unit, expected, setting.help])
+    spans = [
+        part if k % 2 else part.replace("<", "&lt;").replace("*", r"\*")
+        for k, part in enumerate(setting.help.split("`"))
+    ]
+    text = "`".join(spans)  # what is code in the docstring is code on the page, and needs no escapes
+    return _row([f"`{setting.key}`{mark}", name, f"`{written(setting.default)}`", kind.unit, expected, text])
 
 
 def _row(cells: tuple[str, ...] | list[str]) -> str:

@@ -46,6 +46,8 @@ class Origin:
 
     model: str = "model"
     """Input that the model is."""
+    input: str = "recordings"
+    """Input of the stages that make models from recordings."""
     apart_from: str = ""
     """Left out where they are this input, or what it was made from."""
 

@@ -244,7 +244,7 @@ class _Inputs:
         model = there(value) if isinstance(value, (Task, Artifact)) else None
         while model is not None and origin.model in parents(model):
             model = known.get(parents(model)[origin.model])
-        source = None if model is None else known.get(parents(model).get("recordings", ("", "")))
+        source = None if model is None else known.get(parents(model).get(origin.input, ("", "")))
         if source is None or not origin.apart_from:
             return source
         asked = [one for need in needs(self._value(origin.apart_from)) if (one := there(need))]

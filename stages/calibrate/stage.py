@@ -82,7 +82,7 @@ class CalibrateConfig(Settings):
     """Whether episodes none of whose cameras is usable pass on, too."""
     max_scan_views: Annotated[int, Range(2), Unit("views")] = 40
     """At most this many views of a scan are refined, evenly spread; the others follow the nearest."""
-    jobs: Annotated[Jobs, COMMON] = ALL_CORES
+    jobs: Jobs = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
 
     def __post_init__(self) -> None:

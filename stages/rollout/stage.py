@@ -28,13 +28,13 @@ from stages.rollout.episode import roll_out
 class RolloutConfig(Settings):
     """Settings of `rollout`; their defaults are written only here."""
 
-    split: Split = "test"
+    split: Annotated[Split, COMMON] = "test"
     """Which episodes."""
     episodes: str = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
     seed: Seed = 0
     """Seed of whatever the model draws (the displacement of a split)."""
-    device: str = AUTO_DEVICE
+    device: Annotated[str, COMMON] = AUTO_DEVICE
     """Where a learned model runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     backend: Backend = "auto"
     """Renderer: "numba" (CPU), "gsplat" (CUDA), "torch" (slow reference) or "auto"."""

@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.handeye.solve import difference
+from plop.geometry.handeye.solve import HAND_EYE_METHODS, difference
 from plop.geometry.pose_track import poses_at
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.geometry.view import MaskLabel
+from plop.pipeline.settings import resolve
 from plop.pipeline.stage import Input, Output
 from plop.recordings.recording import Mesh
 from plop.recordings.set import RecordingSet
 from plop.recordings.writer import RecordingWriter
 from plop.sensors.silhouette import outline
+from plop.setting_kinds import kinds_of
 from stages.calibrate import tool_timing
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.stage import STAGE, CalibrateConfig
@@ -192,3 +194,13 @@ def test_a_disturbed_scan_is_bad_and_a_right_one_good(tmp_path):
     assert facts["episodes"]["a"]["scan"][0]["verdict"] == "good"
     assert facts["episodes"]["b"]["scan"][0]["verdict"] == "bad"
     assert any("scan wrist (b)" in warning for warning in summary.warnings)
+
+
+def test_every_method_of_hand_eye_calibration_can_be_chosen():
+    assert kinds_of(CalibrateConfig)["hand_eye_method"].choices == ("auto", *HAND_EYE_METHODS)
+
+
+def test_a_board_that_cannot_be_is_refused_by_the_name_of_the_setting():
+    with pytest.raises(PlopError, match="too few squares") as caught:
+        resolve(CalibrateConfig, "calibrate", ("--set", {"board_columns": 2}))
+    assert caught.value.where == "calibrate: board_columns, board_rows" and caught.value.fix

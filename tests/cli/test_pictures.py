@@ -25,7 +25,7 @@ def test_videos_and_stills_are_named_as_far_as_they_are_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    made = artifact(tmp_path / "r", [], ["a/video.mp4", "a/still.png", "b/video.mp4"])
+    made = artifact(tmp_path / "r", [], ["a/images.h5", "a/video.mp4", "a/still.png", "b/images.h5", "b/video.mp4"])
     found = say_videos(Console(), made)
     told = capsys.readouterr().out
     assert "r/a/video.mp4" in told and "r/a/still.png" in told and "r/b/video.mp4" in told and "b/still" not in told

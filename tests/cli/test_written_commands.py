@@ -53,8 +53,8 @@ def faults(line: str) -> list[str]:
     if not line.startswith(("plop ", "--")):
         return []
     words = shlex.split(line.replace("'", "").split(" -> ")[0]) if line.count('"') % 2 == 0 else line.split()
-    if words[:2] == ["plop", "run"] and len(words) > 2:
-        words = ["plop", *words[2:]]  # a stage by another way
+    if words[:2] == ["plop", "run"] and len(words) > 2:  # takes what the stage's own command takes
+        del words[1]
     if words[0] == "plop":
         name = next((name for n in (2, 1) if (name := " ".join(words[1 : 1 + n])) in options()), "")
         if not name:
@@ -131,4 +131,7 @@ def test_wrong_commands_are_seen() -> None:
     assert faults("$ plop diagnose --modell base") == ["no option --modell"]
     assert faults("plop diagnoze --model base") == ["no command diagnoze"]
     assert faults("plop run diagnose --modell base") == ["no option --modell"]
+    assert faults("plop run eval --modell base") == ["no option --modell"]
+    assert faults("plop run melt") == ["no command melt"]
+    assert not faults("plop run eval --model base")
     assert not faults("plop diagnose --model base --recordings mystery  # the verdict")

@@ -79,7 +79,6 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
         "verdict",
         "ranking",
         "base",
-        "confounded",
         "limits",
         "sensors",
         "shams",

@@ -296,7 +296,7 @@ WRONG = [
     ({"workspace_min": (np.nan, 0.0, 0.0)}, "-5 to 5 m"),
     ({"workspace_max": (850.0, 450.0, 500.0)}, "-5 to 5 m"),
     ({"workspace_min": (0.9, 0.0, 0.0)}, "min below max"),
-    ({"outcome": "good"}, "any|success|failure"),
+    ({"outcome": "good"}, "any or success or failure"),
 ]
 
 

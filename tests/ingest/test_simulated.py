@@ -100,7 +100,7 @@ def test_same_input_gives_the_same_bytes_and_another_seed_another_texture(tmp_pa
 def test_depth_noise_has_the_size_that_was_asked_for(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", box_sequence())
     clean_config = filmed(SMALL, size=64)
-    noisy_config = dataclasses.replace(clean_config, depth_noise_m=0.003, depth_dropout=0.1)
+    noisy_config = filmed(clean_config, depth_noise_m=0.003, depth_dropout=0.1)
     depths = []
     for folder, config in (("clean", clean_config), ("noisy", noisy_config)):
         ingest(raw, tmp_path / folder, config)

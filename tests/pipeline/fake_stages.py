@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -73,6 +73,20 @@ def map_pieces(inputs: Inputs, config: PiecesConfig, out: Output) -> Summary:
     return Summary(figures={"environment": "blocks"})
 
 
+@dataclass(frozen=True)
+class HandsOutConfig:
+    """Settings of a stage that hands its work to a scheduler itself."""
+
+    scheduler: str = field(default="", metadata={"in_fingerprint": False})
+    """Address of the scheduler."""
+
+
+def hand_out(inputs: Inputs, config: HandsOutConfig, out: Output) -> Summary:
+    """Tell who runs it, and which scheduler it was given."""
+    (out.path / "a.txt").write_text("")
+    return Summary(figures={"process": os.getpid(), "scheduler": config.scheduler})
+
+
 def write_process(folder: Path, pause_s: float, name: str) -> str:
     """Write one piece."""
     time.sleep(pause_s)
@@ -102,6 +116,14 @@ TRAIN = Stage(
     "train", 1, "Compare.", JoinConfig, {"recordings": RECORDINGS, "init": InputSpec(("fit-init",), "Fits.")}, compare
 )
 MAPPED = Stage("ingest", 1, "Map.", PiecesConfig, {"raw": InputSpec((), "A folder.")}, map_pieces)
+HANDS_OUT = Stage(
+    "diagnose",
+    1,
+    "Hand out.",
+    HandsOutConfig,
+    {"recordings": RECORDINGS, "clouds": InputSpec(("fuse",), "Clouds.")},
+    hand_out,
+)
 FULL_DISK = Stage("fuse", 1, "Fail.", JoinConfig, {"recordings": InputSpec(("ingest",), "Pieces.")}, fail)
 
 

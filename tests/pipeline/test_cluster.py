@@ -24,9 +24,9 @@ from tests.pipeline import fake_stages as fake
 
 distributed = pytest.importorskip("distributed")
 REPOSITORY = Path(__file__).resolve().parents[2]
-INGEST, FUSE, FIT, FULL_DISK, MAPPED = (
+INGEST, FUSE, FIT, FULL_DISK, MAPPED, HANDS_OUT = (
     StageRef(name.lower(), f"tests.pipeline.fake_stages:{name}", "")
-    for name in ("INGEST", "FUSE", "FIT", "FULL_DISK", "MAPPED")
+    for name in ("INGEST", "FUSE", "FIT", "FULL_DISK", "MAPPED", "HANDS_OUT")
 )
 
 
@@ -77,9 +77,12 @@ def test_a_failure_stops_only_what_needs_it(cluster, tmp_path):
         first = planned["blocks"].inputs["recordings"]
         planned["broken"] = Task(FULL_DISK, fake.JoinConfig(upper=True), {"recordings": first})
         planned["after"] = Task(FIT, fake.JoinConfig(), {"recordings": first, "clouds": planned["broken"]})
+        sources = {"recordings": first, "clouds": planned["broken"]}
+        planned["here"] = Task(HANDS_OUT, fake.HandsOutConfig(), sources)  # a stage that needs no worker itself
+        planned["last"] = Task(FIT, fake.JoinConfig(upper=True), {"recordings": first, "clouds": planned["here"]})
         outcomes = carried_out(tmp_path / place, planned, scheduler, keep_going=True)
         failed = {name for name, task in planned.items() if isinstance(outcomes[task], PlopError)}
-        assert failed == {"broken", "after"}, place
+        assert failed == {"broken", "after", "here", "last"}, place
         assert all("disk is full" in str(outcomes[planned[name]]) for name in failed)
         with pytest.raises(PlopError, match="disk is full"):
             carried_out(tmp_path / place, planned, scheduler)
@@ -116,6 +119,19 @@ def wait_for(condition: object, seconds: float = 60.0) -> Path:
         assert time.monotonic() < end, "it took too long"
         time.sleep(0.02)
     return found  # type: ignore[no-any-return]
+
+
+def test_a_stage_that_hands_out_its_own_work_runs_here(cluster, tmp_path):
+    first = tasks(tmp_path, ("blocks",))["blocks"].inputs["recordings"]
+    clouds = Task(FUSE, fake.JoinConfig(), {"recordings": first})
+    outcomes = carried_out(
+        tmp_path,
+        {"": Task(HANDS_OUT, fake.HandsOutConfig(), {"recordings": first, "clouds": clouds})},
+        cluster.scheduler_address,
+    )
+    (artifact,) = [one.artifact for task, one in outcomes.items() if task.ref is HANDS_OUT]  # type: ignore[attr-defined]
+    told = artifact.manifest.summary["figures"]
+    assert told == {"process": os.getpid(), "scheduler": cluster.scheduler_address}
 
 
 def test_episodes_go_to_all_workers(cluster, tmp_path):

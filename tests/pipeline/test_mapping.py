@@ -156,6 +156,27 @@ def test_a_killed_run_keeps_what_was_finished_and_leaves_no_process(tmp_path: Pa
     assert [Output(tmp_path).is_done(name) for name in NAMES] == [True, True, True, False]
 
 
+def test_processes_that_a_killed_run_has_just_started_end_too(tmp_path: Path) -> None:
+    """They find their parent gone when they have read their first line."""
+    program = (
+        "from pathlib import Path; from tests.pipeline.test_mapping import *; "
+        f"Output(Path({str(tmp_path)!r})).map(NAMES, slow, jobs=3)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", program], cwd=REPOSITORY, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 60
+    started: list[Path] = []
+    while len(started) < 3:
+        assert parent.poll() is None and time.monotonic() < end
+        children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children").read_text().split()
+        processes = [Path("/proc") / child for child in children]
+        started = [each for each in processes if b"popen_loky" in (each / "cmdline").read_bytes()]
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    while any(each.exists() and "Z" not in (each / "stat").read_text().split()[2] for each in started):
+        assert time.monotonic() < end, "a process outlived the run"
+        time.sleep(0.1)
+
+
 def test_what_no_plop_error_explains_is_raised(tmp_path: Path) -> None:
     for jobs in (1, 2):
         with pytest.raises(json.JSONDecodeError):

@@ -79,4 +79,4 @@ def test_nothing_hidden_nothing_detectable(told):
     assert found.verdict.kind == "NOTHING DETECTABLE", found.verdict
     assert found.verdict.named == ()
     limit = found.limits["swelling"]
-    assert 0 < limit["amplitude"] < abs(HIDDEN["rate_per_s"]) and limit["unit"] == "1/s"
+    assert limit.amplitude is not None and 0 < limit.amplitude < abs(HIDDEN["rate_per_s"]) and limit.unit == "1/s"

@@ -24,12 +24,14 @@ HIDDEN = effect_type("swelling")(rate_per_s=-0.6)
 SETTINGS = """
 [identify]
 fit = ["table_friction"]
-youngs_modulus_pa = 15000.0
-damping_per_s = 5.0
 spacing_m = 0.010
 start = "settled"
 iterations = 1
 jobs = 1
+
+[identify.material]
+youngs_modulus_pa = 15000.0
+damping_per_s = 5.0
 
 [compare]
 frames = 0

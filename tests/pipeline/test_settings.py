@@ -134,7 +134,7 @@ def test_what_no_setting_takes_is_refused_by_name(key: str, value: Any, problem:
 def test_a_choice_that_is_mistyped_gets_a_suggestion():
     with pytest.raises(PlopError) as caught:
         resolve(Config, "fuse", ("--set", {"form": "solit"}))
-    assert caught.value.fix == "Did you mean solid?" and caught.value.expected == "paper|solid"
+    assert caught.value.fix == "Did you mean solid?" and caught.value.expected == "paper or solid"
 
 
 def test_nested_tables_of_a_settings_file_are_groups(tmp_path: Path):
@@ -154,7 +154,7 @@ def test_same_setting_spelled_differently_is_the_same():
 def test_types_are_described():
     assert describe(tuple[int, int]) == "integer, integer"
     assert describe(int | None) == "integer or none"
-    assert describe(Literal["a", "b"]) == "a|b"
+    assert describe(Literal["a", "b"]) == "a or b"
 
 
 def test_settings_file_by_command(tmp_path: Path):

@@ -22,6 +22,8 @@ from stages.augment.stage import AugmentConfig
 from stages.report.stage import ReportConfig, diagnoses_of, named_as_typed
 from tests.pipeline import fake_stages as fake
 from tests.pipeline.made_up import made, planned, recordings, told
+from tests.support.diagnoses import diagnosis as made_diagnosis
+from tests.support.diagnoses import ranked, verdict
 
 
 @pytest.fixture(autouse=True)
@@ -218,8 +220,7 @@ def test_cameras_that_a_diagnosis_leaves_out_are_left_out_of_its_tracks(store):
 
 def fitted(store: Store, model: Artifact, of: Artifact, effects: list[str], seed: int = 0) -> Artifact:
     artifact = made(store, "diagnose", seed, recordings=of, model=model)
-    facts = {"ranking": [{"effect": name} for name in effects]}
-    (artifact.path / "diagnosis.json").write_text(json.dumps(facts))
+    made_diagnosis(verdict("NOTHING DETECTABLE"), *map(ranked, effects)).write(artifact.path)
     return artifact
 
 
@@ -316,7 +317,7 @@ def test_wrong_settings_are_told_before_anything_is_looked_for(store, monkeypatc
     }
     for command, *words, message in (
         ("diagnose", "--effects", "tilf", "Did you mean tilt?"),
-        ("diagnose", "--shams", "3", "Too few shams"),
+        ("diagnose", "--shams", "3", "49 or more"),
         ("compare", "--split", "tset", "train or test or all"),
         ("identify", "--fit", "poison", "mean poisson?"),
         ("report", "--frames", "-1", "2 or more"),

@@ -101,7 +101,7 @@ def test_reproduce_writes_the_results(
         "filter.update.iterations=1",
         "identify.iterations=1",
         "identify.fit=table_friction",
-        "train.made_up=1",
+        "train.made_up.episodes=1",
     ]
     assert main([*command, *options(more)]) == 0
     shown = capsys.readouterr().out

@@ -101,10 +101,10 @@ def test_a_killed_run_goes_on_to_the_same_result(scene, tmp_path, monkeypatch):
     simulate(scene, tmp_path / "whole", config)
     record = stage.record
 
-    def killed(path, *arguments):
+    def killed(path, *arguments, **options):
         if path.stem == "gel_001":
             raise KeyboardInterrupt
-        return record(path, *arguments)
+        return record(path, *arguments, **options)
 
     monkeypatch.setattr(stage, "record", killed)
     with pytest.raises(KeyboardInterrupt):

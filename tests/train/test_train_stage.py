@@ -183,10 +183,9 @@ def test_a_finished_fold_is_not_trained_again(inputs, tmp_path):
     assert any(label.startswith("fold 2 of 2") for label in labels) and labels[-1].startswith("train")
 
 
-@pytest.mark.parametrize("folds", [1, 3])
-def test_as_many_folds_as_cannot_be_are_refused(inputs, tmp_path, folds):
+def test_as_many_folds_as_cannot_be_are_refused(inputs, tmp_path):
     with pytest.raises(PlopError, match="cannot be dealt out"):
-        run(inputs, replace(QUICK, folds=folds), Output(tmp_path))
+        run(inputs, replace(QUICK, folds=3), Output(tmp_path))
     assert not list(tmp_path.iterdir())
 
 

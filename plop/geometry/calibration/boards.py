@@ -43,16 +43,24 @@ class Board:
     def check(self) -> None:
         """Raise a PlopError when the description cannot be."""
         if self.kind not in get_args(BoardKind):
-            raise PlopError("The kind of board is unknown.", expected=" or ".join(get_args(BoardKind)), found=self.kind)
+            raise PlopError(
+                "The kind of board is unknown.",
+                where="board_kind",
+                expected=" or ".join(get_args(BoardKind)),
+                found=self.kind,
+            )
         if self.kind != "marker" and (self.columns < 3 or self.rows < 3):
             raise PlopError(
                 "The board has too few squares.",
+                where="board_columns, board_rows",
                 expected="at least 3 x 3 squares",
                 found=f"{self.columns} x {self.rows}",
+                fix="Count squares, not inner corners.",
             )
         if not 0 < self.square_m < 1:
             raise PlopError(
                 "A square of the board has an impossible size.",
+                where="board_square_m",
                 expected="metres, below 1",
                 found=f"{self.square_m}",
                 fix="Give metres, not millimetres.",
@@ -60,12 +68,17 @@ class Board:
         if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
             raise PlopError(
                 "The markers of a ChArUco board are smaller than its squares.",
+                where="board_marker_m",
                 expected=f"0 < marker < {self.square_m} m",
                 found=f"{self.marker_m} m",
+                fix="Measure both, edge to edge.",
             )
         if self.kind != "chessboard" and not hasattr(cv2.aruco, self.dictionary):
             raise PlopError(
-                "The ArUco dictionary is unknown.", expected="a name as OpenCV's DICT_4X4_50", found=self.dictionary
+                "The ArUco dictionary is unknown.",
+                where="board_dictionary",
+                expected="a name as OpenCV's DICT_4X4_50",
+                found=self.dictionary,
             )
 
 

@@ -141,7 +141,7 @@ def test_the_terminal_is_asked_and_the_command_repeated(monkeypatch: pytest.Monk
 
 
 def test_a_settings_file_cannot_name_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    (tmp_path / "plop.toml").write_text('[simulate]\nrenderer = "blender"\nblender = "./evil"\n')
+    (tmp_path / "plop.toml").write_text('[simulate.cameras]\nrenderer = "blender"\nblender = "./evil"\n')
     found = main(["simulate", "block.toml", "-w", str(tmp_path), "--dry-run"])
     told = capsys.readouterr().err
     assert found == 1 and "names a program" in told and "--" in told
