@@ -12,7 +12,7 @@ from stages import RECORDINGS
 
 
 def recordings_input(help: str, choice: Choice = Choice.LATEST) -> InputSpec:
-    """Declare recordings; `Choice.UNDOUBTED` where a wrong guess would be judged on."""
+    """Declare recordings; `Choice.UNAMBIGUOUS` where a wrong guess would be judged on."""
     return InputSpec(RECORDINGS, help, choice=choice)
 
 

@@ -23,6 +23,11 @@ PLACE = re.compile(r"^( *)\[\[(table|code) ([\w-]+)\]\]$", re.MULTILINE)
 _MATH = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
+def on_startup(**_: Any) -> None:
+    """Let the pages' code import benchmarks/ while they are built: mkdocs takes back what its hooks add to sys.path."""
+    sys.path.insert(0, str(ROOT))
+
+
 def generated() -> dict[str, str]:
     """Give the Markdown of all pages that are made while the site is built, by their place in docs/."""
     pages = {name: make() for name, make in reference_pages.PAGES.items()}

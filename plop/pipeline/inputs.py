@@ -208,7 +208,7 @@ def undoubted(store: Store, stage: Stage, name: str, environment: str | None) ->
         raise _nothing_fits(store, stage, name, {environment} if environment else set())
     if len({a.manifest.environment for a in pool}) > 1:
         raise _ambiguous(stage, name, pool)
-    if spec.choice is Choice.UNDOUBTED and len(pool) > 1 and len({a.key[0] for a in pool}) == 1:
+    if spec.choice is Choice.UNAMBIGUOUS and len(pool) > 1 and len({a.key[0] for a in pool}) == 1:
         raise PlopError(
             f"Which {name}?",
             where=store.root,

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 from plop.artifacts.atomic_file import write_text
@@ -32,8 +32,6 @@ PROCESS_BYTES = 1_000_000_000
 """Memory that is left for each process where their number is not given: torch, and the frames of an episode."""
 _EVERY_S = 0.3
 """How often progress is passed on [s]."""
-_PROGRESS = ".progress"
-"""Hidden folder in which pieces of other processes, perhaps on other machines, write how far they are."""
 
 Progress = Callable[..., None]
 """`progress(done, total, label="", **figures)`."""
@@ -155,9 +153,13 @@ def _carried_out(
     if mapper is None and processes(jobs, len(left)) == 1:
         for place, name in enumerate(left, start=done):
             yield task.carried_out(name, _shifted(progress, place, len(names), name))
+    elif mapper is not None:
+        for place, piece in enumerate(mapper(task, left, jobs), start=done + 1):
+            progress(place, len(names), piece.name)
+            yield piece
     elif left:
-        with _gathered(task.folder / _PROGRESS, progress, done, len(names)):
-            yield from (mapper or in_processes)(task, left, jobs)
+        with _gathered(progress, done, len(names)) as notes:
+            yield from in_processes(replace(task, notes=notes), left, jobs)
 
 
 @dataclass(frozen=True)
@@ -167,17 +169,20 @@ class _Task:
     work: Work
     folder: Path
     prefix: str
+    notes: Path | None = None
+    """Folder in which a piece writes how far it is; gone when nobody reads it any more."""
 
     def __call__(self, name: str) -> Piece:
-        notes, last = mark_of(self.folder, name).name, 0.0
+        last = 0.0
 
         def noted(part: float, whole: float, label: str = "", **figures: Any) -> None:
             nonlocal last
-            if time.monotonic() > last + _EVERY_S or part >= whole:
+            if self.notes is not None and (time.monotonic() > last + _EVERY_S or part >= whole):
                 last = time.monotonic()
-                write_text(
-                    self.folder / _PROGRESS / f"{notes}.json", json.dumps([part / whole, label or name, figures])
-                )
+                note = self.notes / f"{mark_of(self.folder, name).name}.json"
+                with suppress(FileNotFoundError):  # the run that started this process was killed
+                    note.with_suffix(".part").write_text(json.dumps([part / whole, label or name, figures]))
+                    note.with_suffix(".part").replace(note)
 
         return self.carried_out(name, noted)
 
@@ -230,13 +235,16 @@ def _end_with_parent(parent: int) -> None:
 
 
 @contextmanager
-def _gathered(folder: Path, progress: Progress, done: int, total: int) -> Iterator[None]:
-    """Add up what pieces write about their progress into a folder, and pass it on."""
+def _gathered(progress: Progress, done: int, total: int) -> Iterator[Path]:
+    """Give a folder in which pieces write about their progress; what they write is added up and passed on.
+
+    It is no part of the scratch folder: a process of a killed run, which lives a moment longer, may still write there.
+    """
     stop = threading.Event()
     latest: dict[str, float] = {}
     parts: dict[str, float] = {}
 
-    def gather() -> None:
+    def gather(folder: Path) -> None:
         while not stop.wait(_EVERY_S):
             for note in folder.glob("*.json"):
                 if latest.get(note.name) == note.stat().st_mtime:
@@ -245,13 +253,12 @@ def _gathered(folder: Path, progress: Progress, done: int, total: int) -> Iterat
                 parts[note.name], label, figures = json.loads(note.read_text(encoding="utf-8"))
                 progress(done + sum(parts.values()), total, label, **figures)
 
-    shutil.rmtree(folder, ignore_errors=True)
-    gatherer = threading.Thread(target=gather, daemon=True)
-    gatherer.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        gatherer.join()
-        shutil.rmtree(folder, ignore_errors=True)
+    with TemporaryDirectory(prefix="plop-progress-", ignore_cleanup_errors=True) as folder:
+        gatherer = threading.Thread(target=gather, args=(Path(folder),), daemon=True)
+        gatherer.start()
+        try:
+            yield Path(folder)
+        finally:
+            stop.set()
+            gatherer.join()
     progress(total, total)

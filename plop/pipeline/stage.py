@@ -30,7 +30,7 @@ class Choice(Enum):
     """The latest that fits: of one line of descent with the other inputs."""
     ANY_LINE = auto()
     """The latest, whatever the other inputs come from: a model meets recordings that it was not made from."""
-    UNDOUBTED = auto()
+    UNAMBIGUOUS = auto()
     """The latest, unless several could be meant: then the user is asked."""
     MADE = auto()
     """Made on the way by its recipe, with the settings of the workspace; what is there already is taken."""

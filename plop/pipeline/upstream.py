@@ -167,7 +167,7 @@ class _Inputs:
         self.found |= latest_inputs(store, self.stage, latest, chosen, self.environment, makeable)
         self._settle()
         for name in open_names:
-            if name not in self.found and inputs[name].choice in (Choice.UNDOUBTED, Choice.ANY_LINE):
+            if name not in self.found and inputs[name].choice in (Choice.UNAMBIGUOUS, Choice.ANY_LINE):
                 self.found[name] = undoubted(store, self.stage, name, self.environment)
 
     def _is_asked_for(self, name: str) -> bool:
@@ -210,7 +210,7 @@ class _Inputs:
     def _new(self, name: str, spec: InputSpec) -> Need:
         if isinstance(spec.choice, Origin):
             return self._origin(spec.choice)
-        if spec.choice in (Choice.UNDOUBTED, Choice.ANY_LINE):
+        if spec.choice in (Choice.UNAMBIGUOUS, Choice.ANY_LINE):
             return undoubted(self.planner.store, self.stage, name, self.environment)
         recipe = spec.recipe
         if recipe is None or (recipe.needed is not None and not recipe.needed(self.config, self._there())):

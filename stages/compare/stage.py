@@ -211,7 +211,7 @@ STAGE = Stage(
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0"),
         "tracks": tracks_input("the filter's states"),
         "model": InputSpec(MODELS, "the model to compare", choice=Choice.ANY_LINE),

@@ -246,7 +246,7 @@ STAGE = Stage(
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0"),
         "tracks": tracks_input("the filter's states", settings=_without_cameras),
         "model": InputSpec(MODELS, "the model to diagnose", choice=Choice.ANY_LINE),

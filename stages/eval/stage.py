@@ -127,7 +127,7 @@ STAGE = Stage(
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0, for the baselines"),
         "rollouts": InputSpec(
             ("rollout",),

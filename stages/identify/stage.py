@@ -150,7 +150,7 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
             "low": _shown(e.low),
             "high": _shown(e.high),
             "unit": e.unit,
-            "told": "yes" if e.determined else NOT_DETERMINED,
+            "determined": "yes" if e.determined else NOT_DETERMINED,
         }
         for name, e in found.estimates.items()
     ]
@@ -188,7 +188,7 @@ STAGE = Stage(
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0"),
         "tracks": tracks_input("the filter's states"),
     },

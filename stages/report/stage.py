@@ -231,7 +231,7 @@ STAGE = Stage(
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNDOUBTED),
+        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0"),
         "models": InputSpec(MODELS, "the models, for their parameters", optional=True, choice=Choice.NAMED, many=True),
         "comparisons": InputSpec(

@@ -27,27 +27,10 @@ from stages.calibrate.stage import STAGE, CalibrateConfig
 from stages.calibrate.tool_timing import episode_offsets
 from tests.geometry.test_boards import CHARUCO, MATRIX, photograph, poses
 from tests.geometry.test_handeye import robot_poses
+from tests.support.box import BOX_FACES
 from tests.support.ellipsoid_scene import ring, write_set
 
-BLADE = Mesh(
-    np.array([[x, y, z] for x in (0, 0.06) for y in (0, 0.004) for z in (0, 0.05)], float),
-    np.array(
-        [
-            [0, 1, 3],
-            [0, 3, 2],
-            [4, 6, 7],
-            [4, 7, 5],
-            [0, 4, 5],
-            [0, 5, 1],
-            [2, 3, 7],
-            [2, 7, 6],
-            [0, 2, 6],
-            [0, 6, 4],
-            [1, 5, 7],
-            [1, 7, 3],
-        ]
-    ),
-)
+BLADE = Mesh(np.array([[x, y, z] for x in (0, 0.06) for y in (0, 0.004) for z in (0, 0.05)], float), BOX_FACES)
 
 
 def calibrate(tmp_path, config=None, **folders):

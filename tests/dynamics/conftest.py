@@ -9,6 +9,7 @@ import torch
 from plop.dynamics.interface import ToolStep
 from plop.gaussians.state import Gaussians
 from plop.geometry.meshes.tool import ToolGeometry
+from tests.support.box import BOX_FACES
 
 
 def block_of(count: int, seed: int = 0) -> Gaussians:
@@ -24,22 +25,7 @@ def block_of(count: int, seed: int = 0) -> Gaussians:
 def blade() -> ToolGeometry:
     """A blade of 2 x 80 x 40 mm: normal x, long axis y, height z."""
     corners = np.array([[x, y, z] for x in (-0.001, 0.001) for y in (-0.04, 0.04) for z in (0.0, 0.04)])
-    faces = np.array(
-        [
-            [0, 1, 3],
-            [0, 3, 2],
-            [4, 6, 7],
-            [4, 7, 5],
-            [0, 4, 5],
-            [0, 5, 1],
-            [2, 3, 7],
-            [2, 7, 6],
-            [0, 2, 6],
-            [0, 6, 4],
-            [1, 5, 7],
-            [1, 7, 3],
-        ]
-    )
+    faces = BOX_FACES
     return ToolGeometry.from_mesh(corners, faces)
 
 

@@ -130,4 +130,4 @@ def test_what_the_recordings_hardly_tell_is_said():
     assert "(0 to 1.55)" in warnings[0] and "leave it out of --fit" in warnings[0]
     assert "(anything)" in warnings[1] and "end of its range" in warnings[2]
     assert all(NOT_DETERMINED in warning for warning in warnings)
-    assert [row["told"] for row in _summary(BASE, found, 4, {}).table] == ["yes", *[NOT_DETERMINED] * 3]
+    assert [row["determined"] for row in _summary(BASE, found, 4, {}).table] == ["yes", *[NOT_DETERMINED] * 3]

@@ -13,6 +13,7 @@ from plop.physics.engine.particles import Particles
 from plop.physics.engine.solver import simulate
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.tools import blade_mesh
+from tests.support.box import BOX_FACES
 
 SIZE = (0.06, 0.03, 0.03)
 SOFT = Material(youngs_modulus_pa=1.5e4, poisson=0.4, damping_per_s=5, tool_friction=0, table_friction=0.3)
@@ -127,22 +128,7 @@ def test_solid_plate_presses(block):
     body = block((0.03, 0.03, 0.03), 0.0025)
     low, high = np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.03])
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-    hull_faces = np.array(
-        [
-            [0, 1, 3],
-            [0, 3, 2],
-            [4, 6, 7],
-            [4, 7, 5],
-            [0, 4, 5],
-            [0, 5, 1],
-            [2, 3, 7],
-            [2, 7, 6],
-            [0, 2, 6],
-            [0, 6, 4],
-            [1, 5, 7],
-            [1, 7, 3],
-        ]
-    )
+    hull_faces = BOX_FACES
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 2, 3] = [0.0302, 0.0285, 0.0285]
     plate = ToolMotion(corners, hull_faces, np.array([0, 0.2, 0.5]), poses)

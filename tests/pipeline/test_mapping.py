@@ -66,7 +66,7 @@ def test_every_piece_is_made_once_and_its_error_kept(tmp_path: Path, jobs: int) 
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     again = out.map(NAMES, partial(write, ""), jobs=jobs)
     assert not again.errors and (tmp_path / "c").read_text() == "c"
-    assert not (tmp_path / ".progress").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".done", *NAMES], "how far a piece is stands elsewhere"
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -92,6 +92,19 @@ def test_a_damaged_mark_is_no_mark(tmp_path: Path) -> None:
     (tmp_path / ".done").mkdir()
     (tmp_path / ".done" / "a").touch()
     assert Output(tmp_path).map(["a"], partial(_of, "new")).values == {"a": "new"}
+
+
+def test_a_process_of_a_killed_run_leaves_no_note(tmp_path: Path) -> None:
+    """It lives a moment longer, while the next run works in the same folder."""
+    (tmp_path / "out").mkdir()
+    task = mapping._Task(partial(_far, tmp_path), tmp_path / "out", "", tmp_path / "gone")
+    assert task("a").value == "a"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [".done"] and not (tmp_path / "gone").exists()
+
+
+def _far(folder: Path, name: str, progress: Callable[..., None]) -> str:
+    progress(1, 1, name)
+    return name
 
 
 def test_a_mapper_may_carry_the_pieces_out_elsewhere_and_twice(tmp_path: Path) -> None:

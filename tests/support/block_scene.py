@@ -20,6 +20,7 @@ from plop.recordings.writer import RecordingWriter
 from plop.render.rasterizer.sh import C0
 from plop.render.rigid_motion import moved_rigidly
 from plop.render.scene import render_scene
+from tests.support.box import BOX_FACES
 
 STEP_M = 0.004
 """Each half moves this far a frame."""
@@ -101,22 +102,7 @@ def make_inputs(folder: Path, *, names: tuple[str, ...] = ("a",), frames: int = 
 
 def write_episode(path: Path, name: str, block: Gaussians, tool: Gaussians, frames: int) -> None:
     corners = np.array([[x, y, z] for x in (-0.001, 0.001) for y in (-0.025, 0.025) for z in (-0.008, 0.008)])
-    faces = np.array(
-        [
-            [0, 1, 3],
-            [0, 3, 2],
-            [4, 6, 7],
-            [4, 7, 5],
-            [0, 4, 5],
-            [0, 5, 1],
-            [2, 3, 7],
-            [2, 7, 6],
-            [0, 2, 6],
-            [0, 6, 4],
-            [1, 5, 7],
-            [1, 7, 3],
-        ]
-    )
+    faces = BOX_FACES
     poses = tool_poses(frames)
     with RecordingWriter(
         path,

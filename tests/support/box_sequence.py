@@ -5,24 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from plop.recordings.readers.mesh.sequence import MeshSequence
+from tests.support.box import BOX_FACES
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-_FACES = np.array(
-    [
-        [0, 1, 3],
-        [0, 3, 2],
-        [4, 6, 7],
-        [4, 7, 5],
-        [0, 4, 5],
-        [0, 5, 1],
-        [2, 3, 7],
-        [2, 7, 6],
-        [0, 2, 6],
-        [0, 6, 4],
-        [1, 5, 7],
-        [1, 7, 3],
-    ]
-)
+_FACES = BOX_FACES
 BLADE = np.array(
     [[-0.003, -0.06, 0], [0.003, -0.06, 0], [0, -0.06, -0.03], [-0.003, 0.06, 0], [0.003, 0.06, 0], [0, 0.06, -0.03]]
 )

@@ -13,6 +13,7 @@ from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.solver import simulate
 from plop.physics.engine.tool_motion import ToolMotion
+from tests.support.box import BOX_FACES
 
 
 @pytest.fixture(scope="session")
@@ -20,22 +21,7 @@ def plate() -> Callable[..., ToolMotion]:
     """A plate of 60 x 60 x 30 mm whose lower side follows points (x, z) at the given times."""
     low, high = np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.03])
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
-    faces = np.array(
-        [
-            [0, 1, 3],
-            [0, 3, 2],
-            [4, 6, 7],
-            [4, 7, 5],
-            [0, 4, 5],
-            [0, 5, 1],
-            [2, 3, 7],
-            [2, 7, 6],
-            [0, 2, 6],
-            [0, 6, 4],
-            [1, 5, 7],
-            [1, 7, 3],
-        ]
-    )
+    faces = BOX_FACES
 
     def lead(*points: tuple[float, float], times: list[float]) -> ToolMotion:
         poses = np.tile(np.eye(4), (len(points), 1, 1))
