@@ -145,8 +145,10 @@ class _Fit:
         for done in range(1, iterations + 1):
             better = self.step(here, residual, jacobian, damping)
             if better is None:
-                if fresh:
+                if fresh and self.slopes is self.cases:
                     break
+                # where derivatives of the coarser grid lead nowhere, those of the engine's own are taken
+                self.slopes = self.cases if fresh else self.slopes
                 jacobian, fresh = self.jacobian(here, residual), True
                 continue
             jacobian, fresh = _corrected(jacobian, better[0] - here, residual, better[1]), False
