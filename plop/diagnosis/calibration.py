@@ -67,21 +67,10 @@ def _all(here: np.ndarray, groups: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def strongest(products: Sequence[Products], ways: np.ndarray) -> np.ndarray:
-    """Largest distance from zero of any hypothesis, in standard errors, for each way of dealing out, [N]."""
-    return np.max([each.contrast(ways).errors for each in products], axis=0)
+    """Strength of the strongest hypothesis, for each way of dealing out, [N]."""
+    return np.max([each.strength(ways) for each in products], axis=0)
 
 
 def chance(found: float, ways: np.ndarray) -> float:
-    """Share of the ways, the real one among them, that find as much."""
-    return float((ways >= found * (1 - _ROUNDING)).mean())
-
-
-def larger(sizes: np.ndarray, ways: np.ndarray) -> float:
-    """Chance that the episodes to explain have errors as much larger than the reference's.
-
-    Args:
-        sizes: Logarithm of each episode's error, [E].
-        ways: Labels, [N, E].
-    """
-    differences = ways @ sizes / ways.sum(1) - (1 - ways) @ sizes / (1 - ways).sum(1)
-    return float((differences >= differences[0] - _ROUNDING).mean())
+    """Share of the ways, the real one (the first) among them, that find as much."""
+    return float((1 + (ways[1:] >= found * (1 - _ROUNDING)).sum()) / len(ways))

@@ -6,18 +6,22 @@ model, everything that can be asked of it stands in the products
     G[e, f] = R_e' P_ef R_f        g[e] = sum_f R_e' P_ef r_f
 
 of E by E and E numbers. Amounts are s in all episodes (what the base lacks there, too) and s + a in those to explain,
-z = 1; without a reference s is 0. Amounts are in units of the amplitude at which the response was computed, so that a law
-that is there at that amplitude has a = 1; only a > 0 counts, since the other way is another hypothesis.
+z = 1; without a reference s is 0. Amounts are in units of the amplitude at which the response was computed, so that a
+law that is there at that amplitude has a = 1; only a > 0 counts, since the other way is another hypothesis.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 _SINGULAR = 1e-9
+
+
+def roots(gains: np.ndarray) -> np.ndarray:
+    """Signed square roots: a gain of log density grows with the square of an effect, and one episode may hold most."""
+    return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))
 
 
 @dataclass(frozen=True)
@@ -29,77 +33,84 @@ class Products:
     onto: np.ndarray
     """[E]."""
 
-    def contrast(self, labels: np.ndarray) -> Contrast:
+    def contrast(self, here: np.ndarray) -> Contrast:
         """Fit a and, where some episodes are a reference, s by generalised least squares.
 
         Args:
-            labels: Which episodes are to be explained, 0 or 1, [N, E]; N ways of dealing them out.
+            here: Which episodes are to be explained, bool [E].
         """
-        count = len(self.onto)
-        row, pulled = self.gram.sum(1), labels @ self.gram
-        own, cross = (pulled * labels).sum(1), labels @ row
-        alone = bool((labels > 0).all())
-        shared = np.inf if alone else max(float(row.sum()), 1e-300)
-        volume = own - cross**2 / shared
-        usable = volume > _SINGULAR * max(float(np.trace(self.gram)), 1e-300)
-        volume = np.where(usable, volume, 1.0)
-        a = np.where(usable, (labels @ self.onto - cross / shared * self.onto.sum()) / volume, 0.0)
-        s = np.zeros(len(labels)) if alone else (self.onto.sum() - cross * a) / shared
-        left = self.onto - s[:, None] * row - a[:, None] * pulled
-        pulls = (labels - (cross / shared)[:, None]) * left / volume[:, None]
-        freedom = max(count - (1 if alone else 2), 1)
-        variance = np.where(usable, 1 / volume + (pulls**2).sum(1) * count / freedom, np.inf)
-        return Contrast(a, np.sqrt(variance), s, freedom)
+        count, z = len(here), here.astype(float)
+        design = z[:, None] if here.all() else np.stack([z, np.ones(count)], 1)
+        hessian = design.T @ self.gram @ design
+        if not _regular(hessian):
+            return Contrast(0.0, np.inf, 1)
+        inverse = np.linalg.inv(hessian)
+        fitted = inverse @ design.T @ self.onto
+        left = self.onto - self.gram @ design @ fitted
+        pulls = (design @ inverse[0]) * left
+        freedom = max(count - design.shape[1], 1)
+        variance = inverse[0, 0] + (pulls**2).sum() * count / freedom
+        return Contrast(float(fitted[0]), float(np.sqrt(variance)), freedom)
 
-    def held_out(self, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def held_out(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predict each episode to explain with the amounts that all others show.
 
         The hypothesis stands against the same without a, so that what is in the reference, too, is no gain.
 
         Args:
-            here: Which episodes are to be explained, bool [E].
+            labels: Which episodes are to be explained, 0 or 1, [N, E]; N ways of dealing them out.
 
         Returns:
-            Gain of log density of each [H] [nats], and the a that the others show [H], 0 where it is negative.
+            Gain of log density [nats], and the a that the others show, 0 where it is negative; [N, E] each, 0 in the
+            reference.
         """
-        design = np.stack([np.ones(len(here)), here.astype(float)], 1)
-        gains, amounts = [], []
-        for e in np.flatnonzero(here):
-            others = np.arange(len(here)) != e
-            fitted, plain = self._amounts(design, others, here), self._amounts(design * [1.0, 0.0], others, here)
-            helps = fitted[1] > 0
-            amounts.append(max(float(fitted[1]), 0.0))
-            gains.append(self._density(e, design @ fitted) - self._density(e, design @ plain) if helps else 0.0)
-        return np.array(gains), np.array(amounts)
+        z, alone = labels, bool((labels > 0).all())
+        row, pulled, own = self.gram.sum(1), labels @ self.gram, np.diag(self.gram)
+        # sums over all episodes but one, [N, E]: of s with s, s with a, a with a, and both with the residuals
+        ss = row.sum() - 2 * row + own
+        sa = (z @ row)[:, None] - z * row - pulled + z * own
+        aa = (pulled * z).sum(1)[:, None] - 2 * z * pulled + z * own
+        s, a = self.onto.sum() - self.onto, (z @ self.onto)[:, None] - z * self.onto
+        if alone:
+            volume, pull = aa, a
+        else:
+            safe = np.where(ss > 0, ss, np.inf)
+            volume, pull = aa - sa**2 / safe, a - sa * s / safe
+        usable = volume > _SINGULAR * max(float(own.sum()), 1e-300)
+        amount = np.where(usable, np.maximum(pull / np.where(usable, volume, 1.0), 0.0), 0.0)
+        plain = np.zeros(z.shape[1]) if alone else s / np.where(ss > 0, ss, np.inf)
+        shared = plain if alone else (s - sa * amount) / np.where(ss > 0, ss, np.inf)
 
-    def _amounts(self, design: np.ndarray, used: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """Least squares for s and a over some episodes; without a reference s is 0."""
-        columns = design[used] * ([0.0, 1.0] if here.all() else [1.0, 1.0])
-        hessian = columns.T @ self.gram[np.ix_(used, used)] @ columns
-        ridge = _SINGULAR * max(float(np.trace(hessian)), 1e-300)
-        return np.asarray(np.linalg.solve(hessian + ridge * np.eye(2), columns.T @ self.onto[used]))
+        def density(s: np.ndarray, a: np.ndarray) -> np.ndarray:
+            """Log density over that without any amount, all other episodes given."""
+            total = s + a * z
+            left = self.onto - s * (row - own) - a * (pulled - z * own)
+            return np.asarray(total * left - 0.5 * total**2 * own)
 
-    def _density(self, e: int, amount: np.ndarray) -> float:
-        """Log density of an episode with amounts [E], over that without any, all other episodes given."""
-        others = np.arange(len(amount)) != e
-        left = self.onto[e] - self.gram[e, others] @ amount[others]
-        return float(amount[e] * left - 0.5 * amount[e] ** 2 * self.gram[e, e])
+        gains = np.where(amount > 0, density(shared, amount) - density(plain, 0.0 * amount), 0.0)
+        return gains * z, amount * z
+
+    def strength(self, labels: np.ndarray) -> np.ndarray:
+        """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks, and what is tested."""
+        return np.asarray(roots(self.held_out(labels)[0]).sum(1))
+
+    def with_amount(self, change: float, here: np.ndarray) -> Products:
+        """Give what the evidence would say with so much more of the law in the episodes to explain."""
+        return Products(self.gram, self.onto + change * self.gram @ here.astype(float))
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """Fitted amounts, for N ways of dealing the episodes out."""
+    """A fitted amount."""
 
-    amount: np.ndarray
-    """a, [N]."""
-    error: np.ndarray
-    """Its standard error, [N]: that of the discrepancy model and that by the scatter of episodes (sandwich) together."""
-    shared: np.ndarray
-    """s, [N]."""
+    amount: float
+    """a."""
+    error: float
+    """Its standard error: that of the discrepancy model and that by the scatter of episodes (sandwich) together."""
     freedom: int
     """Degrees of freedom of the scatter."""
 
-    @cached_property
-    def errors(self) -> np.ndarray:
-        """Distance of a from 0 in standard errors, [N]; 0 where a is negative."""
-        return np.asarray(np.maximum(self.amount / self.error, 0.0))
+
+def _regular(hessian: np.ndarray) -> bool:
+    values = np.linalg.eigvalsh(hessian)
+    return bool(values[-1] > 0 and values[0] > _SINGULAR * values[-1])

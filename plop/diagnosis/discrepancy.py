@@ -4,7 +4,7 @@ For episode e, at patch p and compared frame t, in three coordinates,
 
     r_e(p, t) = B_e(p, t) b + m_e(p, t) u_e(place, tool-relative place, phase) + noise
 
-    B b   the base's own parameters, refitted under a prior, the same in all episodes
+    B b   the base's own parameters, refitted under a prior, and a smooth field: the same in all episodes
     u     a Gaussian process; between episodes it is correlated as their tool paths resemble each other, so that a
           repeated motion shows nearly the same discrepancy and an unlike one tells nothing of it (Kennedy & O'Hagan,
           J. R. Statist. Soc. B 63, 2001)
@@ -58,7 +58,7 @@ class Spread:
 class Field:
     """The inverse covariance of all residuals: everything that is asked of it is exact."""
 
-    def __init__(self, episodes: Sequence[Evidence], base: Sequence[np.ndarray], spread: Spread = Spread()) -> None:  # noqa: B008
+    def __init__(self, episodes: Sequence[Evidence], base: Sequence[np.ndarray], spread: Spread = Spread()) -> None:
         """Find the weights of the noise, and factor the model.
 
         Args:
@@ -67,8 +67,14 @@ class Field:
             spread: How large each part is.
         """
         self.episodes = list(episodes)
-        self._base = [columns.reshape(e.residual.size, -1) for columns, e in zip(base, episodes, strict=True)]
         features = inducing_features(episodes)
+        size = np.sqrt(np.mean(np.concatenate([(e.residual**2)[e.seen].ravel() for e in episodes])))
+        self.unknown = [size * np.kron(f, np.eye(3)) for f in features]
+        """A smooth field of displacements as large as the residuals, columns [3 F K, 3 M] of each episode."""
+        self._base = [
+            np.concatenate([columns.reshape(e.residual.size, -1), field], 1)
+            for columns, e, field in zip(base, episodes, self.unknown, strict=True)
+        ]
         self._local = [spread.share * _motion(e)[:, None] * f for e, f in zip(episodes, features, strict=True)]
         alike = np.exp(-0.5 * (path_distances(episodes) / spread.reach) ** 2)
         kernel = spread.repeat * alike + (1 - spread.repeat) * np.eye(len(episodes))
@@ -113,31 +119,47 @@ class Field:
             responses: For each hypothesis, what it changes in every episode, [F, K, 3] [m] each.
             residuals: Of every episode, [F, K, 3] [m].
         """
-        count, laws = len(residuals), len(responses)
+        count = len(residuals)
         own = [np.stack([each[e].reshape(-1) for each in responses], 1) for e in range(count)]
+        gram, onto = self.multiplied(own, residuals)
+        return [Products(gram[:, k, :, k], onto[:, k]) for k in range(len(responses))]
+
+    def multiplied(
+        self, columns: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Multiply columns of every episode with each other and with the residuals, over the covariance.
+
+        Args:
+            columns: [3 F K, X] of each episode.
+            residuals: [F, K, 3] [m] of each.
+
+        Returns:
+            Products of columns [E, X, E, X], and with the residuals [E, X].
+        """
+        count, wide = len(residuals), columns[0].shape[1]
         left = self._without_field([residual.reshape(-1, 1) for residual in residuals])
-        onto = np.stack([r.T @ x[:, 0] for r, x in zip(own, left, strict=True)], 1)
-        # what a response in one episode does, through the field, in every other
-        seen = [self._seen_by_field(e, columns) for e, columns in enumerate(own)]
+        onto = np.stack([r.T @ x[:, 0] for r, x in zip(columns, left, strict=True)])
+        # what a column of one episode does, through the field, in every other
+        seen = [self._seen_by_field(e, each) for e, each in enumerate(columns)]
         size = len(seen[0])
         covariance = self._covariance.reshape(count, size, count, size)
-        gram = np.zeros((laws, count, count))
+        flat = [each.reshape(size * 3, wide) for each in seen]
+        gram = np.zeros((count, wide, count, wide))
         for e in range(count):
-            heavy = np.repeat(self.weights[e], 3)[:, None] * own[e]
-            gram[:, e, e] = (own[e] * heavy).sum(0)
+            gram[e, :, e] = columns[e].T @ (np.repeat(self.weights[e], 3)[:, None] * columns[e])
             for f in range(e + 1):
-                shared = (seen[e] * (covariance[e, :, f] @ seen[f])).reshape(size, 3, laws).sum((0, 1))
-                gram[:, e, f] -= shared
+                through = flat[e].T @ (covariance[e, :, f] @ seen[f]).reshape(size * 3, wide)
+                gram[e, :, f] -= through
                 if f < e:
-                    gram[:, f, e] -= shared
-        base = np.stack([b.T @ r for b, r in zip(self._base_left, own, strict=True)])  # E, P, L
+                    gram[f, :, e] -= through.T
+        base = np.stack([b.T @ r for b, r in zip(self._base_left, columns, strict=True)])  # E, P, X
+        flat_base = base.transpose(1, 0, 2).reshape(base.shape[1], count * wide)
         fitted = self._base_covariance @ sum(b.T @ x for b, x in zip(self._base, left, strict=True))
-        gram -= np.einsum("epl,pq,fql->lef", base, self._base_covariance, base, optimize=True)
-        onto -= np.einsum("epl,p->le", base, fitted[:, 0])
-        return [Products(a, b) for a, b in zip(gram, onto, strict=True)]
+        gram -= (flat_base.T @ self._base_covariance @ flat_base).reshape(gram.shape)
+        return gram, onto - np.einsum("epx,p->ex", base, fitted[:, 0])
 
     def _seen_by_field(self, e: int, columns: np.ndarray) -> np.ndarray:
-        """Project weighted columns [3 F K, X] of episode e onto the field's features, [M, 3 X]."""
+        """Project weighted columns [3 F K, X] of an episode onto the field's features, [M, 3 X]."""
         weighted = self.weights[e][:, None] * columns.reshape(len(self.weights[e]), -1)
         return np.asarray(self._local[e].T @ weighted)
 
@@ -155,8 +177,7 @@ class Field:
         left = self._without_field([e.residual.reshape(-1, 1) for e in self.episodes])
         fitted = self._base_covariance @ sum(b.T @ x for b, x in zip(self._base, left, strict=True))
         return [
-            e.residual - (b @ fitted).reshape(e.residual.shape)
-            for e, b in zip(self.episodes, self._base, strict=True)
+            e.residual - (b @ fitted).reshape(e.residual.shape) for e, b in zip(self.episodes, self._base, strict=True)
         ]
 
 

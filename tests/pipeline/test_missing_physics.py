@@ -46,7 +46,7 @@ def told(tmp_path_factory) -> Callable[[list[Episode]], Conclusion]:
 
     def run(episodes: list[Episode]) -> Conclusion:
         runs = Runs(folder, jobs=2)
-        return diagnose(Measured(episodes), ENGINE, library(), runs, reference=reference, effects=EFFECTS, shams=99)
+        return diagnose(Measured(episodes), ENGINE, library(), runs, reference=reference, effects=EFFECTS)
 
     return run
 
