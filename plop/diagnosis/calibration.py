@@ -1,10 +1,10 @@
 """How often a search finds as much where nothing is hidden: the whole search, on the same episodes dealt out anew.
 
 If nothing is hidden, recordings and reference are alike but for their motions, and any of the ways of dealing the
-episodes out into two such sets might have been the real one (Fisher 1935; Pitman 1937). Each way is searched as the real
-one is, over all laws and amplitudes, and the share of ways that find as much is the chance of a false alarm: whatever
-the base misses, however it errs, and however many hypotheses are tried (Westfall & Young 1993). No other number in a
-diagnosis is called a chance.
+episodes out into two such sets might have been the real one (Fisher 1935; Pitman 1937). Each way is searched as the
+real one is, over all laws and amplitudes, and the share of ways that find as much is the chance of a false alarm:
+whatever the base misses, however it errs, and however many hypotheses are tried (Westfall & Young 1993). No other
+number in a diagnosis is called a chance.
 """
 
 from __future__ import annotations

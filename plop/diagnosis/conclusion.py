@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from plop.diagnosis.finding import Finding, finding_of, worse
-from plop.diagnosis.limits import Limit, detection_limits
+from plop.diagnosis.limits import Limit, detection_limits, unseen
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.diagnosis.search import Score, Search, one_per_law
 from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
 from plop.diagnosis.verdict_text import verdict_text
+
+_TURNS = 4
+"""Rounds in which two laws are fitted to what the other leaves."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +32,14 @@ class Conclusion:
     """Episodes and laws left out, with the reason."""
 
 
-def conclude(search: Search, sensors: Sequence[str], rule: DecisionRule = RULE) -> Conclusion:
+def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = RULE, whole: bool = True) -> Conclusion:
     """Judge by what has been computed.
 
     Args:
         search: It.
         sensors: Significant sensor faults, in words.
         rule: Error rates and margins.
+        whole: The whole library was tried.
     """
     scores = search.scores()
     findings = _findings(search, scores, rule)
@@ -51,8 +55,12 @@ def conclude(search: Search, sensors: Sequence[str], rule: DecisionRule = RULE) 
     if sensors:
         verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)
     ranked = [*chosen, *(f for f in findings if f.name not in {c.name for c in chosen})]
-    verdict = replace(verdict, text=verdict_text(verdict, ranked))
+    failed = search.failed()
+    tried = [c.effect for c in search.candidates if c.effect not in failed]
+    named = None if whole and not failed else list(dict.fromkeys(tried))
+    verdict = replace(verdict, text=verdict_text(verdict, ranked, named))
     limits = detection_limits(search, one_per_law(scores), rule)
+    limits |= {c.effect: unseen(c.columns[0]) for c in search.candidates if c.effect not in limits}
     return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores))
 
 
@@ -112,9 +120,8 @@ def _named(
     closed, left = closed_by(search, rest), search.sizes(first.score)
     second = None if others or not stands_out(rest, rule) else _second(rest, first, rule)
     if second is not None:
-        both = rest.beside(second.score)
-        chosen, rest, closed = [first, second], both, closed_by(search, both)
-        left[search.here] -= second.score.removed
+        first, second, rest = _together(search, first, second, rule)
+        chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()
         gain = 1 - float(left[search.here].sum() / search.sizes()[search.here].sum())
     part = stands_out(rest, rule) and closed is not None and closed < rule.part
     if part and closed is not None and closed < rule.nothing:
@@ -150,6 +157,18 @@ def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:
     return second if float(second.score.removed.sum()) > least else None
 
 
+def _together(search: Search, first: Finding, second: Finding, rule: DecisionRule) -> tuple[Finding, Finding, Search]:
+    """Fit two laws to what the other leaves, in turn (Gauss and Seidel); the last gives what both leave."""
+    found = [first, second]
+    rest = search
+    for turn in range(2 * _TURNS):
+        k = turn % 2
+        rest = search.beside(found[1 - k].score)
+        score = rest.score_of(found[k].score.hypothesis)
+        found[k] = finding_of(score, [], rest.sizes()[: int(rest.here.sum())], rule, alternatives=False)
+    return found[0], found[1], rest.beside(found[1].score)
+
+
 def stands_out(search: Search, rule: DecisionRule = RULE) -> bool:
     """Tell whether something else is in the recordings than in the reference, whatever it is."""
     return search.unknown_p is not None and search.unknown_p <= rule.alarm
@@ -166,15 +185,8 @@ def _dropped(search: Search, scores: Sequence[Score]) -> dict[str, str]:
     """Episodes that could not be followed, and laws that could not be judged, with the reason."""
     where = ("", "reference ")  # both sets may have an episode of the same name
     found = {f"{where[k]}{name}": why for k, table in enumerate(search.tables) for name, why in table.dropped.items()}
-    ranked = {score.hypothesis.effect for score in scores}
-    for candidate in search.candidates:
-        if candidate.effect not in ranked:
-            names = {column.key for column in candidate.columns}
-            failed = [w for t in search.tables for key, w in t.failed.items() if key.split("=")[0] and _of(key, names)]
-            silent = "it moves nothing that was followed in these recordings"
-            found[candidate.effect] = failed[0] if failed else silent
-    return found
-
-
-def _of(run: str, columns: set[str]) -> bool:
-    return any(run.startswith(f"{column}=") for column in columns)
+    found |= {f"{where[k]}{key}": why for k, table in enumerate(search.tables) for key, why in table.failed.items()}
+    ranked, failed = {score.hypothesis.effect for score in scores}, search.failed()
+    silent = "it moves nothing that was followed in these recordings"
+    laws = dict.fromkeys(c.effect for c in search.candidates if c.effect not in ranked)
+    return found | {law: failed.get(law, silent) for law in laws}

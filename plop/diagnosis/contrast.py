@@ -91,7 +91,7 @@ class Products:
         return gains * z, amount * z
 
     def strength(self, labels: np.ndarray) -> np.ndarray:
-        """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks, and what is tested."""
+        """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks and is tested."""
         return np.asarray(roots(self.held_out(labels)[0]).sum(1))
 
     def with_amount(self, change: float, here: np.ndarray) -> Products:

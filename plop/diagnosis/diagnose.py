@@ -63,7 +63,7 @@ def diagnose(
         best = [score.hypothesis.effect for score in one_per_law(search.scores())[:REFINED] if score.strength > 0]
         if not search.refine(best):
             break
-    return conclude(search, sensors, rule)
+    return conclude(search, sensors, rule, whole={*types} <= {c.effect for c in candidates})
 
 
 def _check_laws(search: Search, candidates: list[Candidate]) -> None:
@@ -72,11 +72,8 @@ def _check_laws(search: Search, candidates: list[Candidate]) -> None:
     Raises:
         PlopError: The engine runs with none of them.
     """
-    laws = {c.effect for c in candidates if c.kind != "base"}
-    failed = {key: why for table in search.tables for key, why in table.failed.items()}
-    run = {h.effect for h in search.hypotheses}
-    troubled = {law for law in laws if any(key.startswith(f"{law}(") for key in failed)}
-    if laws and not laws & run and laws <= troubled:
+    laws, failed = {c.effect for c in candidates if c.kind != "base"}, search.failed()
+    if laws and laws <= failed.keys():
         raise PlopError(
             "No law could be judged: the engine runs with none of them.",
             found="; ".join(failed.values())[:400],

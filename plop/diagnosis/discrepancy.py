@@ -9,8 +9,8 @@ For episode e, at patch p and compared frame t, in three coordinates,
           repeated motion shows nearly the same discrepancy and an unlike one tells nothing of it (Kennedy & O'Hagan,
           J. R. Statist. Soc. B 63, 2001)
     m     how far the patch moves: a base errs in proportion to the motion
-    noise Student-t per patch and frame, as a scale mixture of Gaussians: where a part breaks loose or starts to slide a
-          trajectory is chaotic, and squared error would let it decide everything (Lange, Little & Taylor, JASA 84, 1989)
+    noise Student-t per patch and frame, as a scale mixture of Gaussians: where a part breaks loose or starts to slide
+          a trajectory is chaotic, and squared error would let it decide everything (Lange et al., JASA 84, 1989)
 
 u is kept in inducing features, so that all is linear algebra on some hundred numbers. Nothing here knows which episodes
 are to be explained: dealing the episodes out anew changes none of it.

@@ -53,7 +53,7 @@ class Evidence:
 
     @property
     def variance_m2(self) -> np.ndarray:
-        """Squared scale of what is chance: the measurement's noise, and the scatter of the predictions, [F, K] [m^2]."""
+        """Squared scale of what is chance: measurement noise, and the scatter of predictions, [F, K] [m^2]."""
         return np.asarray(self.noise_m**2 + self.spread_m**2)
 
 

@@ -114,11 +114,14 @@ def reasons_of(score: Score, rule: DecisionRule = RULE) -> tuple[Reason, ...]:
 
 
 def worse(best: Score, other: Score, rule: DecisionRule = RULE) -> bool:
-    """Tell whether a law explains episodes less well than the best one, by more than chance between episodes.
+    """Tell whether a law explains episodes less well than the best one.
 
-    Compared are signed roots of the gains, so that the one episode that shows most does not decide alone (t test over
-    episodes, one-sided).
+    It does where it gains less by more than chance between episodes, and by more than a response that is right in shape
+    loses by being too strong or too weak. Compared are signed roots of the gains, so that the one episode that shows
+    most does not decide alone (t test over episodes, one-sided).
     """
+    if other.gain > (1 - rule.response_error**2) * best.gain:
+        return False
     apart = roots(best.gains) - roots(other.gains)
     error = apart.std(ddof=1) / np.sqrt(len(apart))
     return bool(apart.mean() > student.ppf(1 - rule.alike, len(apart) - 1) * error + 1e-9)

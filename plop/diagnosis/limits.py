@@ -32,7 +32,7 @@ class Limit:
 
 
 def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule = RULE) -> dict[str, Limit]:
-    """Give the amplitude of each law that exceeds what chance finds, and by as much as it comes out so nine times in ten.
+    """Give the amplitude of each law that would exceed what chance finds, nine times in ten.
 
     Args:
         search: The evidence.

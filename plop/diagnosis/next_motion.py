@@ -1,7 +1,7 @@
 """Which motion to record next, judged by the motions that were recorded.
 
-Laws that cannot be distinguished, or settings of one law, are distinguished by the motion in which their responses differ
-most.
+Laws that cannot be distinguished, or settings of one law, are distinguished by the motion in which their responses
+differ most.
 """
 
 from __future__ import annotations

@@ -62,6 +62,6 @@ def _limits(found: Conclusion) -> str:
         for size, name, limit in ease
     )
     return (
-        f"What would have been named nine times in ten: {seen}; all limits are in the diagnosis. To see weaker effects, "
-        f"record more episodes, or {_REPEAT}."
+        f"What would have been named nine times in ten: {seen}; all limits are in the diagnosis. To see weaker "
+        f"effects, record more episodes, or {_REPEAT}."
     )

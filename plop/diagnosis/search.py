@@ -1,4 +1,4 @@
-"""The search through the library: every hypothesis scored on the same evidence, and how often as much is found by chance."""
+"""The search through the library: every hypothesis on the same evidence, and how often chance finds as much."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from plop.diagnosis.calibration import chance, strongest, ways_to_deal
 from plop.diagnosis.contrast import Products, roots
 from plop.diagnosis.discrepancy import Field
 from plop.diagnosis.evidence import Evidence
-from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of
+from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
 from plop.diagnosis.without_reference import chance_without_reference
@@ -23,6 +23,9 @@ ENOUGH_WAYS = 100
 """Ways of dealing episodes out that are needed for a chance of 1 %."""
 NEAR = 0.15
 """An amplitude is found where the response was computed within this share of it."""
+
+_AS_GOOD = 0.02
+"""Share of its strength by which a law may differ between amplitudes at which it does as well."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,16 @@ class Search:
             if not any(table.trouble(hypothesis) for table in self.tables) and self._moves(hypothesis):
                 self.hypotheses.append(hypothesis)
 
+    def failed(self) -> dict[str, str]:
+        """Give the laws of which no setting could be run, and why."""
+        troubles = {key: why for table in self.tables for key, why in table.failed.items()}
+        run = {h.effect for h in hypotheses_of(self.candidates) if not any(run_key(s) in troubles for s, _ in h.runs)}
+        return {
+            h.effect: next(troubles[key] for s, _ in h.runs if (key := run_key(s)) in troubles)
+            for h in hypotheses_of(self.candidates)
+            if h.effect not in run
+        }
+
     def _moves(self, hypothesis: Hypothesis) -> bool:
         return any(np.any(changes) for changes in self.tables[0].response(hypothesis))
 
@@ -137,9 +150,14 @@ class Search:
 
     @cached_property
     def unknown_p(self) -> float | None:
-        """Chance that as much else is found where nothing is hidden; None without reference."""
+        """Chance that as much else is found where nothing is hidden; 1 where, held out, it predicts nothing.
+
+        None without reference.
+        """
         if self.here.all():
             return None
+        if self.unknown_gain <= 0:
+            return 1.0
         evidence = self.unknown.evidence(self.ways)
         return chance(float(evidence[0] - evidence.min()), evidence - evidence.min())
 
@@ -169,6 +187,10 @@ class Search:
         """Score all hypotheses, best first."""
         found = [self._score(h, p) for h, p in zip(self.hypotheses, self.products(self.hypotheses), strict=True)]
         return sorted(found, key=lambda score: (-score.strength, score.hypothesis.key))
+
+    def score_of(self, hypothesis: Hypothesis) -> Score:
+        """Score one hypothesis."""
+        return self._score(hypothesis, self.products([hypothesis])[0])
 
     def _score(self, hypothesis: Hypothesis, products: Products) -> Score:
         contrast = products.contrast(self.here)
@@ -208,12 +230,10 @@ class Search:
         Returns:
             Whether there was anything to run.
         """
-        best: dict[str, Score] = {}
-        for score in self.scores():
-            if score.hypothesis.effect in laws and score.amount > 0:
-                best.setdefault(score.hypothesis.candidate.key, score)
         wanted = []
-        for score in best.values():
+        for score in one_per_setting(self.scores()):
+            if score.hypothesis.effect not in laws or score.amount == 0:
+                continue
             multiple = min(score.amount, score.hypothesis.most)
             single = len(score.hypothesis.runs) == 1
             if abs(multiple - 1) > NEAR or not single:
@@ -241,9 +261,25 @@ def base_hypotheses(candidates: Sequence[Candidate]) -> list[Hypothesis]:
     return list(found.values())
 
 
+def one_per_setting(scores: Sequence[Score]) -> list[Score]:
+    """Keep the best score of every law in every setting of its shape, the strongest first.
+
+    Of amplitudes that do as well, the one nearest to where the response was computed is kept: there the response is
+    known, elsewhere it is only taken to be in proportion.
+    """
+    found: dict[str, list[Score]] = {}
+    for score in scores:
+        found.setdefault(score.hypothesis.candidate.key, []).append(score)
+    kept = []
+    for own in found.values():
+        good = [s for s in own if s.amount > 0 and s.strength >= (1 - _AS_GOOD) * own[0].strength]
+        kept.append(min(good, key=lambda s: abs(np.log(s.amount)), default=own[0]))
+    return sorted(kept, key=lambda s: -s.strength)
+
+
 def one_per_law(scores: Sequence[Score]) -> list[Score]:
     """Keep the best score of every law."""
     best: dict[str, Score] = {}
-    for score in scores:
+    for score in one_per_setting(scores):
         best.setdefault(score.hypothesis.effect, score)
     return list(best.values())

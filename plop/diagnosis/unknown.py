@@ -1,8 +1,8 @@
 """Is anything else in the recordings than in the reference, whatever it is, and how much of it does a law explain?
 
-The most general hypothesis: a smooth field of displacements over place, tool-relative place and phase that is the same in
-all episodes to explain, and not in the reference. It is asked, fitted and held out as a law is. What it holds is what a
-law of the library could at best explain; what is left of it with a law is what no law explains.
+The most general hypothesis: a smooth field of displacements over place, tool-relative place and phase that is the same
+in all episodes to explain, and not in the reference. It is fitted and held out as a law is. What it holds is what a law
+of the library could at best explain; what is left of it with a law is what no law explains.
 """
 
 from __future__ import annotations

@@ -10,23 +10,24 @@ from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
 from plop.parameters import estimate_text, is_log_change, short_number
 
 
-def verdict_text(verdict: Verdict, findings: Sequence[Finding]) -> str:
+def verdict_text(verdict: Verdict, findings: Sequence[Finding], tried: Sequence[str] | None = None) -> str:
     """Write the sentence.
 
     Args:
         verdict: It, but for its text.
         findings: All laws; what is named comes first.
+        tried: Names of the laws, where these are not the whole library.
     """
     facts = verdict.evidence
     if verdict.kind == VerdictKind.SENSOR:
         return (
-            f"A sensor is off: {'; '.join(facts.sensors)}. The tracks used it, so that physics cannot be judged: repair "
-            "it, or leave the camera out (--exclude), and diagnose again."
+            f"A sensor is off: {'; '.join(facts.sensors)}. The tracks used it, so that physics cannot be judged: "
+            "repair it, or leave the camera out (--exclude), and diagnose again."
         )
     if verdict.kind == VerdictKind.NOTHING_DETECTABLE:
-        return _nothing(facts, findings)
+        return _nothing(facts, findings, tried)
     if verdict.kind == VerdictKind.NONE_OF_THESE:
-        return _none(facts, findings)
+        return _none(facts, findings, tried)
     count = len(verdict.named) - (len(facts.alternatives) if verdict.kind != VerdictKind.BASE_PARAMETER else 0)
     return f"{_start(verdict)} {_what(findings[:count], facts)}; {_size(facts)}{_sure(findings[:count], facts)}."
 
@@ -64,7 +65,7 @@ def _sure(named: Sequence[Finding], facts: Grounds) -> str:
     return often + rest
 
 
-def _nothing(facts: Grounds, findings: Sequence[Finding]) -> str:
+def _nothing(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | None) -> str:
     if facts.least_p is None:
         best = findings[0] if findings else None
         near = f" {best.name} explains most ({100 * best.gain:.0f} %)." if best is not None and best.gain > 0 else ""
@@ -77,10 +78,12 @@ def _nothing(facts: Grounds, findings: Sequence[Finding]) -> str:
             f"Nothing can be named from so few episodes: chance alone does the best that is possible in "
             f"{100 * facts.least_p:.0f} % of searches."
         )
-    return "No law of the library can be detected in these recordings."
+    if tried is None:
+        return "No law of the library can be detected in these recordings."
+    return f"None of the laws that were tried can be detected in these recordings: {', '.join(tried)}."
 
 
-def _none(facts: Grounds, findings: Sequence[Finding]) -> str:
+def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | None) -> str:
     if facts.decoys:
         return (
             f"Nothing can be named: {facts.decoys[0]} explains most, which cannot matter in such motions and is tried "
@@ -89,7 +92,12 @@ def _none(facts: Grounds, findings: Sequence[Finding]) -> str:
     p = "" if facts.change_p is None else f" (p = {short_number(facts.change_p)})"
     best = next((f for f in findings if f.gain > 0), None)
     near = f" The nearest is {best.name}, which explains {100 * best.gain:.0f} %." if best else ""
-    return f"Something is missing that the library does not hold: the recordings differ from the reference{p}.{near}"
+    what = (
+        "the library does not hold"
+        if tried is None
+        else f"none of the laws that were tried explains ({', '.join(tried)})"
+    )
+    return f"Something is missing that {what}: the recordings differ from the reference{p}.{near}"
 
 
 def parameters_text(finding: Finding) -> str:
