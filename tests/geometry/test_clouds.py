@@ -118,13 +118,14 @@ def test_millimetres_and_negative_depth_are_refused():
 
 def test_right_cameras_agree_and_a_shift_is_measured():
     (a, _, depth_a, mask), (b, _, depth_b, _) = views(ring(12))[:2]
-    source, target = DepthView(a, depth_a, mask == 1), DepthView(b, depth_b, mask >= 0)
-    good = disagreement(source, target)
-    assert good.compared > 500 and good.median_mm < 0.3 and good.ratio == pytest.approx(1, abs=1e-3)
-    farther = disagreement(source, DepthView(b, np.where(depth_b > 0, depth_b + 0.01, 0), mask >= 0))
-    assert farther.bias_mm == pytest.approx(10, abs=0.3)
-    nothing = disagreement(source, DepthView(b, np.zeros_like(depth_b), mask >= 0))
-    assert nothing.compared == 0 and np.isnan(nothing.median_mm)
+    whole = mask >= 0
+    source, target = DepthView(a, depth_a, mask == 1, mask == 1), DepthView(b, depth_b, whole, mask == 1)
+    good = disagreement([(source, target)])
+    assert good.compared > 500 and good.difference_mm < 0.3 and good.ratio == pytest.approx(1, abs=1e-3)
+    farther = disagreement([(source, replace(target, depth_m=np.where(depth_b > 0, depth_b + 0.01, 0)))])
+    assert farther.bias_mm == pytest.approx(10, abs=0.3) and farther.shown_mm == pytest.approx(10, rel=0.2)
+    nothing = disagreement([(source, replace(target, depth_m=np.zeros_like(depth_b)))])
+    assert nothing.compared == 0 and np.isnan(nothing.difference_mm)
 
 
 def test_interpolation_is_exact_on_a_ramp_and_refuses_holes():
