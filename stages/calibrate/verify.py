@@ -105,7 +105,9 @@ def check_episode(
         views = [view for view in read_views(recording, frame, change) if view.camera.name in names]
         shots.append(dict(zip(names, depth_views(views, margin_m), strict=True)))
     pairs = {(a, b): disagreement([(shot[a], shot[b]) for shot in shots]) for a, b in combinations(names, 2)}
-    pixels = {name: sum(int(shot[name].region.sum()) for shot in shots if name in shot) for name in recording.camera_names}
+    pixels = {
+        name: sum(int(shot[name].region.sum()) for shot in shots if name in shot) for name in recording.camera_names
+    }
     return {name: _summarise(pixels[name], name, pairs) for name in recording.camera_names}
 
 

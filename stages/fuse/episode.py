@@ -178,7 +178,8 @@ def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | 
         Median over pairs of the shown difference [mm]; None when no pair can be compared.
     """
     picks = [
-        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask, mask) for view, mask in zip(views, masks, strict=True)
+        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask, mask)
+        for view, mask in zip(views, masks, strict=True)
     ]
     if len(picks) > 20:
         picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 20).astype(int)]

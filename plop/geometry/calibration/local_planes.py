@@ -71,7 +71,7 @@ def _half_window(noise_px: float) -> int:
     """Give half the width of the smallest window [px] whose normals are exact enough for noise in pixel widths."""
     halves = np.arange(1, MOST_HALF + 1)
     errors = noise_px / ((2 * halves + 1) * np.sqrt(halves * (halves + 1) / 3))
-    return int(halves[min(np.searchsorted(-errors, -NORMAL_ERROR), MOST_HALF - 1)])
+    return int(min((errors > NORMAL_ERROR).sum() + 1, MOST_HALF))
 
 
 def _noise_m(residual_m: np.ndarray, region: np.ndarray) -> float:
@@ -81,7 +81,7 @@ def _noise_m(residual_m: np.ndarray, region: np.ndarray) -> float:
 
 def _fitted(depth_m: np.ndarray, measured: np.ndarray, half: int, step: int) -> tuple[np.ndarray, np.ndarray]:
     """Fit 1 / depth = a . (x, y, 1) about the middle of each window: a, [h, w, 3], and what it leaves [m], [h, w]."""
-    normal, right, square = (each[::step, ::step] for each in _window_sums(depth_m, measured, half))
+    normal, right, square = _window_sums(depth_m, measured, half, step)
     count = normal[..., 2, 2]
     use = measured[::step, ::step] & (count >= MEASURED_SHARE * (2 * half + 1) ** 2)
     fit = np.full(right.shape, np.nan)
@@ -90,7 +90,9 @@ def _fitted(depth_m: np.ndarray, measured: np.ndarray, half: int, step: int) -> 
     return fit, np.sqrt(left) / fit[..., 2] ** 2
 
 
-def _window_sums(depth_m: np.ndarray, measured: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _window_sums(
+    depth_m: np.ndarray, measured: np.ndarray, half: int, step: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum a a^T, a / depth and 1 / depth^2 over windows, a = (x, y, 1) from the middle of each window."""
     height, width = depth_m.shape
     y, x = np.mgrid[0:height, 0:width] - np.array([height, width])[:, None, None] / 2
@@ -99,10 +101,11 @@ def _window_sums(depth_m: np.ndarray, measured: np.ndarray, half: int) -> tuple[
 
     def total(image: np.ndarray) -> np.ndarray:
         size = (2 * half + 1, 2 * half + 1)
-        return np.asarray(cv2.boxFilter(image, cv2.CV_64F, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
+        found = cv2.boxFilter(image, cv2.CV_64F, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(found[::step, ::step])
 
     normal = np.stack([np.stack([total(a * b) for a in basis], -1) for b in basis], -2)
     right = np.stack([total(a * inverse) for a in basis], -1)
-    shift = np.zeros((height, width, 3, 3)) + np.eye(3)
-    shift[..., 0, 2], shift[..., 1, 2] = -x, -y
+    shift = np.zeros(normal.shape) + np.eye(3)
+    shift[..., 0, 2], shift[..., 1, 2] = -x[::step, ::step], -y[::step, ::step]
     return shift @ normal @ shift.swapaxes(-1, -2), (shift @ right[..., None])[..., 0], total(inverse * inverse)
