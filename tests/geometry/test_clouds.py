@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.calibration.depth_agreement import DepthView, disagreement, interpolate_depth
+from plop.geometry.calibration.bundle_adjust import interpolate_depth
+from plop.geometry.calibration.depth_agreement import DepthView, disagreement
 from plop.geometry.calibration.local_planes import local_planes
 from plop.geometry.cameras import Camera
 from plop.geometry.clouds.cloud_ply import read_cloud, write_cloud

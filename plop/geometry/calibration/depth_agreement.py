@@ -200,31 +200,6 @@ def _motions(points: np.ndarray, normals: np.ndarray, distances: np.ndarray, pie
     return _Motions(rows, motion, others)
 
 
-def interpolate_depth(depth_m: np.ndarray, pixels: np.ndarray, gate_m: float) -> np.ndarray:
-    """Interpolate a depth image bilinearly, without bridging holes or edges.
-
-    Args:
-        depth_m: Shape [H, W], metres, 0 or NaN = not measured.
-        pixels: Image coordinates, shape [N, 2]; pixel centres lie at half-integers.
-        gate_m: Largest spread of the four neighbours [m].
-
-    Returns:
-        Depths, shape [N], metres; NaN where unknown.
-    """
-    height, width = depth_m.shape
-    x, y = pixels[:, 0] - 0.5, pixels[:, 1] - 0.5
-    inside = (x >= 0) & (y >= 0) & (x < width - 1) & (y < height - 1)
-    x, y = np.where(inside, x, 0), np.where(inside, y, 0)
-    column, row = x.astype(int), y.astype(int)
-    corners = np.stack(
-        [depth_m[row, column], depth_m[row, column + 1], depth_m[row + 1, column], depth_m[row + 1, column + 1]]
-    ).astype(np.float64)
-    a, b = x - column, y - row
-    value = (corners * np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])).sum(0)
-    good = inside & np.isfinite(corners).all(0) & (corners > 0).all(0) & (np.ptp(corners, axis=0) < gate_m)
-    return np.where(good, value, np.nan)
-
-
 def object_box(clouds: list[np.ndarray], margin_m: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Give the box around the object that the cameras agree on best.
 
