@@ -57,12 +57,12 @@ class Ranked:
             distance = f"{self.contrast:.1f} standard errors, p = {self.contrast_p:.2f}"
             return f"the same amplitude as in the reference recordings ({distance})"
         return {
-            Reason.NO_SHAMS: "no shams",
+            Reason.NO_SHAMS: "no permutation test",
             Reason.NO_HELP: f"{NO_HELP}: fitted to the other episodes, it does not make the held-out ones better",
             Reason.SMALL_GAIN: f"gain {100 * self.gain:.1f} % <= {100 * GAIN_LEAST:g} %",
             Reason.UNSURE_GAIN: f"gain within {ERRORS_LEAST:g} standard errors ({100 * self.gain_error:.1f} %)",
             Reason.AT_BOUND: "a parameter is at its bound",
-            Reason.ONE_EPISODE: "one episode alone carries it",
+            Reason.ONE_EPISODE: "only one episode shows it",
         }[reason]
 
 

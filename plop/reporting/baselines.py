@@ -1,4 +1,4 @@
-"""The two predictions that anybody can make, and in plain words where a model is no better than they are."""
+"""The two predictions that anybody can make, and where a model is no better than they are."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from plop.reporting.colours import PERSISTENCE, RIGID
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.errors_over import error_over, judged_on
-from plop.reporting.html import number
+from plop.reporting.numbers import number
 
 
 @dataclass(frozen=True)
@@ -20,15 +20,15 @@ class Baseline:
     label: str
     colour: str
     says: str
-    """What it takes for granted, to begin a sentence with."""
+    """What it does, as the subject of a sentence."""
 
 
 BASELINES = (
-    Baseline("persistence", "nothing moves", PERSISTENCE, "To say that nothing moves at all"),
-    Baseline("rigid", "best rigid motion (oracle)", RIGID, "To move the object as one rigid body"),
+    Baseline("persistence", "nothing moves", PERSISTENCE, "Predicting that nothing moves"),
+    Baseline("rigid", "best rigid motion (oracle)", RIGID, "Moving the object as one rigid body"),
 )
 """In the order of every table."""
-ORACLE = "The best rigid motion is fitted to the measurement of each frame: an oracle, which no prediction can be."
+ORACLE = "The best rigid motion is fitted to the measured points of each frame: it is an oracle, not a prediction."
 _SCORES = (("cd_mm", "CD"), ("emd_mm", "EMD"))
 
 
@@ -39,23 +39,25 @@ def beaten(facts: ReportFacts) -> list[str]:
         One sentence for each baseline and model; none where every model is better than both.
     """
     episodes, over = judged_on(facts)
-    told = []
+    found = []
     for compared in facts.compared:
         error = error_over(compared, episodes)
         for baseline in BASELINES:
             closer = (
                 []
                 if error is None or error[baseline.key] >= error["rms"]
-                else [f"{number(error[baseline.key])} mm instead of {number(error['rms'])} mm ({over})"]
+                else [f"{number(error[baseline.key])} mm against {number(error['rms'])} mm ({over})"]
             )
             closer += [
-                f"{number(theirs)} mm instead of {number(ours)} mm ({name} of plop eval)"
+                f"{number(theirs)} mm against {number(ours)} mm ({name} of plop eval)"
                 for name, ours, theirs in _scored(facts, compared, baseline)
                 if theirs < ours
             ]
             if closer:
-                told.append(f"{baseline.says} is closer to the measurement than {compared.label}: {'; '.join(closer)}.")
-    return told
+                found.append(
+                    f"{baseline.says} is closer to the measurement than {compared.label}: {'; '.join(closer)}."
+                )
+    return found
 
 
 def _scored(facts: ReportFacts, compared: Compared, baseline: Baseline) -> list[tuple[str, float, float]]:

@@ -107,7 +107,7 @@ def _nothing(label: str, found: Diagnosis) -> str:
     if lone := _lone(found, "hints at"):
         parts = [f"nothing that {label} is missing can be detected with certainty ({lone})"]
     if seen:
-        but = f", but for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
+        but = f", except for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
         least = f"{short_number(max(seen))} mm"
         parts.append(f"what moves the object by more than {least} would have been found about nine times in ten{but}")
     elif tried:
@@ -122,8 +122,8 @@ def _sensor(label: str, found: Diagnosis) -> str:
     surest = max((s.z for s in sensors), default=0.0)
     sure = f", {surest:.0f} times more than noise explains" if surest else ""
     return (
-        f"{faults}{sure}, so that nothing can be said about what is missing from {label}, or how much of the error "
-        "that explains, before it is mended or left out"
+        f"{faults}{sure}, so nothing can be said about what is missing from {label}, or how much of the error that "
+        "explains, until it is repaired or left out"
     )
 
 
@@ -148,15 +148,15 @@ def _share(found: Diagnosis) -> str:
 
 
 def _chance(named: Sequence[Ranked]) -> str:
-    """Say how often chance would do as much: the largest of the p values, which are shares of shams."""
+    """Say how often chance would do as much: the largest of the p values, which are shares of permutations."""
     known = [row.p for row in named if row.p is not None]
     if not known or len(known) < len(named):
-        return "how sure that is was not tested"
-    return f"chance alone would do that {_once(max(known))}"
+        return "its significance was not tested"
+    return f"by chance alone this would happen {_once(max(known))}"
 
 
 def _once(p: float) -> str:
-    return f"about once in {round(1 / p):,} tries" if p > 0 else "never"
+    return f"about once in {round(1 / p):,} trials" if p > 0 else "never"
 
 
 def _larger(found: Diagnosis) -> str | None:
@@ -164,7 +164,7 @@ def _larger(found: Diagnosis) -> str | None:
     floor, p = found.floor, found.verdict.evidence.excess_p
     if floor is None or floor <= 0 or not found.error > EXCESS_RATIO * floor:
         return None
-    often = f", which chance alone would cause {_once(p)}" if p is not None and p <= NEARLY_P else ""
+    often = f", which would happen by chance {_once(p)}" if p is not None and p <= NEARLY_P else ""
     return f"{sqrt(found.error / floor):.1f} times as large as in the recordings where nothing is missing{often}"
 
 
@@ -179,7 +179,7 @@ def _lone(found: Diagnosis, verb: str) -> str:
         return ""
     row = found.row(lone.effect)
     law = _words(lone.effect) if row is None else _plain(row)
-    return f"only {lone.episode} {verb} {law}, which is too little to name it"
+    return f"only {lone.episode} {verb} {law}, which is not enough to name it"
 
 
 def _laws(found: Diagnosis) -> list[Ranked]:
@@ -195,7 +195,7 @@ def _plain(row: Ranked) -> str:
 
 
 def _factor(named: Sequence[Ranked]) -> str:
-    """Say by what factor a base parameter changes, where the recordings tell it."""
+    """Say by what factor a base parameter changes, where the recordings determine it."""
     for name, p in (named[0].parameters if named else {}).items():
         if is_log_change(name) and p.determined:
             return f" (it should be {short_number(exp(p.value))} times as large)"

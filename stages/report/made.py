@@ -14,7 +14,7 @@ from plop.pipeline.registry import stage_ref
 from plop.pipeline.stage import Inputs
 from plop.reporting.compared import Made
 
-ON_THE_WAY = "made on the way"
+ON_THE_WAY = "intermediate"
 """What an artifact is that no input of the report is, but that one was made from."""
 
 
@@ -70,17 +70,17 @@ def _made(manifest: Manifest, role: str) -> Made:
         name: f"{s['stage']}@{s['fingerprint'][:8]}" if "fingerprint" in s else str(s.get("name", "a file"))
         for name, s in manifest.inputs.items()
     }
-    told = manifest.provenance
-    command = str(told.get("command", manifest.stage))
+    known = manifest.provenance
+    command = str(known.get("command", manifest.stage))
     return Made(
         manifest.address,
         role,
         command,
         manifest.config,
         sources,
-        {k: str(v) for k, v in told.get("versions", {}).items()},
-        str(told.get("made", "")),
-        told.get("seconds"),
+        {k: str(v) for k, v in known.get("versions", {}).items()},
+        str(known.get("made", "")),
+        known.get("seconds"),
         manifest.fingerprint,
         _settings(command, manifest.config),
     )

@@ -56,7 +56,7 @@ class ReportConfig(Settings):
     frames: Annotated[int, Range(2), Unit("frames")] = 24
     """Most frames of an episode that are shown."""
     episodes: Annotated[int, Range(1), Unit("episodes")] = 12
-    """Most episodes that can be looked at; tables hold all of them. The worst are taken."""
+    """Most episodes in the viewer, those with the largest error; tables contain all."""
     camera: str = ""
     """Camera of the images; when empty, the one whose image changes most."""
     difference_mm: Annotated[float, Range(1e-3), Unit("mm")] = 5.0
@@ -199,7 +199,7 @@ def _summary(facts: ReportFacts, size_mb: float, names: list[str], shown: list[s
         figures["says"] = headline(*facts.diagnoses[0])
     warnings = beaten(facts)
     if len(shown) < len(names):
-        warnings.append(f"{len(shown)} of {len(names)} episodes can be looked at; tables hold all of them.")
+        warnings.append(f"The viewer shows the {len(shown)} worst of {len(names)} episodes; the tables contain all.")
     if size_mb > MOST_MB:
         warnings.append(f"The page has {size_mb:.0f} MB: lower report.frames or report.episodes to send it by mail.")
     return Summary(figures, rows, warnings)
@@ -227,7 +227,7 @@ _OF_EACH_MODEL = Recipe({"recordings": "recordings", "init": "init", "model": "m
 
 STAGE = Stage(
     name="report",
-    version=11,
+    version=12,
     help="Write one HTML file to send to a colleague: verdict, pictures, errors, parameters, provenance.",
     config=ReportConfig,
     inputs={

@@ -264,7 +264,7 @@ def test_a_second_does_not_inherit_what_the_first_may_not_have():
     "change, reason",
     [
         ({"p": 0.03}, "p = 0.030"),
-        ({"p": None}, "no shams"),
+        ({"p": None}, "no permutation test"),
         ({"gain": 0.04, "gain_error": 0.001}, "gain 4.0 %"),
         ({"gain_error": 0.4}, "standard errors (40.0 %)"),
         ({"contrast": SAME}, "reference recordings"),

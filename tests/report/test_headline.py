@@ -48,12 +48,12 @@ CASES = [
     (
         diagnosed("EFFECT", "adhesion"),
         "is missing is adhesion (the tool is sticky): it explains 96 % of the error, and "
-        "chance alone would do that about once in 200 tries",
+        "by chance alone this would happen about once in 200 trials",
     ),
     (diagnosed("EFFECT", "adhesion", share=0.4), "it explains 40 % of the error"),
     (
         diagnosed("EFFECT", "adhesion", "viscosity", share=0.99),
-        "together they explain 99 % of the error, and chance alone would do that about once in 67 tries",
+        "together they explain 99 % of the error, and by chance alone this would happen about once in 67 trials",
     ),
     (diagnosed("PARTLY", "adhesion"), "part of what is wrong with base is adhesion"),
     (diagnosed("PARTLY", "adhesion", "viscosity", alternatives=("viscosity",)), "cannot tell apart"),
@@ -74,12 +74,12 @@ CASES = [
     (
         diagnosed("NONE OF THESE", excess_p=0.001),
         "none of the 3 laws that were tried explains any of it with "
-        "certainty: the error is 5.5 times as large as in the recordings where nothing is missing, which chance "
-        "alone would cause about once in 1,000 tries",
+        "certainty: the error is 5.5 times as large as in the recordings where nothing is missing, which "
+        "would happen by chance about once in 1,000 trials",
     ),
     (diagnosed("NONE OF THESE", lone=Lone("adhesion", "block_2")), "only block_2 points to adhesion"),
     (replace(diagnosed("NONE OF THESE", decoys=("drag",)), floor=None), "best is drag"),
-    (diagnosed("NOTHING DETECTABLE"), "more than 1.3 mm would have been found about nine times in ten, but for 1 of 3"),
+    (diagnosed("NOTHING DETECTABLE"), "found about nine times in ten, except for 1 of 3"),
     (diagnosed("NOTHING DETECTABLE", excess_p=0.03), "although the error is 5.5 times"),
     (replace(diagnosed("NOTHING DETECTABLE"), limits={}), "could not have shown any"),
     (
@@ -103,7 +103,7 @@ def test_it_is_one_plain_sentence_that_says_what_is_found(found, words):
 def test_what_was_not_tested_is_said_to_be_so():
     found = diagnosed("EFFECT", "adhesion")
     untested = replace(found, ranking=(replace(found.ranking[0], p=None), *found.ranking[1:]), limits={})
-    assert "how sure that is was not tested" in headline("base", untested)
+    assert "its significance was not tested" in headline("base", untested)
 
 
 def test_every_kind_of_verdict_has_its_headline():

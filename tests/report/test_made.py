@@ -7,6 +7,7 @@ from pathlib import Path
 from plop.artifacts.manifest import Manifest, write_manifest
 from plop.pipeline.stage import Input
 from plop.reporting.compared import ReportFacts
+from plop.reporting.page_file import render
 from plop.reporting.provenance_section import provenance_section
 from stages.report.made import ON_THE_WAY, provenance
 
@@ -32,6 +33,6 @@ def test_what_was_made_on_the_way_is_listed_before_what_needs_it(tmp_path):
     assert [m.address.partition("@")[0] for m in made] == ["simulate", "fit-init", "diagnose"]
     assert [m.role for m in made] == ["recordings", ON_THE_WAY, "diagnoses"]
     assert made[0].settings == {"seed": 200, "episodes": 6, "test": ["*_004", "*_005"]} and made[2].settings == {}
-    page = provenance_section(ReportFacts("t", [], provenance=made))
-    assert "plop simulate block.toml --set seed=200 --set episodes=6 --set &#x27;test=[&quot;*_004&quot;" in page
+    page = render("provenance.html", provenance=provenance_section(ReportFacts("t", [], provenance=made)))
+    assert "plop simulate block.toml --set seed=200 --set episodes=6 --set &#39;test=[&#34;*_004&#34;" in page
     assert "--recordings simulate@aaaaaaaa" in page and "--set steps=500" in page

@@ -12,9 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from plop.comparison.result import Comparison
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
+from plop.reporting.compared import Compared, ReportFacts
+from plop.reporting.page_file import report_page
 from stages.report.stage import ReportConfig, check_inputs, run
 from tests.report.report_inputs import DIAGNOSIS, NASTY, law, visible, with_manifest
 from tests.support.diagnoses import verdict
@@ -53,9 +56,9 @@ def test_the_page_says_what_was_found(page):
         "Pa s",
         "traction_pa 12 Pa",
         "held out",
-        "By phase",
-        "By distance to the tool",
-        "By camera",
+        "by phase",
+        "by distance to the tool",
+        "by camera",
         "nothing moves",
         "plop compare --recordings x@rec",
         "compare@cmp1",
@@ -64,13 +67,33 @@ def test_the_page_says_what_was_found(page):
         assert words in said, words
 
 
+def test_an_effect_is_not_described_twice(page):
+    """The verdict's own sentence says again what headline and ranking say."""
+    assert "Missing: viscosity" not in visible(page)
+
+
+def test_markup_in_names_is_escaped(inputs):
+    """Of an episode, a camera, a model, and in the title."""
+    errors = Comparison.load(inputs["comparisons.0"].path)
+    episodes = tuple(replace(row, labels={"episode": NASTY}) for row in errors.tables.episode)
+    cameras = tuple(replace(row, camera=NASTY) for row in errors.tables.camera)
+    errors = replace(errors, tables=replace(errors.tables, episode=episodes, camera=cameras))
+    nasty = Compared(NASTY, "#000000", errors)
+    episode = {"name": NASTY, "phases": [[0.0, 1.0, "contact"]], "images": {"camera": NASTY}}
+    html = report_page(ReportFacts(NASTY, [nasty], recordings=NASTY), [episode], limit_mm=5.0)
+    assert "<script>alert" not in html
+    assert '<option value="0">&lt;script&gt;alert(1)&lt;/script&gt;</option>' in html
+    for tag in ('<td data-head="episode">', 'scope="rowgroup">', 'data-model="0">', "<h1>"):
+        assert f"{tag}&lt;script&gt;alert(1)&lt;/script&gt;<" in html, tag
+
+
 def test_only_the_first_of_several_reasons_is_written_out(page):
     html = page.read_text()
-    assert "<details><summary>p = 0.400 &gt; 0.02, and 1 more</summary>gain 1.0 % &lt;= 5 %</details>" in html
+    assert "<details><summary>no: p = 0.400 &gt; 0.02, and 1 more</summary>gain 1.0 % &lt;= 5 %</details>" in html
 
 
 def test_episodes_that_were_fitted_to_are_not_called_held_out(page):
-    rows = re.findall(r"<tr[^>]*><td>(box_00\d)</td><td>([^<]*)</td>", page.read_text())
+    rows = re.findall(r'<td data-head="episode">(box_00\d)</td>\s*<td[^>]*>([^<]*)</td>', page.read_text())
     assert ("box_000", "fitted to") in rows and ("box_001", "held out") in rows
 
 
@@ -79,7 +102,7 @@ def test_nothing_is_called_held_out_when_the_fit_is_not_known(inputs, tmp_path):
     summary = run(unknown, ReportConfig(frames=2), Output(tmp_path))
     assert {row["over"] for row in summary.table} == {"all episodes"}
     table = visible(tmp_path / "report.html").split("Before and after")[1].split("Parameters")[0]
-    assert "held out" not in table and "Way to the floor: share" in table and "way to the floor" in table
+    assert "held out" not in table and "Gap closed: the share" in table and "gap closed" in table
 
 
 def test_the_page_says_which_episodes_were_held_out_of_the_fit(page, inputs, tmp_path):
@@ -102,7 +125,7 @@ def test_what_the_base_was_fitted_to_is_not_held_out(inputs, tmp_path):
         assert {row["over"] for row in summary.table} == {over}
 
 
-def test_a_base_parameter_is_not_told_with_the_share_of_some_effect(inputs, tmp_path):
+def test_a_base_parameter_is_not_reported_with_the_share_of_some_effect(inputs, tmp_path):
     base = law("stiffness", 0.6, 0.005, kind="base")
     for named, told in (((), True), (("stiffness",), False)):
         said = verdict("BASE PARAMETER" if named else "NONE OF THESE", *named)
@@ -124,8 +147,8 @@ def test_sensors_that_were_not_looked_for_are_not_called_sound(page, inputs, tmp
 
 
 def test_the_commands_to_repeat_it_end_with_the_report_itself(page):
-    commands = re.search(r"To repeat it.*?<pre>(.*?)</pre>", page.read_text(), re.S)
-    last = unescape(commands[1]).splitlines()[-1]
+    commands = re.search(r'<pre class="commands">(.*?)</pre>', page.read_text(), re.S)
+    last = unescape(re.findall("<code>(.*?)</code>", commands[1])[-1])
     assert last.startswith("plop report --recordings simulate@rec --init fit-init@ini")
     for part in (
         "--comparisons compare@cmp0,compare@cmp1",
