@@ -152,8 +152,8 @@ def collected(store: Store, name: str) -> dict[str, Any]:
     """Read one diagnosis and keep what a page of results shows."""
     artifact = store.find(name)
     facts = json.loads((artifact.path / "diagnosis.json").read_text())
-    kept = ("error", "floor", "closed_share", "episodes", "reference_episodes", "seconds")
-    ranking = [_finding(row) for row in (*facts["ranking"][:RANKED], facts["base"])]
+    kept = ("error", "floor", "searches", "episodes", "reference_episodes", "seconds")
+    ranking = [_finding(row) for row in facts["ranking"][:RANKED]]
     verdict = facts["verdict"]
     return {
         "verdict": verdict["kind"],
@@ -166,7 +166,7 @@ def collected(store: Store, name: str) -> dict[str, Any]:
 
 
 def _finding(row: dict[str, Any]) -> dict[str, Any]:
-    kept = ("effect", "gain", "gain_error", "p", "contrast_p", "passes", "reasons")
+    kept = ("effect", "gain", "gain_error", "strength", "p", "passes", "reasons")
     parameters = {
         name: {key: _short(p[key]) for key in ("value", "low", "high", "unit")} for name, p in row["parameters"].items()
     }

@@ -77,7 +77,7 @@ def _most_apart(found: Conclusion, best: Score, rivals: Mapping[str, Score]) -> 
     search = found.search
     own, others = _whitened(found, best), {label: _whitened(found, rival) for label, rival in rivals.items()}
     rows = []
-    for k in np.flatnonzero(search.here):
+    for k in np.flatnonzero(search.here).tolist():
         apart = {label: _left(own[k], other[k]) for label, other in others.items()}
         rows.append((min(apart.values()), search.evidence[k].name, apart))
     return max(rows, key=lambda row: row[:2])

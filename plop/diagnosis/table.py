@@ -41,7 +41,7 @@ class Table:
             PlopError: It can follow none.
         """
         self.base, self.run_jobs, self.dropped = base, run_jobs, dict[str, str]()
-        members = discretised(base)
+        members = discretised(base) if measured.predictions is None else [base]
         answers = iter(run_jobs([Job(episode, member) for episode in measured.episodes for member in members]))
         self.episodes: list[Episode] = []
         self.plain: list[list[np.ndarray]] = []

@@ -57,7 +57,10 @@ CASES = [
     ),
     (diagnosed("PARTLY", "adhesion"), "part of what is wrong with base is adhesion"),
     (diagnosed("PARTLY", "adhesion", "viscosity", alternatives=("viscosity",)), "cannot distinguish"),
-    (diagnosed("EFFECT", "adhesion", closed=0.97), "it explains 97 % of the difference to the recordings where nothing"),
+    (
+        diagnosed("EFFECT", "adhesion", closed=0.97),
+        "it explains 97 % of the difference to the recordings where nothing",
+    ),
     (diagnosed("PARTLY", "stiffness", base=0.4), "is its stiffness: it explains 40 % of the error"),
     (
         diagnosed("BASE PARAMETER", "stiffness", base=0.6, rest_p=0.4),
