@@ -230,19 +230,20 @@ import json
 from pathlib import Path
 from plop.pipeline.stage import Input, Output
 from stages.diagnose.stage import DiagnoseConfig, run
-folder, out = Path(sys.argv[1]), Path(sys.argv[2])
-inputs = {{name: Input(folder / name) for name in ("recordings", "init", "tracks", "model")}}
+inputs, out = json.loads(sys.argv[1]), Path(sys.argv[2])
+inputs = {{name: Input(Path(path)) for name, path in inputs.items()}}
 run(inputs, {CONFIG!r}, Output(out))
 truth = ("plop.physics.scenes.sealed", "plop.recordings.truth")
 print(json.dumps([opened, sorted(m for m in sys.modules if m in truth)]))
 """
 
 
-def test_the_sealed_answer_is_never_opened(inputs, facts, folder, out, tmp_path):
+def test_the_sealed_answer_is_never_opened(inputs, facts, out, tmp_path):
     assert (inputs["recordings"].path / "answer" / "sealed.json").is_file()
     scratch = again(out, tmp_path / "out")
+    given = json.dumps({name: str(source.path) for name, source in inputs.items()})
     done = subprocess.run(
-        [sys.executable, "-c", _WATCHED, str(folder), str(scratch)],
+        [sys.executable, "-c", _WATCHED, given, str(scratch)],
         cwd=REPOSITORY,
         timeout=300,
         capture_output=True,

@@ -68,7 +68,10 @@ CASES = [
         "is off (it should be 1.35 times as large): changing it explains 60 % of the error",
     ),
     (diagnosed("BASE PARAMETER", "stiffness", base=0.6, rest_p=0.001), "though what is left still differs"),
-    (diagnosed("BASE PARAMETER", "stiffness", base=0.6, alternatives=("density",)), "stiffness or density of base"),
+    (
+        diagnosed("BASE PARAMETER", "stiffness", base=0.6, alternatives=("density",)),
+        "its stiffness or density, which these motions cannot distinguish, is off",
+    ),
     (
         diagnosed("CONFOUNDED", "adhesion", "viscosity", alternatives=("viscosity",)),
         "either adhesion (the tool is "
