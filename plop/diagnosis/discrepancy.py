@@ -55,10 +55,13 @@ class Spread:
     """Scale of what the field does not follow, beside the measurement's noise [object sizes]."""
 
 
+SPREAD = Spread()
+
+
 class Field:
     """The inverse covariance of all residuals: everything that is asked of it is exact."""
 
-    def __init__(self, episodes: Sequence[Evidence], base: Sequence[np.ndarray], spread: Spread = Spread()) -> None:
+    def __init__(self, episodes: Sequence[Evidence], base: Sequence[np.ndarray], spread: Spread = SPREAD) -> None:
         """Find the weights of the noise, and factor the model.
 
         Args:

@@ -10,7 +10,7 @@ import numpy as np
 
 from plop.diagnosis.calibration import chance, strongest, ways_to_deal
 from plop.diagnosis.contrast import Products, roots
-from plop.diagnosis.discrepancy import Field
+from plop.diagnosis.discrepancy import SPREAD, Field, Spread
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.table import Table
@@ -68,13 +68,20 @@ class Score:
 class Search:
     """Evidence of recordings and reference, and the hypotheses tried on it."""
 
-    def __init__(self, tables: Sequence[Table], candidates: Sequence[Candidate], base: Sequence[Hypothesis]) -> None:
+    def __init__(
+        self,
+        tables: Sequence[Table],
+        candidates: Sequence[Candidate],
+        base: Sequence[Hypothesis],
+        spread: Spread = SPREAD,
+    ) -> None:
         """Run every law at the amplitudes at which it is tried first.
 
         Args:
             tables: The recordings to explain, then the reference, if there is one.
             candidates: The laws.
             base: The base's own parameters at one standard deviation of what `identify` may be off.
+            spread: How large each part of the discrepancy is.
         """
         self.tables, self.candidates = list(tables), list(candidates)
         self.here = np.repeat([True, False][: len(tables)], [len(table.episodes) for table in tables])
@@ -90,7 +97,7 @@ class Search:
             np.stack([c[e] for c in columns], -1) if columns else np.zeros((*shape, 0))
             for e, shape in enumerate(shapes)
         ]
-        self.field = Field(self.evidence, stacked)
+        self.field = Field(self.evidence, stacked, spread)
         self.fitted = self.field.base_fitted()
         self.known: list[np.ndarray] = [np.zeros(shape) for shape in shapes]
         """What has been found already, and is taken off the residuals, [F, K, 3] [m] each."""

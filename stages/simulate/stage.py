@@ -56,6 +56,8 @@ class SimulateConfig(Settings):
     """Write the episodes as DROID raw episodes, too, below droid/."""
     seed: Annotated[Seed, COMMON] = 0
     """Seed of texture and noise; added to the scene's, it draws motions and hidden effects."""
+    motions_seed: Annotated[int, Range(-1), COMMON] = -1
+    """Seed of the motions: the seed of other recordings repeats theirs; -1 takes the seed of these."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Episodes at a time, each in a process; -1 is one a core."""
 
@@ -103,7 +105,8 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
 def read_scene(path: Path, config: SimulateConfig) -> Scene:
     """Read the scene, with the seed and the number of episodes that the settings ask for."""
     scene = Scene.read(path)
-    return replace(scene, seed=scene.seed + config.seed, episodes=config.episodes or scene.episodes)
+    seed = config.seed if config.motions_seed < 0 else config.motions_seed
+    return replace(scene, seed=scene.seed + seed, episodes=config.episodes or scene.episodes)
 
 
 def noise_floor_m(config: SimulateConfig) -> float:
@@ -127,6 +130,7 @@ def _choose(
         effects=effects,
         jobs=1 if "effect_file" in inputs else config.jobs,
         progress=lambda share: out.progress(0, scene.episodes, f"amplitude {share:.0%}"),
+        seed=Scene.read(inputs["scene"].path).seed + config.seed,
     )
 
 

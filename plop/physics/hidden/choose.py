@@ -29,6 +29,7 @@ def choose(
     effects: dict[str, EffectType],
     progress: Callable[[float], None] = lambda share: None,
     jobs: int = 1,
+    seed: int | None = None,
 ) -> list[Effect]:
     """Draw what is to be drawn and scale amplitudes to the wanted signal.
 
@@ -36,13 +37,14 @@ def choose(
     Each effect is scaled alone.
 
     Args:
-        scene: What is simulated; its seed draws.
+        scene: What is simulated; its seed draws motions.
         wishes: What shall be hidden.
         snr: Wanted root mean square of the displacement over `noise_floor_m`; 0 leaves amplitudes alone.
         noise_floor_m: What counts as noise [m].
         effects: All effects there are.
         progress: Called with the share that is done.
         jobs: See Response.
+        seed: Draws; the scene's when absent.
 
     Raises:
         SignalTooWeakError: No amplitude in its range gives the wanted signal.
@@ -53,7 +55,7 @@ def choose(
     response = Response(coarse, jobs=jobs)
     chosen: list[Effect] = []
     for number, wish in enumerate(wishes):
-        random = np.random.default_rng([scene.seed, number, 20])
+        random = np.random.default_rng([scene.seed if seed is None else seed, number, 20])
         if wish.effect is None:
             taken = {effect.name for effect in chosen} | {w.effect.name for w in wishes if w.effect}
             chosen.append(_drawn(response, random, taken, snr, noise_floor_m, effects))
