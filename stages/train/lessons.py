@@ -1,4 +1,4 @@
-"""What a model learns from: the tracks of recorded episodes and of those that the engine made up."""
+"""Training data of a model: the tracks of recorded and of simulated episodes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from stages.train.tracks import Track, load_track
 
 @dataclass(frozen=True)
 class Lessons:
-    """Episodes by number, the recorded ones first; those are repeated so that the made-up ones do not outweigh them."""
+    """Episodes by number, the recorded ones first; these are repeated so that simulated ones do not outweigh them."""
 
     recordings: RecordingSet
     folder: Path
-    """Holds tracks/ and made-up/."""
+    """Folder of tracks/ and made-up/."""
     device: torch.device
     recorded: list[str]
     made_up: list[MadeUp]
@@ -43,7 +43,7 @@ class Lessons:
         return load_track(episode, self.recordings.path(episode), files.tracks.states(episode), self.device)
 
     def without(self, names: Collection[str]) -> Lessons:
-        """Leave out recorded episodes and what was made up from them."""
+        """Leave out recorded episodes and the simulated ones derived from them."""
         return replace(
             self,
             recorded=[name for name in self.recorded if name not in names],

@@ -1,4 +1,4 @@
-"""Which format a folder of recordings is in: those that plop reads, and those that it knows only by sight."""
+"""Detection of the format of a folder: formats that plop reads, and formats that it only recognises."""
 
 from __future__ import annotations
 
@@ -15,45 +15,45 @@ PAGE = "docs/how-to/droid-layout.md"
 
 @dataclass(frozen=True)
 class Sight:
-    """By what a format was recognised."""
+    """Evidence for a format."""
 
     by: str
     """E.g. "meta/info.json, codebase_version v3.0"."""
     folder: Path
-    """What the command of the format would be given."""
+    """Argument for the command of the format."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format that can be recognised."""
+    """One recognisable format."""
 
     name: str
     look: Callable[[Look], Sight | None]
-    """Tells by what a folder is recognised; None when it is something else."""
+    """Returns the evidence in a folder; None when it has another format."""
     reader: str = ""
-    """What follows `plop ingest` where plop reads it; "" where it does not."""
+    """Name after `plop ingest` if plop reads it; "" otherwise."""
     layout: str = ""
-    """Of a format that plop reads: what lies in the folder."""
+    """Files in the folder, for a format that plop reads."""
     nearest: str = ""
     """Reader of the nearest format that plop reads."""
     advice: str = ""
-    """How to get from the one to the other, one sentence."""
+    """How to convert to it, one sentence."""
 
 
 @dataclass(frozen=True)
 class Recognised:
-    """A format, and by what."""
+    """A format with its evidence."""
 
     format: Format
     sight: Sight
 
 
 def recognise(path: Path, formats: Iterable[Format] | None = None) -> Recognised | None:
-    """Tell which format a file or folder is in; None when it looks like none of them.
+    """Return the format of a file or folder; None when it is unknown.
 
     Args:
-        path: It exists.
-        formats: Those that are tried, the first that fits counts; all without.
+        path: An existing path.
+        formats: Formats to try, the first match wins; all when absent.
     """
     look = Look(path)
     for each in FORMATS if formats is None else formats:
@@ -138,7 +138,7 @@ def _bag(look: Look) -> Sight | None:
 
 
 def _surfaces(look: Look) -> Sight | None:
-    """Find a numbered sequence of surfaces: three or more of one name, or two where nothing else lies beside them."""
+    """Find a numbered sequence of surfaces: three or more of one name, or two without other files."""
     files = sorted(look.find("*.obj", "*.ply", "*.stl", "*.vtk", "*.vtu"))
     for stem, group in groupby(files, key=lambda name: re.sub(r"\d+(?=\.\w+$)", "#", name)):
         names = list(group)
@@ -170,7 +170,7 @@ FORMATS = (
         "RLDS / TFDS data set",
         _rlds,
         nearest="droid",
-        advice="for DROID take the raw data instead of the RLDS copy, which has no depth; for others " + _AS_ROBOT,
+        advice="for DROID use the raw data instead of the RLDS copy, which has no depth; for others " + _AS_ROBOT,
     ),
     Format("robomimic HDF5 file", _robomimic, nearest="droid", advice=_AS_ROBOT),
     Format("ALOHA / ACT HDF5 file", _aloha, nearest="droid", advice=_AS_ROBOT),
@@ -179,21 +179,21 @@ FORMATS = (
         "PhysTwin capture",
         _phystwin,
         nearest="droid",
-        advice="it has pictures and depth but no poses of a robot's tool, which plop needs; where you know them, "
+        advice="it has images and depth but no poses of a robot's tool, which plop needs; if you know them, "
         + _AS_ROBOT,
     ),
     Format(
         "nerfstudio capture",
         _nerfstudio,
         nearest="droid",
-        advice="it has pictures and camera poses (OpenGL axes) but neither depth nor a tool; where you have them, "
+        advice="it has images and camera poses (OpenGL axes) but neither depth nor a tool; if you have them, "
         + _AS_ROBOT,
     ),
     Format(
         "COLMAP model",
         _colmap,
         nearest="droid",
-        advice="it has pictures and camera poses without a scale, but neither depth nor a tool; where you have "
+        advice="it has images and camera poses without a scale, but neither depth nor a tool; if you have "
         "them, " + _AS_ROBOT,
     ),
     Format("ROS bag or MCAP log", _bag, nearest="droid", advice="export its topics, then " + _AS_ROBOT),
@@ -201,24 +201,24 @@ FORMATS = (
         "sequence of surfaces",
         _surfaces,
         nearest="mesh",
-        advice="bring the frames together with the tool's mesh, its poses and the times, then " + _AS_MESH,
+        advice="combine the frames with the tool's mesh, its poses and the times, then " + _AS_MESH,
     ),
     Format(
         "USD scene",
         _usd,
         nearest="mesh",
-        advice="`ingest disect` reads DiSECt's own files only; take points, tool and times out of the layer, with "
+        advice="`ingest disect` reads DiSECt's own files only; extract points, tool and times from the layer, with "
         "its upAxis, metersPerUnit and timeCodesPerSecond, then " + _AS_MESH,
     ),
 )
-"""Formats in the order in which they are tried: those that plop reads first, the vaguest last."""
+"""Formats in the order in which they are tried: those that plop reads first, the least specific last."""
 
 READ = tuple(each for each in FORMATS if each.reader)
 """Those that plop reads."""
 
 
 def format_of(reader: str) -> Format:
-    """Give the format that `plop ingest <reader>` reads.
+    """Return the format that `plop ingest <reader>` reads.
 
     Raises:
         KeyError: There is none.
