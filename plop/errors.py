@@ -81,7 +81,7 @@ class PlopError(Exception):
         cause = getattr(first, "cause", None)
         if self.cause is None or cause is None or cause >= self.cause:
             return self
-        advice = [getattr(first, "fix", ""), f"If this remains: {self.fix}" if self.fix else ""]
+        advice = [getattr(first, "fix", ""), f"If the problem persists: {self.fix}" if self.fix else ""]
         found = self.problem + (f" Found: {self.found}" if self.found else "")
         lead = PlopError(
             first[:1].upper() + first[1:],

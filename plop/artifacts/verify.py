@@ -55,5 +55,5 @@ def _corrupted(artifact: Artifact, name: str, expected: str, found: str) -> Plop
         where=artifact.path / name,
         expected=expected,
         found=found,
-        fix=f"Run the same `plop {command}` again with --force.",
+        fix=f"Run `plop {command}` with --force and the same options to make it again.",
     )

@@ -156,7 +156,7 @@ def test_a_learned_model_makes_nothing_up(inputs, tmp_path):
 
     save_model(tmp_path / "learned", PlopModel(PlopConfig(network=I2NConfig(width=4))), training={})
     (tmp_path / "out").mkdir()
-    with pytest.raises(PlopError, match="Only an engine makes up episodes"):
+    with pytest.raises(PlopError, match="only be simulated with an engine"):
         run({**inputs, "engine": Input(tmp_path / "learned")}, QUICK, Output(tmp_path / "out"))
     assert not list((tmp_path / "out").iterdir())
 
@@ -188,7 +188,7 @@ def fitted_engine(folder, episodes, recordings=(), effect_episodes=None):
 )
 def test_an_engine_that_has_seen_test_episodes_is_refused_before_anything_is_tracked(inputs, tmp_path, more):
     (tmp_path / "out").mkdir()
-    with pytest.raises(PlopError, match="episodes that are for testing") as caught:
+    with pytest.raises(PlopError, match="fitted to test episodes") as caught:
         run({**inputs, "engine": fitted_engine(tmp_path / "engine", **more)}, QUICK, Output(tmp_path / "out"))
     assert caught.value.found == "episode_2" and "plop identify --split train" in caught.value.fix
     assert not list((tmp_path / "out").iterdir())
@@ -203,7 +203,7 @@ def test_recordings_are_told_apart_by_content_not_by_the_names_of_their_episodes
     calibrated = Manifest("calibrate", "b" * 16, 1, {}, {"recordings": {"content": content[0]}}, files={"x": "2" * 64})
     own = replace(inputs["recordings"], manifest=calibrated)
     (tmp_path / "out").mkdir()
-    with pytest.raises(PlopError, match="episodes that are for testing"):
+    with pytest.raises(PlopError, match="fitted to test episodes"):
         run(
             {**inputs, "recordings": own, "engine": fitted_engine(tmp_path / "same", ["episode_2"], content)},
             QUICK,
