@@ -127,7 +127,7 @@ def test_that_every_camera_is_bad_is_said_first(tmp_path, verdict, told):
     (folder / "calibration.json").write_text(json.dumps(facts))
     warnings = fuse(folder, tmp_path / "out").warnings
     assert told == bool(
-        warnings and "calls all 2 cameras of it bad (c0: its depth disagrees by 11.6 mm)" in warnings[0]
+        warnings and "calls all 2 of its cameras bad (c0: its depth disagrees by 11.6 mm)" in warnings[0]
     )
 
 
@@ -137,7 +137,7 @@ def test_bad_cameras_stand_before_an_object_that_cannot_be(tmp_path):
     (folder / "calibration.json").write_text(json.dumps({"episodes": {"a": {"cameras": VERDICTS}}}))
     with pytest.raises(PlopError) as caught:
         fuse(folder, tmp_path / "out", FuseConfig(max_extent_m=0.01))
-    assert caught.value.found.startswith("`plop calibrate` calls all 2 cameras") and "too large" in caught.value.found
+    assert caught.value.found.startswith("`plop calibrate` calls all 2 of its cameras") and "too large" in caught.value.found
     assert str(caught.value.fix).startswith("Repair the cameras first")
 
 

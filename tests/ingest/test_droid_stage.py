@@ -208,6 +208,6 @@ def test_split_by_episode(tmp_path):
             ingest(tmp_path / "raw", tmp_path / "c", **{setting: ("SIM_2023-08-06-22h-00m-0s", "*")})
         assert "SIM_2023-08-06-22h-00m-00s" in caught.value.fix and f"--{setting} " in caught.value.found
     summary, _ = ingest(tmp_path / "raw", tmp_path / "d", test=("*-07m-*",))
-    assert said(summary, "--test *-07m-* fits no episode") and said(summary, "no usable episode is a test episode")
+    assert said(summary, "--test *-07m-* matches no episode") and said(summary, "no usable episode is a test episode")
     with pytest.raises(PlopError, match="No episode is selected"):
         ingest(tmp_path / "raw", tmp_path / "c", outcome="failure")

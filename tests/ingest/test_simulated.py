@@ -148,7 +148,7 @@ def test_a_test_episode_that_is_none_is_told_before_anything_is_rendered(tmp_pat
         ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("box_03",)))
     assert "box_003" in str(caught.value.fix) and payload(tmp_path / "out") == {}
     summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("*_003", "ball*")))
-    assert summary.warnings == ["--test ball* fits no episode"]
+    assert summary.warnings == ["--test ball* matches no episode"]
 
 
 def test_several_environments_need_a_choice(tmp_path: Path) -> None:
@@ -345,7 +345,7 @@ def test_a_real_recording_opens_its_cut(shared_data: Path, tmp_path: Path) -> No
     config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", cameras=cameras)
     summary = INGEST_DISECT.run({"raw": Input(shared_data / "disect")}, config, Output(tmp_path))
     assert summary.figures["train"] == 1 and summary.table[0]["frames"] == 26
-    assert summary.warnings == ["No episode is kept for the test."]
+    assert summary.warnings == ["No episode is left for the test."]
     path = tmp_path / "episodes" / "prism_jelly_part_000.h5"
     with Recording(path) as recording, Truth(path) as truth:
         assert (recording.mask("cam_00", 25) == MaskLabel.OBJECT).any()
