@@ -193,7 +193,7 @@ def far(file):
     ("change", "message"),
     [
         (scaled("cameras/cam1/depth_m", 1000), "millimetres"),
-        (far, "too far away"),
+        (far, "implausibly far away"),
         (scaled("cameras/cam1/intrinsics", -1), "focal length"),
         (scaled("cameras/cam1/world_from_cam", np.nan), "not finite"),
         (scaled("cameras/cam1/world_from_cam", 0.5), "not a rotation"),

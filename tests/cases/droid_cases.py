@@ -297,7 +297,7 @@ CASES: list[Case] = [
         CLOCK,
         _clocks(lambda t: t[0] + (t - t[0]) / 1000, lambda t: t[0] + (t - t[0]) / 1000),
         INGEST,
-        refused=("duration of the recording", "in seconds it would last"),
+        refused=("duration of the recording", "in seconds it would span"),
     ),
     Case(
         "droid_clock_frame_numbers",
@@ -344,14 +344,14 @@ CASES: list[Case] = [
         NUMBERED,
         _made(_rename(_depth_folders, lambda n: f"{2 * n:06d}.png")),
         INGEST,
-        refused=("numbers of the depth images", "2 more than the last"),
+        refused=("numbers of the depth images", "increase by 2"),
     ),
     Case(
         "droid_depth_of_a_d405",
         "realsenseai/librealsense#12918",
         _depth_counts(10_000),
         INGEST,
-        refused=("depth is in another unit", "D405", "Multiply the depth pictures by 0.1"),
+        refused=("depth is in another unit", "D405", "Multiply the depth images by 0.1"),
         never=("set workspace",),
     ),
     Case(

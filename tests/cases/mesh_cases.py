@@ -282,7 +282,7 @@ _OF_MESHES = [
         "OBJ, MATLAB",
         _write(lambda a: a.update(faces=a["faces"] + 1)),
         (_MESH,),
-        refused=("counted from 1", "subtract 1"),
+        refused=("count from 1", "subtract 1"),
     ),
     Case(
         "mesh quads",
@@ -346,7 +346,7 @@ _OF_USD = [
         "OpenUSD#3513",
         _usd(codes=np.arange(1.0, 4)),
         (_DISECT,),
-        refused=("npz files differ", "timeCodesPerSecond", "30 a second"),
+        refused=("npz files differ", "timeCodesPerSecond", "30 time codes per second"),
     ),
     Case(
         "usd frame numbers everywhere, stated",

@@ -137,7 +137,10 @@ def test_bad_cameras_stand_before_an_object_that_cannot_be(tmp_path):
     (folder / "calibration.json").write_text(json.dumps({"episodes": {"a": {"cameras": VERDICTS}}}))
     with pytest.raises(PlopError) as caught:
         fuse(folder, tmp_path / "out", FuseConfig(max_extent_m=0.01))
-    assert caught.value.found.startswith("`plop calibrate` calls all 2 of its cameras") and "too large" in caught.value.found
+    assert (
+        caught.value.found.startswith("`plop calibrate` calls all 2 of its cameras")
+        and "implausibly large" in caught.value.found
+    )
     assert str(caught.value.fix).startswith("Repair the cameras first")
 
 

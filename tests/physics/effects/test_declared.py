@@ -50,7 +50,7 @@ SHAPES = 'shapes = (Parameter("angle_deg", "deg", 0.0, 360.0, step=0.0),)\n    '
         ("def", f"{SHAPES}variants = {{'angle_deg': 0.0}}\n    def", 8, "{'angle_deg': 0.0}"),
         ("def", "remembers = {'age': 0.0}\n    def", 7, "'age': 0.0"),
         ("def before(self, body, dt)", "def before(self, body)", 7, "(self, body)"),
-        ("def before", "def befor", 7, "befor, which nothing calls"),
+        ("def before", "def befor", 7, "befor, which is never called"),
         ("def before(self, body, dt):\n        pass", "", 3, "none: it would have no effect"),
     ],
 )
