@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -174,15 +175,16 @@ def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | 
     """Compare the object's depth between every pair of views; occlusions are not tested.
 
     Returns:
-        Median over pairs of the median absolute difference [mm]; None when no pair overlaps.
+        Median over pairs of the shown difference [mm]; None when no pair can be compared.
     """
     picks = [
-        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask) for view, mask in zip(views, masks, strict=True)
+        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask, mask)
+        for view, mask in zip(views, masks, strict=True)
     ]
     if len(picks) > 20:
         picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 20).astype(int)]
-    pairs = [disagreement(a, b) for a in picks for b in picks if a is not b]
-    values = [pair.median_mm for pair in pairs if pair.compared >= 20]
+    pairs = [disagreement([pair]) for pair in combinations(picks, 2)]
+    values = [pair.shown_mm for pair in pairs if pair.compared]
     return float(np.median(values)) if values else None
 
 

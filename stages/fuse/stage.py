@@ -125,7 +125,7 @@ def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
 
 STAGE = Stage(
     name="fuse",
-    version=3,
+    version=4,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
     inputs={"recordings": recordings_input("recordings with camera poses")},

@@ -72,6 +72,35 @@ def test_a_wrong_camera_is_named_and_corrected(tmp_path):
         assert np.linalg.norm((error @ np.r_[at_object.mean(0), 1])[:3] - at_object.mean(0)) < 1e-3
 
 
+def noisy(noise_m):
+    """Depth of a real sensor: noise, and outlines frayed by a pixel."""
+
+    def change(file):
+        rng = np.random.default_rng(0)
+        for name in file["cameras"]:
+            depth = file[f"cameras/{name}/depth_m"]
+            rolled = np.roll(depth[:], 1, axis=2)
+            frayed = (np.abs(rolled - depth[:]) > 0.02) & (rng.random(depth.shape) < 0.5)
+            new = np.where(frayed, rolled, depth[:])
+            depth[...] = np.where(new > 0, new + rng.normal(scale=noise_m, size=new.shape), 0)
+
+    return change
+
+
+@pytest.mark.parametrize("size", [64, 96, 160])
+@pytest.mark.parametrize("noise_m", [0.002, 0.004])
+def test_noise_does_not_make_a_camera_bad_and_hides_no_wrong_one(tmp_path, size, noise_m):
+    cameras = ring(3, size=size)
+    wrong = [cameras[0], moved(cameras[1], (14, -12, 9), (12, 9, -10)), cameras[2]]
+    for name, claimed in (("right", cameras), ("wrong", wrong)):
+        write_set(tmp_path / name, {"a": {}}, cameras=claimed, truth=cameras)
+        damage(tmp_path / name, noisy(noise_m))
+    _, facts = calibrate(tmp_path / "right", tmp_path / "out")
+    assert {entry["verdict"] for entry in facts["cameras"].values()} == {"good"}
+    _, facts = calibrate(tmp_path / "wrong", tmp_path / "seen", CalibrateConfig(correct=False))
+    assert [facts["cameras"][f"cam{i}"]["verdict"] for i in range(3)] == ["good", "bad", "good"]
+
+
 def _object(recording):
     view = recording.view("cam2", 0)
     return view.depth_m, view.object_mask
