@@ -21,7 +21,7 @@ from plop.geometry.rigid import kabsch, transform_points
 from plop.geometry.view import MaskLabel, View
 from plop.recordings.recording import Recording
 from plop.render.scene import render_scene, tool_above_table
-from plop.tracking.carrier import Carrier
+from plop.tracking.motion_interpolation import MotionInterpolation
 
 _ENDS = ("", "_floor", "_persistence", "_rigid")
 """What is rendered: the prediction, the floor and the two baselines."""
@@ -38,13 +38,13 @@ class CarriedScene:
 
     def __init__(self, init: Path, points: np.ndarray, patch: np.ndarray) -> None:
         self._first, self._tool = read_splat(Fit(init).object_splat), read_splat(Fit(init).tool_splat)
-        self._carrier = Carrier(points, patch, self._first.means.double().numpy())
+        self._motion = MotionInterpolation(points, patch, self._first.means.double().numpy())
 
     def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:
         """Render the views of a frame with the tracked points at `points` [M, 3] [m]."""
         placed = tool_above_table(self._tool, recording.world_from_tool[frame], recording.table_z_m)
         seen = [recording.camera(name, frame) for name in cameras]
-        return render_scene(self._carrier.gaussians_at(self._first, points), placed, seen)
+        return render_scene(self._motion.gaussians_at(self._first, points), placed, seen)
 
 
 def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Sequence[int]) -> list[dict[str, Any]]:

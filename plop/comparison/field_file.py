@@ -19,7 +19,7 @@ import numpy as np
 from plop.artifacts.atomic_file import whole
 from plop.comparison.error_fields import ErrorField
 from plop.errors import PlopError
-from plop.tracking.carrier import fine_surface
+from plop.tracking.motion_interpolation import fine_surface
 
 SURFACE_EDGE_M = 0.007
 """Longest edge of the stored surface [m]."""

@@ -37,7 +37,7 @@ def ancestor_means(ids: np.ndarray, means: np.ndarray, opacities: np.ndarray) ->
     return ancestors, np.stack(columns, axis=1)
 
 
-def carry_nodes(nodes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def move_nodes(nodes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Move nodes with the points around them.
 
     Args:

@@ -23,7 +23,7 @@ from plop.pipeline.inputs import Resolved, resolve_inputs
 from plop.pipeline.mapping import Mapper, Progress
 from plop.pipeline.registry import command_of
 from plop.pipeline.stage import Input, Output, Stage, Summary, silent
-from plop.recordings.opened_once import opened_once
+from plop.recordings.open_recordings import share_open_recordings
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:
 def _summary(store: Store, planned: Plan, out: Output) -> Summary:
     """Run the stage itself; a run that is rejected before it wrote anything leaves no scratch folder."""
     try:
-        with opened_once():
+        with share_open_recordings():
             return planned.stage.run(_stage_inputs(planned), planned.config, out)
     except BaseException:
         store.drop_empty(out.path)

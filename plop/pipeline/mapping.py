@@ -21,7 +21,7 @@ from typing import Any, Protocol
 from plop.artifacts.atomic_file import write_text
 from plop.compute.memory import available_bytes
 from plop.errors import PlopError
-from plop.recordings.opened_once import opened_once
+from plop.recordings.open_recordings import share_open_recordings
 
 # Where one piece fails, the others are stopped: joblib warns of that, and the error is clearer. It also warns when
 # it restarts a process because its memory has grown.
@@ -188,7 +188,7 @@ class _Task:
 
     def carried_out(self, name: str, progress: Progress) -> Piece:
         try:
-            with opened_once():
+            with share_open_recordings():
                 text = json.dumps(self.work(name, progress))
         except PlopError as error:
             return Piece(name, error=error)

@@ -31,7 +31,7 @@ from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import View
-from plop.recordings.opened_once import of_this_run
+from plop.recordings.open_recordings import of_this_run
 from plop.recordings.recording_checks import check_recording_file
 
 RECORDING_SCHEMA = 1
@@ -59,7 +59,7 @@ class Recording(Hdf5Reader):
 
     @classmethod
     def open(cls, path: str | Path) -> Recording:
-        """Open a recording, or return the one that this run has open (`plop.recordings.opened_once`)."""
+        """Open a recording, or return the one that this run has open (`plop.recordings.open_recordings`)."""
         run = of_this_run()
         return cls(path) if run is None or not Path(path).is_file() else run.lend(Path(path), cls)
 

@@ -12,7 +12,7 @@ import numpy as np
 from plop.gaussians.trajectory import Trajectory
 from plop.geometry.rigid import transform_points
 from plop.metrics.frame import Scores
-from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
+from plop.metrics.node_error import ancestor_means, move_nodes, rms_mm
 from plop.recordings.truth import Truth
 
 
@@ -65,7 +65,7 @@ class MaterialPoints:
             known, before = self._ancestors
             kept = np.isin(names, known)
             start = before[np.searchsorted(known, names[kept])]
-            self._scores[frame, method] = rms_mm(carry_nodes(self._start, start, after[kept]), true)
+            self._scores[frame, method] = rms_mm(move_nodes(self._start, start, after[kept]), true)
 
     def score(self, frame: int, method: str) -> Scores:
         """Return {"truth_rms_mm": ...} of one frame, or nothing without ground truth."""

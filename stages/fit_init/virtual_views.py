@@ -22,7 +22,7 @@ from plop.geometry.rays import pixel_rays, window
 from plop.geometry.view import MaskLabel, View
 from plop.lazy_open3d import o3d
 from stages.fit_init.shell import carved
-from stages.fit_init.sight import Sight
+from stages.fit_init.view_evidence import ViewEvidence
 
 SIDE = 3
 """Rays along each side of a pixel."""
@@ -95,7 +95,7 @@ class _Drawn:
     """Corners of its bounding box, [2, 3] [m]."""
     pixel_m: float
     """Typical width of a pixel on it [m]."""
-    sights: list[Sight]
+    sights: list[ViewEvidence]
     shrunk: list[View]
     """The views with outlines shrunk by a pixel: a ray within a pixel of the outline counts as free."""
     background: np.ndarray
@@ -122,7 +122,7 @@ class _Drawn:
             scene,
             np.stack([points.min(0), points.max(0)]),
             float(np.median(widths)),
-            [Sight.of(view) for view in views],
+            [ViewEvidence.of(view) for view in views],
             [_shrunk(view) for view in views],
             background,
         )

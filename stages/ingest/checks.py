@@ -11,10 +11,10 @@ from plop.geometry.meshes.tool_checks import check_tool_reach
 from plop.geometry.rigid import invert_rigid, transform_points
 from plop.lazy_open3d import o3d
 from plop.recordings.readers.mesh.sequence import MeshSequence
+from stages.ingest.no_contact import no_contact_error
 from stages.ingest.resting import check_table
 from stages.ingest.sequence_times import check_clock
 from stages.ingest.settings import SimulatedConfig
-from stages.ingest.untouched import untouched
 
 _TOUCH_M = 0.003
 _USUAL_M = 0.05
@@ -149,7 +149,7 @@ def check_contact(sequence: MeshSequence, path: Path) -> None:
     """
     gap = tool_gap_m(sequence)
     if gap > _TOUCH_M:
-        raise untouched(
+        raise no_contact_error(
             f"{path}: world_from_tool",
             _TOUCH_M,
             f"{sequence.name}, {1000 * gap:.1f} mm at its closest",

@@ -23,7 +23,7 @@ from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.droid_checks import check_object, check_views, closest_touch_m, object_cloud, sees_nothing
 from stages.ingest.folder_masks import FolderMasker
 from stages.ingest.masks import GeometricMasker, Masker, MaskRules, Picture
-from stages.ingest.untouched import untouched
+from stages.ingest.no_contact import no_contact_error
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def _table_height(
 def _closest_touch(episode: DroidEpisode, cloud: np.ndarray, options: WriteOptions) -> float:
     gap, frame = closest_touch_m(_surface_points(episode.tool), episode.world_from_tool, cloud)
     if gap > options.touch_m and not options.keep_untouched:
-        raise untouched(
+        raise no_contact_error(
             episode.folder.folder,
             options.touch_m,
             f"{1000 * gap:.0f} mm at its closest, in frame {frame}, row {episode.rows[frame]}",

@@ -4,7 +4,7 @@
 2. Optimise the model: first on the tracks only, then with the rendering loss, with growing horizons.
 3. Keep the averaged weights with the smallest rollout error on the training episodes.
 
-With an engine, simulated episodes are used as well (`stages.train.made_up`).
+With an engine, simulated episodes are used as well (`stages.train.simulated_episodes`).
 
 With `folds`, further models are trained first, each without its share of the episodes.
 """
@@ -34,12 +34,12 @@ from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
 from stages.common_inputs import init_input, recordings_input
 from stages.train.form import model_config
-from stages.train.lessons import Lessons
-from stages.train.made_up import MadeUp, engine_model, make_up
 from stages.train.optimise import optimise
 from stages.train.processes import Processes
 from stages.train.settings import TrainConfig
+from stages.train.simulated_episodes import SimulatedEpisode, engine_model, simulate_episodes
 from stages.train.tracks import Track, track_episode
+from stages.train.training_set import TrainingSet
 
 
 @deterministic()
@@ -110,16 +110,18 @@ def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
     followed, warnings = _make_up(recordings, inputs, config, out)
-    lessons = Lessons(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
-    sizes = [_size_m(lessons.track(i)) for i in range(len(lessons.recorded))]
+    training_set = TrainingSet(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
+    sizes = [_size_m(training_set.track(i)) for i in range(len(training_set.recorded))]
     about = {
         "environment": recordings.environment,
         "size_m": np.median(sizes, axis=0).tolist(),
         "made_up": len(followed),
     }
     for k in range(config.folds):
-        _train_fold(k, lessons, config, out, about)
-    model, chosen = train_on(lessons.track, len(lessons), config, out, about=about, judged=len(lessons.recorded))
+        _train_fold(k, training_set, config, out, about)
+    model, chosen = train_on(
+        training_set.track, len(training_set), config, out, about=about, judged=len(training_set.recorded)
+    )
     return Summary(
         figures={
             **tracked,
@@ -134,12 +136,12 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
     )
 
 
-def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, about: Mapping[str, Any]) -> None:
+def _train_fold(k: int, training_set: TrainingSet, config: TrainConfig, out: Output, about: Mapping[str, Any]) -> None:
     """Train a model without every `folds`-th episode, once; model.json names these (`plop.models.judges_of`)."""
-    piece, left_out = f"fold-{k}", lessons.recorded[k :: config.folds]
+    piece, left_out = f"fold-{k}", training_set.recorded[k :: config.folds]
     if out.is_done(piece):
         return
-    kept = lessons.without(left_out)
+    kept = training_set.without(left_out)
     folder = Model(out.path).folds / str(k)
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -225,11 +227,11 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name:
 
 def _make_up(
     recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output
-) -> tuple[list[MadeUp], list[str]]:
+) -> tuple[list[SimulatedEpisode], list[str]]:
     """Simulate episodes with the engine, if there is one; return the successful ones, and a warning of failures."""
     if "engine" not in inputs:
         return [], []
-    return make_up(recordings, inputs["init"].path, inputs["engine"].path, config, out)
+    return simulate_episodes(recordings, inputs["init"].path, inputs["engine"].path, config, out)
 
 
 STAGE = Stage(

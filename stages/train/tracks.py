@@ -126,7 +126,7 @@ def load_track(
         recording_path: Its recording; for a simulated one the recording that it varies.
         track_path: The track's file.
         device: Device of its tensors.
-        made_up: Whether the file has its own tool motion (`stages.train.made_up`), instead of the recording's.
+        made_up: Whether the file has its own tool motion (see `stages.train.simulated_episodes`).
     """
     with Trajectory(track_path) as track, Recording.open(recording_path) as recording:
         frames = track.frames("updated")

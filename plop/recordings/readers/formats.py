@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from plop.recordings.readers.folder_look import Look
+from plop.recordings.readers.folder_scan import FolderScan
 
 PAGE = "docs/how-to/droid-layout.md"
 
@@ -28,7 +28,7 @@ class Format:
     """One recognisable format."""
 
     name: str
-    look: Callable[[Look], Sight | None]
+    look: Callable[[FolderScan], Sight | None]
     """Returns the evidence in a folder; None when it has another format."""
     reader: str = ""
     """Name after `plop ingest` if plop reads it; "" otherwise."""
@@ -55,7 +55,7 @@ def recognise(path: Path, formats: Iterable[Format] | None = None) -> Recognised
         path: An existing path.
         formats: Formats to try, the first match wins; all when absent.
     """
-    look = Look(path)
+    look = FolderScan(path)
     for each in FORMATS if formats is None else formats:
         sight = each.look(look)
         if sight is not None:
@@ -63,26 +63,26 @@ def recognise(path: Path, formats: Iterable[Format] | None = None) -> Recognised
     return None
 
 
-def _droid(look: Look) -> Sight | None:
+def _droid(look: FolderScan) -> Sight | None:
     found = look.find("trajectory.h5", "trajectory_im128.h5", "recordings/mp4", "recordings/svo", "metadata_*.json")
     return Sight(found[0].rstrip("/"), look.path) if found else None
 
 
-def _disect(look: Look) -> Sight | None:
+def _disect(look: FolderScan) -> Sight | None:
     for name in look.find("*.npz"):
         if {"knife_position", "points_rest"} <= look.npz_keys(name):
             return Sight(f"{name} with points_rest and knife_position", look.folder(name))
     return None
 
 
-def _mesh(look: Look) -> Sight | None:
+def _mesh(look: FolderScan) -> Sight | None:
     for name in look.find("*.npz"):
         if {"vertices", "faces", "world_from_tool"} <= look.npz_keys(name):
             return Sight(f"{name} with vertices, faces and world_from_tool", look.folder(name))
     return None
 
 
-def _lerobot(look: Look) -> Sight | None:
+def _lerobot(look: FolderScan) -> Sight | None:
     for name in look.find("meta/info.json"):
         version = look.json(name).get("codebase_version")
         if version:
@@ -90,54 +90,54 @@ def _lerobot(look: Look) -> Sight | None:
     return None
 
 
-def _rlds(look: Look) -> Sight | None:
+def _rlds(look: FolderScan) -> Sight | None:
     found = look.find("*.tfrecord*")
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-def _robomimic(look: Look) -> Sight | None:
+def _robomimic(look: FolderScan) -> Sight | None:
     for name in look.find("*.hdf5", "*.h5"):
         if look.hdf5_has(name, "data/demo_0") or look.hdf5_has(name, "data/demo_1"):
             return Sight(f"{name} with data/demo_<n>", look.folder(name))
     return None
 
 
-def _aloha(look: Look) -> Sight | None:
+def _aloha(look: FolderScan) -> Sight | None:
     for name in look.find("*.hdf5"):
         if look.hdf5_has(name, "observations/qpos"):
             return Sight(f"{name} with observations/qpos", look.folder(name))
     return None
 
 
-def _zarr(look: Look) -> Sight | None:
+def _zarr(look: FolderScan) -> Sight | None:
     found = look.find("*.zarr", "*.zarr.zip")
     return Sight(found[0].rstrip("/"), look.folder(found[0])) if found else None
 
 
-def _phystwin(look: Look) -> Sight | None:
+def _phystwin(look: FolderScan) -> Sight | None:
     found = look.find("calibrate.pkl")
     pictures = look.find("color/0", "depth/0")
     return Sight(f"{found[0]} and {pictures[0]}", look.folder(found[0])) if found and pictures else None
 
 
-def _nerfstudio(look: Look) -> Sight | None:
+def _nerfstudio(look: FolderScan) -> Sight | None:
     for name in look.find("transforms.json", "transforms_train.json"):
         if "frames" in look.json(name):
             return Sight(f"{name} with frames", look.folder(name))
     return None
 
 
-def _colmap(look: Look) -> Sight | None:
+def _colmap(look: FolderScan) -> Sight | None:
     found = [name for name in look.find("cameras.bin", "cameras.txt") if look.find("images.bin", "images.txt")]
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-def _bag(look: Look) -> Sight | None:
+def _bag(look: FolderScan) -> Sight | None:
     found = look.find("*.mcap", "*.bag", "*.db3")
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-def _surfaces(look: Look) -> Sight | None:
+def _surfaces(look: FolderScan) -> Sight | None:
     """Find a numbered sequence of surfaces: three or more of one name, or two without other files."""
     files = sorted(look.find("*.obj", "*.ply", "*.stl", "*.vtk", "*.vtu"))
     for stem, group in groupby(files, key=lambda name: re.sub(r"\d+(?=\.\w+$)", "#", name)):
@@ -147,7 +147,7 @@ def _surfaces(look: Look) -> Sight | None:
     return None
 
 
-def _usd(look: Look) -> Sight | None:
+def _usd(look: FolderScan) -> Sight | None:
     found = look.find("*.usd", "*.usda", "*.usdc", "*.usdz")
     return Sight(found[0], look.folder(found[0])) if found else None
 

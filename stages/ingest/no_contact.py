@@ -8,7 +8,7 @@ from plop.causes import Cause
 from plop.errors import PlopError
 
 
-def untouched(where: str | Path, within_m: float, found: str, fix: str) -> PlopError:
+def no_contact_error(where: str | Path, within_m: float, found: str, fix: str) -> PlopError:
     """Return the common error of all ingests for a tool without contact.
 
     Args:

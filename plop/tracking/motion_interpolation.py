@@ -14,7 +14,7 @@ NEIGHBOURS = 4
 _SOFT_M = 1e-3
 
 
-class Carrier:
+class MotionInterpolation:
     """Moves positions with the nearest tracked points on the same side of the cut.
 
     Args:

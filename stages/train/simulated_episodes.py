@@ -38,7 +38,7 @@ from stages.train.tracks import append_state
 
 
 @dataclass(frozen=True)
-class MadeUp:
+class SimulatedEpisode:
     """One episode to simulate."""
 
     number: int
@@ -51,9 +51,9 @@ class MadeUp:
         return f"{self.recorded}-{self.number}"
 
 
-def make_up(
+def simulate_episodes(
     recordings: RecordingSet, init: Path, engine: Path, config: TrainConfig, out: Output
-) -> tuple[list[MadeUp], list[str]]:
+) -> tuple[list[SimulatedEpisode], list[str]]:
     """Simulate variations of the training episodes in turn; existing ones are kept.
 
     Args:
@@ -67,7 +67,7 @@ def make_up(
         The simulated episodes, and a warning if some failed.
     """
     names = list(recordings.train)
-    episodes = [MadeUp(number, names[number % len(names)]) for number in range(config.made_up.episodes)]
+    episodes = [SimulatedEpisode(number, names[number % len(names)]) for number in range(config.made_up.episodes)]
     by_name = {episode.name: episode for episode in episodes}
     work = partial(_make_one_up, by_name, recordings, init, engine, config)
     done = out.map(list(by_name), work, jobs=config.jobs, of="made-up")
@@ -77,7 +77,7 @@ def make_up(
 
 
 def _make_one_up(
-    episodes: Mapping[str, MadeUp],
+    episodes: Mapping[str, SimulatedEpisode],
     recordings: RecordingSet,
     init: Path,
     engine: Path,

@@ -21,10 +21,10 @@ from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.train import made_up, stage
-from stages.train.lessons import Lessons
-from stages.train.made_up import MadeUp
 from stages.train.settings import MadeUpConfig, TrainConfig
+from stages.train.simulated_episodes import SimulatedEpisode
 from stages.train.stage import run, train_on
+from stages.train.training_set import TrainingSet
 from tests.support.small_episode import PUSH_M, write_set
 from tests.support.tracked_set import write_engine
 
@@ -54,18 +54,18 @@ def trained(inputs, tmp_path_factory):
     return folder, run(inputs, QUICK, Output(folder))
 
 
-def lessons(inputs, folder) -> Lessons:
+def training_set(inputs, folder) -> TrainingSet:
     recordings = RecordingSet.load(inputs["recordings"].path)
-    episodes = [MadeUp(k, f"episode_{k % 2}") for k in range(3)]
-    return Lessons(recordings, folder, torch.device("cpu"), list(recordings.train), episodes)
+    episodes = [SimulatedEpisode(k, f"episode_{k % 2}") for k in range(3)]
+    return TrainingSet(recordings, folder, torch.device("cpu"), list(recordings.train), episodes)
 
 
 def test_the_engine_carries_the_fitted_gaussians_through_other_motions(inputs, trained):
     folder, summary = trained
     assert sorted(p.name for p in (folder / "made-up").iterdir()) == sorted(f"{name}.h5" for name in NAMES)
     assert summary.figures["made_up_episodes"] == 3 and not summary.warnings
-    tracks = [lessons(inputs, folder).track(k) for k in range(4, 7)]
-    recorded = lessons(inputs, folder).track(0)
+    tracks = [training_set(inputs, folder).track(k) for k in range(4, 7)]
+    recorded = training_set(inputs, folder).track(0)
     for track in tracks:
         assert track.recording_path is None and track.actions.table_z_m == 0.0
         assert len(track) == len(track.actions)

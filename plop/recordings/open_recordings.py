@@ -65,7 +65,7 @@ _current: ContextVar[OpenRecordings | None] = ContextVar("open_recordings", defa
 
 
 @contextmanager
-def opened_once() -> Iterator[None]:
+def share_open_recordings() -> Iterator[None]:
     """Let `Recording.open` return, inside the block and on this thread, the same recording for the same file.
 
     Blocks may be nested; the end of the outermost one closes the files.

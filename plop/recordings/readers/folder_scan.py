@@ -16,7 +16,7 @@ _FOLDERS, _NAMES, _DEPTH = 400, 400, 6
 
 
 @dataclass(frozen=True)
-class Look:
+class FolderScan:
     """Content below a path; a file is treated as a folder with only this file."""
 
     path: Path

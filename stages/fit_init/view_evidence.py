@@ -37,7 +37,7 @@ class Said(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Sight:
+class ViewEvidence:
     """One view, prepared for queries at points."""
 
     view: View
@@ -51,7 +51,7 @@ class Sight:
     """1 where the object is visible, [H, W]."""
 
     @classmethod
-    def of(cls, view: View) -> Sight:
+    def of(cls, view: View) -> ViewEvidence:
         """Prepare a view."""
         near = minimum_filter(np.where(view.object_mask & (view.depth_m > 0), view.depth_m, np.inf), 3)
         possible, pure = (mask.astype(np.float64) for mask in (view.mask != MaskLabel.BACKGROUND, view.object_mask))
