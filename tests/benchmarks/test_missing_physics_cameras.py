@@ -47,7 +47,7 @@ def loop(tmp_path: Path, monkeypatch) -> SimpleNamespace:
     def plop(self: Cameras, *words: str) -> None:
         typed.append(list(words))
         if words[0] == "simulate" and "--snr" in words and float(words[words.index("--snr") + 1]) > state.strongest:
-            raise SignalTooWeakError("The effect cannot give the wanted signal in these motions.")
+            raise SignalTooWeakError("The effect cannot give the requested signal in these motions.")
 
     def find(name: str) -> SimpleNamespace:
         folder = tmp_path / name

@@ -336,7 +336,7 @@ def test_a_motion_that_never_touches_is_refused():
     away = replace(episode, tool=replace(episode.tool, world_from_tool=poses))
     with pytest.raises(PlopError, match="never touches") as caught:
         check_touch(away)
-    assert "mm at the nearest" in caught.value.found
+    assert "mm at the closest" in caught.value.found
 
 
 def test_points_follow_their_gaussians(inputs):

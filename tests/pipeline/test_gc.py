@@ -129,7 +129,7 @@ def test_what_is_taken_up_between_looking_and_removing_stays(store):
 def test_a_run_whose_input_was_removed_as_it_began_is_refused(store):
     old, _ = line(store, 3), line(store, 4)
     remove(store, removable(store))
-    with pytest.raises(PlopError, match="removed while the run began"), store.making("fit-init", "ab", [old[1]]):
+    with pytest.raises(PlopError, match="removed while the run started"), store.making("fit-init", "ab", [old[1]]):
         raise AssertionError("it began")
 
 
@@ -170,4 +170,4 @@ def test_it_is_listed_first_and_removed_when_asked(store, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["deleted"] and {item["address"] for item in facts["items"]} == {a.address for a in old}
     assert main(command) == 0
-    assert "nothing can go" in capsys.readouterr().out
+    assert "nothing to remove" in capsys.readouterr().out

@@ -126,4 +126,4 @@ def test_what_is_hidden_is_named_added_and_reported(commands, capsys):
     capsys.readouterr()
     for command in typed:
         assert main([*command, "-w", str(store.workspace)]) == 0
-        assert "already there, nothing to do" in capsys.readouterr().out, command
+        assert "exists already, nothing to do" in capsys.readouterr().out, command

@@ -18,9 +18,9 @@ from plop.physics.engine.material import Material
 from plop.statistics.cluster_robust import clusters
 
 _LEVELS = 6
-"""How often a step may be shortened before the fit counts as converged."""
+"""Largest number of halvings in the line search before the fit counts as converged."""
 _REACH = 20
-"""Longest step along one parameter, in its finite differences: what the data hardly feel does not run away."""
+"""Longest step along one parameter, in its finite differences: a parameter to which the data hardly respond is kept near."""
 
 
 def _of_material(
@@ -45,17 +45,17 @@ PARAMETERS = {
         _of_material("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, "regularised Coulomb friction", logarithmic=True),
     )
 }
-"""The numbers of a `Material` that can be fitted, by name."""
+"""Parameters of a `Material` that can be fitted, by name."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a fit gives."""
+    """Result of a fit."""
 
     material: Material
     estimates: dict[str, Estimate]
     rms_before_m: float
-    """RMS distance of all compared points at all frames, starting parameters [m]."""
+    """RMS distance of all compared points at all frames, initial parameters [m]."""
     rms_after_m: float
     """The same with the fitted parameters [m]."""
     iterations: int
@@ -80,14 +80,14 @@ def calibrate(
     step corrects them by what it found (Broyden 1965), and they are differenced anew only where a step fails.
 
     Intervals come from the scatter between independent blocks (episodes; with fewer than four, fifths of an episode),
-    because neighbouring points and frames err together; blocks count by what they hold of a parameter (`clusters`).
+    because errors of neighbouring points and frames are correlated; blocks are weighted by leverage (`clusters`).
 
     Args:
         cases: Episodes.
-        start: First guess; parameters that are not named stay as they are.
+        start: Initial values; parameters that are not named are fixed.
         names: Parameters to fit, keys of PARAMETERS.
         config: Grid and table; `table_z_m` is taken from each case.
-        iterations: Most Gauss-Newton steps.
+        iterations: Largest number of Gauss-Newton steps.
         jobs: Processes that share the rollouts.
         progress: Called after each step with (step, iterations, RMS in metres).
         slopes: The same episodes on a coarser grid, which is enough for derivatives; `cases` when absent.
@@ -98,11 +98,11 @@ def calibrate(
     unknown = [name for name in names if name not in PARAMETERS]
     if unknown or not names or not cases:
         raise PlopError(
-            "Nothing to calibrate.",
+            "There is nothing to calibrate.",
             where=", ".join(unknown) or "cases and names",
             expected=f"episodes, and some of {', '.join(PARAMETERS)}",
             found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
-            fix="Give one episode and one of these parameters at least.",
+            fix="Give at least one episode and one of these parameters.",
         )
     fit = _Fit(cases, slopes or cases, start, [PARAMETERS[name] for name in names], config, jobs)
     return fit.run(iterations, progress)
@@ -200,7 +200,7 @@ class _Fit:
     def intervals(
         self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]]
     ) -> dict[str, Estimate]:
-        """Give 95 % intervals; a parameter at its bound, or one the data do not feel, gets an infinite one."""
+        """Return 95 % intervals; infinite for a parameter at its bound, or one without influence on the data."""
         values = [p.decode(c) for p, c in zip(self.parameters, here, strict=True)]
         bound = np.array([v <= p.low or v >= p.high for v, p in zip(values, self.parameters, strict=True)])
         width = np.full(len(here), np.inf)
@@ -209,8 +209,8 @@ class _Fit:
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         normal = hessian / np.outer(scale, scale)
         if len(free) and np.linalg.eigvalsh(normal[np.ix_(free, free)])[0] > 1e-6:
-            told = clusters(*_blocks([jacobian[k] for k in free], residual))
-            width[free] = student.ppf(0.975, told.freedom) * np.sqrt(np.diag(told.spread))
+            found = clusters(*_blocks([jacobian[k] for k in free], residual))
+            width[free] = student.ppf(0.975, found.freedom) * np.sqrt(np.diag(found.spread))
         ends = [
             (-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
             for p, c, w in zip(self.parameters, here, width, strict=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from plop.errors import PlopError
-from plop.recordings import opened_once as pool
+from plop.recordings import open_recordings as pool
 from plop.recordings import recording as module
-from plop.recordings.opened_once import opened_once
+from plop.recordings.open_recordings import share_open_recordings
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from tests.support.ellipsoid_scene import ring, write_set
@@ -37,10 +37,10 @@ def recordings(tmp_path: Path) -> RecordingSet:
 
 
 def test_a_recording_is_checked_once_in_a_run(recordings: RecordingSet, checks: list[str]) -> None:
-    with opened_once():
+    with share_open_recordings():
         with recordings.open("a") as first, recordings.open("a") as second:
             assert first is second
-        with opened_once(), Recording.open(recordings.path("a")) as third:  # a piece inside the run
+        with share_open_recordings(), Recording.open(recordings.path("a")) as third:  # a piece inside the run
             assert third is first and len(third) == len(third.time_s)
     assert checks == ["a"] and not first._file
     for _ in range(2):
@@ -54,7 +54,7 @@ def test_few_stay_open_and_none_is_checked_twice(
     recordings: RecordingSet, checks: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pool, "MOST_OPEN", 1)
-    with opened_once():
+    with share_open_recordings():
         opened = []
         for name in "abcab":
             with recordings.open(name) as recording, recordings.open("c") as read_meanwhile:
@@ -66,7 +66,7 @@ def test_few_stay_open_and_none_is_checked_twice(
 
 def test_a_replaced_or_damaged_file_is_opened_anew(recordings: RecordingSet, checks: list[str]) -> None:
     path = recordings.path("a")
-    with opened_once():
+    with share_open_recordings():
         with recordings.open("a") as before:
             assert before.name == "a"
         recordings.path("b").replace(path)
@@ -88,7 +88,7 @@ def test_another_thread_opens_its_own(recordings: RecordingSet) -> None:
         with recordings.open("a") as recording:
             seen.append(recording)
 
-    with opened_once(), recordings.open("a") as own:
+    with share_open_recordings(), recordings.open("a") as own:
         thread = threading.Thread(target=read)
         thread.start()
         thread.join()

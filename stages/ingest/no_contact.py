@@ -8,13 +8,13 @@ from plop.causes import Cause
 from plop.errors import PlopError
 
 
-def untouched(where: str | Path, within_m: float, found: str, fix: str) -> PlopError:
-    """Make the error of every ingest for a tool that stays away.
+def no_contact_error(where: str | Path, within_m: float, found: str, fix: str) -> PlopError:
+    """Return the common error of all ingests for a tool without contact.
 
     Args:
         where: File and key of the tool's poses.
-        within_m: Distance that counts as touching [m].
-        found: How near the tool comes, and when.
+        within_m: Largest distance that counts as contact [m].
+        found: Smallest distance of the tool, and its frame.
         fix: What may be wrong, without a full stop.
     """
     return PlopError(
@@ -22,6 +22,6 @@ def untouched(where: str | Path, within_m: float, found: str, fix: str) -> PlopE
         where=where,
         expected=f"a tool within {1000 * within_m:g} mm of the object in some frame",
         found=found,
-        fix=f"{fix}; to keep such episodes (a free fall, an object that sags): --keep-untouched.",
+        fix=f"{fix}; to keep such episodes (a free fall, an object that sags), use --keep-untouched.",
         cause=Cause.TOUCH,
     )

@@ -1,4 +1,4 @@
-"""Followed points carry what lies around them: the object's surface, its Gaussians."""
+"""Interpolation of the motion of tracked points: moves the object's surface and its Gaussians."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from scipy.spatial import cKDTree
 from plop.gaussians.state import Gaussians
 
 NEIGHBOURS = 4
-"""Followed points that carry one place."""
+"""Number of tracked points that move one position."""
 _SOFT_M = 1e-3
 
 
-class Carrier:
-    """Move places with the followed points nearest to them, on the same side of the cut.
+class MotionInterpolation:
+    """Moves positions with the nearest tracked points on the same side of the cut.
 
     Args:
-        points: Followed points at the first frame, [M, 3] [m].
-        patch: Patch of every point, [M]; patches do not reach across the cut.
-        places: What is carried, at the first frame, [V, 3] [m].
+        points: Tracked points at the first frame, [M, 3] [m].
+        patch: Patch of every point, [M]; patches do not extend across the cut.
+        places: Positions to move, at the first frame, [V, 3] [m].
     """
 
     def __init__(self, points: np.ndarray, patch: np.ndarray, places: np.ndarray) -> None:
         nearest = patch[cKDTree(points).query(places)[1]]
         self.index = np.zeros((len(places), NEIGHBOURS), np.int64)
-        """Followed points that carry each place, [V, NEIGHBOURS]."""
+        """Tracked points of each position, [V, NEIGHBOURS]."""
         self.weight = np.zeros((len(places), NEIGHBOURS))
         """Their weights, [V, NEIGHBOURS]; each row sums to 1."""
         self.places, self._points = places, points
@@ -39,16 +39,16 @@ class Carrier:
             self.weight[rows, :count] = weight / weight.sum(1, keepdims=True)
 
     def places_at(self, points: np.ndarray) -> np.ndarray:
-        """Give the carried places when the followed points are at `points` [M, 3] [m]; [V, 3] [m]."""
+        """Return the positions when the tracked points are at `points` [M, 3] [m]; [V, 3] [m]."""
         return np.asarray(self.places + self.values(points - self._points))
 
     def values(self, values: np.ndarray) -> np.ndarray:
-        """Average values of the followed points, [M, ...] -> [V, ...]."""
+        """Average values of the tracked points, [M, ...] -> [V, ...]."""
         weight = self.weight.reshape(*self.weight.shape, *([1] * (values.ndim - 1)))
         return np.asarray((weight * values[self.index]).sum(1))
 
     def gaussians_at(self, first: Gaussians, points: np.ndarray) -> Gaussians:
-        """Move Gaussians whose means are the carried places; orientation and extent stay."""
+        """Move Gaussians whose means are the positions; orientation and extent are kept."""
         means = first.means.new_tensor(self.places_at(points))
         return first.with_(means=means)
 
@@ -61,7 +61,7 @@ def fine_surface(vertices: np.ndarray, faces: np.ndarray, edge_m: float) -> tupl
     Args:
         vertices: [V, 3] [m].
         faces: [F, 3].
-        edge_m: Longest edge wanted [m].
+        edge_m: Largest edge length [m].
 
     Returns:
         Vertices [V', 3] [m] and triangles [F', 3]; the given vertices come first.
@@ -69,7 +69,7 @@ def fine_surface(vertices: np.ndarray, faces: np.ndarray, edge_m: float) -> tupl
     places = [tuple(v) for v in np.asarray(vertices, float).tolist()]
     middles: dict[tuple[int, int], int] = {}
     todo, done = [tuple(face) for face in np.asarray(faces).tolist()], []
-    while todo:  # in plain numbers: numpy takes ten times as long for three of them
+    while todo:  # in plain floats: numpy takes ten times as long for three numbers
         face = todo.pop()
         lengths = [dist(places[face[k]], places[face[k - 2]]) for k in range(3)]
         first = lengths.index(max(lengths))

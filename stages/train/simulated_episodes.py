@@ -1,10 +1,10 @@
-"""Episodes that the engine makes up: tracks of motions that were not recorded, but might have been.
+"""Simulated training episodes: tracks of plausible motions that were not recorded.
 
-A network knows nothing of what it has not seen: pushes farther or faster than the recorded ones, a blade turned
-otherwise. The engine that was fitted to the same recordings does. Each made-up episode begins with the fitted
-Gaussians of a recorded one; the engine carries them through the changed motion of its tool.
+A network does not extrapolate to motions outside its training set, such as pushes farther or faster than the recorded
+ones, or another orientation of the blade. An engine fitted to the same recordings does. Each simulated episode starts
+with the fitted Gaussians of a recorded one; the engine moves them under a varied motion of the tool.
 
-One file an episode, made-up/<name>.h5: a track (see `stages.train.tracks`) with the tool's motion beside its states.
+One file per episode, made-up/<name>.h5: a track (see `stages.train.tracks`) with the tool's motion and its states.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from stages.train.tracks import append_state
 
 
 @dataclass(frozen=True)
-class MadeUp:
-    """One episode to make up."""
+class SimulatedEpisode:
+    """One episode to simulate."""
 
     number: int
     recorded: str
-    """Name of the recorded episode whose object, tool and motion it takes."""
+    """Name of the recorded episode whose object, tool and motion it varies."""
 
     @property
     def name(self) -> str:
@@ -51,33 +51,33 @@ class MadeUp:
         return f"{self.recorded}-{self.number}"
 
 
-def make_up(
+def simulate_episodes(
     recordings: RecordingSet, init: Path, engine: Path, config: TrainConfig, out: Output
-) -> tuple[list[MadeUp], list[str]]:
-    """Make up episodes like the training episodes, which take their turns; those that are there already are kept.
+) -> tuple[list[SimulatedEpisode], list[str]]:
+    """Simulate variations of the training episodes in turn; existing ones are kept.
 
     Args:
         recordings: Their training episodes are varied.
         init: Folder of `<episode>/object.ply`, fitted Gaussians of the first frame.
         engine: Folder of an engine's model.
-        config: How many, how different, and their seed.
-        out: Receives made-up/; <name>.json instead of <name>.h5 tells why the engine could not follow an episode.
+        config: Number, ranges of variation, and seed.
+        out: Receives made-up/; <name>.json instead of <name>.h5 if the engine failed, with the reason.
 
     Returns:
-        The episodes that it followed, and a warning if there are others.
+        The simulated episodes, and a warning if some failed.
     """
     names = list(recordings.train)
-    episodes = [MadeUp(number, names[number % len(names)]) for number in range(config.made_up.episodes)]
+    episodes = [SimulatedEpisode(number, names[number % len(names)]) for number in range(config.made_up.episodes)]
     by_name = {episode.name: episode for episode in episodes}
     work = partial(_make_one_up, by_name, recordings, init, engine, config)
     done = out.map(list(by_name), work, jobs=config.jobs, of="made-up")
     followed = [episode for episode in episodes if done.values[episode.name]]
     lost = len(episodes) - len(followed)
-    return followed, [f"the engine could not follow {lost} of {len(episodes)} made-up episodes"] if lost else []
+    return followed, [f"the engine failed in {lost} of {len(episodes)} simulated episodes"] if lost else []
 
 
 def _make_one_up(
-    episodes: Mapping[str, MadeUp],
+    episodes: Mapping[str, SimulatedEpisode],
     recordings: RecordingSet,
     init: Path,
     engine: Path,
@@ -85,7 +85,7 @@ def _make_one_up(
     name: str,
     out: Output,
 ) -> bool:
-    """Make one up; tells whether the engine could follow it."""
+    """Simulate one episode; return whether the engine succeeded."""
     episode, model = episodes[name], engine_model(engine)
     initial = read_splat(Fits(init).episode(episode.recorded).object_splat)
     with recordings.open(episode.recorded) as recording:
@@ -101,7 +101,7 @@ def _make_one_up(
     try:
         for state, _ in predict(model, start, actions.steps(), episode.name, config.seed):
             states.append(state)
-            out.progress(len(states), len(actions), f"make up {episode.name}")
+            out.progress(len(states), len(actions), f"simulate {episode.name}")
     except PlopError as error:
         write_json(files.innovation(name), {"not_followed": error.problem})
         return False
@@ -112,7 +112,7 @@ def _make_one_up(
 
 
 def engine_model(folder: Path) -> FilledEngineModel:
-    """Read the engine that makes episodes up; Gaussians keep their shapes, for a track knows those of frame 0 alone.
+    """Read the engine for simulated episodes; Gaussians keep their shapes, since a track has only those of frame 0.
 
     Raises:
         PlopError: The model is a learned one.
@@ -120,10 +120,10 @@ def engine_model(folder: Path) -> FilledEngineModel:
     model = load_model(folder)
     if not isinstance(model, FilledEngineModel):
         raise PlopError(
-            "Only an engine makes up episodes.",
+            "Episodes can only be simulated with an engine.",
             where=folder,
             expected="a model of `plop identify`",
             found="a learned model",
-            fix="Give the engine that was fitted to these recordings.",
+            fix="Use the engine that was fitted to these recordings.",
         )
     return FilledEngineModel(model.base, model.effects)

@@ -21,10 +21,10 @@ from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
 from stages.train import made_up, stage
-from stages.train.lessons import Lessons
-from stages.train.made_up import MadeUp
 from stages.train.settings import MadeUpConfig, TrainConfig
+from stages.train.simulated_episodes import SimulatedEpisode
 from stages.train.stage import run, train_on
+from stages.train.training_set import TrainingSet
 from tests.support.small_episode import PUSH_M, write_set
 from tests.support.tracked_set import write_engine
 
@@ -54,18 +54,18 @@ def trained(inputs, tmp_path_factory):
     return folder, run(inputs, QUICK, Output(folder))
 
 
-def lessons(inputs, folder) -> Lessons:
+def training_set(inputs, folder) -> TrainingSet:
     recordings = RecordingSet.load(inputs["recordings"].path)
-    episodes = [MadeUp(k, f"episode_{k % 2}") for k in range(3)]
-    return Lessons(recordings, folder, torch.device("cpu"), list(recordings.train), episodes)
+    episodes = [SimulatedEpisode(k, f"episode_{k % 2}") for k in range(3)]
+    return TrainingSet(recordings, folder, torch.device("cpu"), list(recordings.train), episodes)
 
 
 def test_the_engine_carries_the_fitted_gaussians_through_other_motions(inputs, trained):
     folder, summary = trained
     assert sorted(p.name for p in (folder / "made-up").iterdir()) == sorted(f"{name}.h5" for name in NAMES)
     assert summary.figures["made_up_episodes"] == 3 and not summary.warnings
-    tracks = [lessons(inputs, folder).track(k) for k in range(4, 7)]
-    recorded = lessons(inputs, folder).track(0)
+    tracks = [training_set(inputs, folder).track(k) for k in range(4, 7)]
+    recorded = training_set(inputs, folder).track(0)
     for track in tracks:
         assert track.recording_path is None and track.actions.table_z_m == 0.0
         assert len(track) == len(track.actions)
@@ -156,7 +156,7 @@ def test_a_learned_model_makes_nothing_up(inputs, tmp_path):
 
     save_model(tmp_path / "learned", PlopModel(PlopConfig(network=I2NConfig(width=4))), training={})
     (tmp_path / "out").mkdir()
-    with pytest.raises(PlopError, match="Only an engine makes up episodes"):
+    with pytest.raises(PlopError, match="only be simulated with an engine"):
         run({**inputs, "engine": Input(tmp_path / "learned")}, QUICK, Output(tmp_path / "out"))
     assert not list((tmp_path / "out").iterdir())
 
@@ -188,7 +188,7 @@ def fitted_engine(folder, episodes, recordings=(), effect_episodes=None):
 )
 def test_an_engine_that_has_seen_test_episodes_is_refused_before_anything_is_tracked(inputs, tmp_path, more):
     (tmp_path / "out").mkdir()
-    with pytest.raises(PlopError, match="episodes that are for testing") as caught:
+    with pytest.raises(PlopError, match="fitted to test episodes") as caught:
         run({**inputs, "engine": fitted_engine(tmp_path / "engine", **more)}, QUICK, Output(tmp_path / "out"))
     assert caught.value.found == "episode_2" and "plop identify --split train" in caught.value.fix
     assert not list((tmp_path / "out").iterdir())
@@ -203,7 +203,7 @@ def test_recordings_are_told_apart_by_content_not_by_the_names_of_their_episodes
     calibrated = Manifest("calibrate", "b" * 16, 1, {}, {"recordings": {"content": content[0]}}, files={"x": "2" * 64})
     own = replace(inputs["recordings"], manifest=calibrated)
     (tmp_path / "out").mkdir()
-    with pytest.raises(PlopError, match="episodes that are for testing"):
+    with pytest.raises(PlopError, match="fitted to test episodes"):
         run(
             {**inputs, "recordings": own, "engine": fitted_engine(tmp_path / "same", ["episode_2"], content)},
             QUICK,

@@ -1,4 +1,4 @@
-"""Recordings that a run has open: each is opened and checked once, however often it is asked for.
+"""Cache of open recordings: each is opened and checked once per run.
 
 A training step reads one frame of each of its windows; opening and checking the file costs more than that.
 """
@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 
 class Closable(Protocol):
-    """A recording, as far as is seen of it here."""
+    """Protocol of a recording in this module."""
 
     def close_file(self) -> None:
         """Close its file."""
@@ -22,10 +22,10 @@ class Closable(Protocol):
 Opened = TypeVar("Opened", bound=Closable)
 
 MOST_OPEN = 32
-"""Recordings that stay open while nobody reads them; HDF5 keeps up to 1 MB of each camera's images."""
+"""Largest number of unused recordings that stay open; HDF5 caches up to 1 MB of each camera's images."""
 
 Key = tuple[Path, int, int, int]
-"""Path, and what changes when another file takes it: inode, size [bytes] and time of change [ns]."""
+"""Path and identity of a file: inode, size [bytes] and time of change [ns]."""
 
 
 class OpenRecordings:
@@ -37,7 +37,7 @@ class OpenRecordings:
         self._checked: set[Key] = set()
 
     def lend(self, path: Path, opened: Callable[..., Opened]) -> Opened:
-        """Give the recording at a path; `opened(path, checked=..., on_close=...)` opens one."""
+        """Return the recording at a path; `opened(path, checked=..., on_close=...)` opens one."""
         key = _key(path)
         if key in self._open:
             recording: Opened = self._open.pop(key)
@@ -65,10 +65,10 @@ _current: ContextVar[OpenRecordings | None] = ContextVar("open_recordings", defa
 
 
 @contextmanager
-def opened_once() -> Iterator[None]:
-    """Let `Recording.open` give, inside the block and on this thread, the same recording for the same file.
+def share_open_recordings() -> Iterator[None]:
+    """Let `Recording.open` return, inside the block and on this thread, the same recording for the same file.
 
-    Blocks may lie in each other: the outermost one counts. Its end closes the files.
+    Blocks may be nested; the end of the outermost one closes the files.
     """
     if _current.get() is not None:
         yield
@@ -83,7 +83,7 @@ def opened_once() -> Iterator[None]:
 
 
 def of_this_run() -> OpenRecordings | None:
-    """Give the recordings that the block around the caller has open; None outside of one."""
+    """Return the open recordings of the block around the caller; None outside of one."""
     return _current.get()
 
 

@@ -1,4 +1,4 @@
-"""A short look at a folder: enough to tell what it holds, however large it is."""
+"""A quick scan of a folder: enough to recognise its format, independent of its size."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 _FOLDERS, _NAMES, _DEPTH = 400, 400, 6
-"""Most folders looked into, most names taken of each, deepest level: DROID's trajectories lie five levels down."""
+"""Largest number of folders, of names in each, and of levels: DROID's trajectories lie five levels down."""
 
 
 @dataclass(frozen=True)
-class Look:
-    """What lies below a path; a file is seen as a folder that holds it alone."""
+class FolderScan:
+    """Content below a path; a file is treated as a folder with only this file."""
 
     path: Path
 
@@ -29,7 +29,7 @@ class Look:
         found: list[str] = []
         todo, looked = deque([(self.path, "", 0)]), 0
         while todo and looked < _FOLDERS:
-            # by turns the nearest folder and the deepest: a large data set has both too many for one order alone
+            # alternate between the nearest and the deepest folder: a large data set has too many for one order alone
             folder, prefix, depth = todo.popleft() if looked % 2 else todo.pop()
             looked += 1
             try:
@@ -44,7 +44,7 @@ class Look:
         return sorted(found, key=lambda name: (name.rstrip("/").count("/"), name))
 
     def find(self, *patterns: str) -> list[str]:
-        """Give the names that fit a pattern, compared with the end of the path: "meta/info.json", "*.npz"."""
+        """Return the names that match a pattern, compared with the end of the path: "meta/info.json", "*.npz"."""
         lower = [(name, name.lower().rstrip("/")) for name in self.names]
         return [
             name
@@ -54,15 +54,15 @@ class Look:
         ]
 
     def at(self, name: str) -> Path:
-        """Give the path of a name."""
+        """Return the path of a name."""
         return self.path if self.path.is_file() else self.path / name
 
     def folder(self, name: str, up: int = 1) -> Path:
-        """Give the folder `up` levels above a name."""
+        """Return the folder `up` levels above a name."""
         return self.at(name.rstrip("/")).parents[up - 1]
 
     def json(self, name: str) -> dict[str, Any]:
-        """Read a JSON object; {} when it is none."""
+        """Read a JSON object; {} when it is not one."""
         try:
             content = json.loads(self.at(name).read_text(encoding="utf-8-sig"))
         except (OSError, ValueError):
@@ -78,7 +78,7 @@ class Look:
             return set()
 
     def hdf5_has(self, name: str, *keys: str) -> bool:
-        """Tell whether an HDF5 file has all of some keys."""
+        """Return whether an HDF5 file has all of some keys."""
         import h5py
 
         try:

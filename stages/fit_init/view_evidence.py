@@ -1,4 +1,4 @@
-"""What one measured view says about points of a surface: whether it contradicts them, and what it saw there."""
+"""Evidence of one measured view on points of a surface: contradictions and colours."""
 
 from __future__ import annotations
 
@@ -11,54 +11,54 @@ from scipy.ndimage import binary_erosion, distance_transform_edt, map_coordinate
 from plop.geometry.view import MaskLabel, View
 
 _OUTSIDE = 0.05
-"""Of a mask of 0 and 1 between pixel centres: below, a point lies beyond the object's outline."""
+"""Threshold of an interpolated mask: below, a point lies outside the object's outline."""
 _MIXED = 1e-3
-"""Weight of a colour on an outline: that of the pixel within, for places that no view sees any better."""
+"""Weight of a colour on an outline, taken from the inner pixel, for positions that no view sees better."""
 _ON_IT_PX = 0.1
-"""Widths of a pixel between a point and the measured surface within which it lies on it."""
+"""Largest distance of a point on the measured surface, in widths of a pixel."""
 _FACING = (0.02, 0.1)
-"""Least cosines between surface and line of sight that count, for colours and for the width of a pixel."""
+"""Smallest cosines between surface and line of sight, for colours and for the width of a pixel."""
 
 
 class Said(NamedTuple):
-    """What a view says about N points."""
+    """Evidence of a view on N points."""
 
     wrong: np.ndarray
-    """It sees past them or through them, bool [N]."""
+    """Whether it sees past them or through them, bool [N]."""
     colour: np.ndarray
-    """What it saw there, [N, 3], 0..255."""
+    """Colour seen there, [N, 3], 0..255."""
     weight: np.ndarray
-    """Of the colour, [N]; 0 where it does not see them."""
+    """Weight of the colour, [N]; 0 where it does not see them."""
     beyond_m: np.ndarray
-    """How far they lie beyond the middle of the outermost pixel that shows the object, along the surface, [N] [m]; 0
-    for what it sees on the object, infinite elsewhere away from the outline and where something hides them."""
+    """Distance beyond the middle of the outermost pixel of the object, along the surface, [N] [m]; 0 for points seen on
+    the object, infinite elsewhere away from the outline and where they are hidden."""
     before_m: np.ndarray
-    """How far they lie before the middle of the first pixel that does not, [N] [m]; infinite away from it."""
+    """Distance before the middle of the first pixel outside the object, [N] [m]; infinite away from it."""
 
 
 @dataclass(frozen=True)
-class Sight:
-    """One view, ready to say what it shows at a point."""
+class ViewEvidence:
+    """One view, prepared for queries at points."""
 
     view: View
     rgb: np.ndarray
-    """Colour of the object with nothing beside it mixed in, [H, W, 3], 0..255."""
+    """Colour of the object without mixed pixels, [H, W, 3], 0..255."""
     near_m: np.ndarray
-    """Least depth of the object in each pixel and its neighbours, [H, W] [m]; 0 where there is none."""
+    """Smallest depth of the object in each pixel and its neighbours, [H, W] [m]; 0 where there is none."""
     possible: np.ndarray
-    """1 where the object may be, 0 where the background shows, [H, W]."""
+    """1 where the object may be, 0 where the background is visible, [H, W]."""
     pure: np.ndarray
-    """1 where the object shows, [H, W]."""
+    """1 where the object is visible, [H, W]."""
 
     @classmethod
-    def of(cls, view: View) -> Sight:
+    def of(cls, view: View) -> ViewEvidence:
         """Prepare a view."""
         near = minimum_filter(np.where(view.object_mask & (view.depth_m > 0), view.depth_m, np.inf), 3)
         possible, pure = (mask.astype(np.float64) for mask in (view.mask != MaskLabel.BACKGROUND, view.object_mask))
         return cls(view, _unmixed(view), np.where(np.isinf(near), 0, near), possible, pure)
 
     def about(self, points: np.ndarray, normals: np.ndarray, tolerance_m: float) -> Said:
-        """Look at points [N, 3] [m] of a surface with normals [N, 3]; depths differ by more than the tolerance [m]."""
+        """Evaluate points [N, 3] [m] of a surface with normals [N, 3] and a tolerance of their depth [m]."""
         camera = self.view.camera
         pixel, depth = camera.project(points)
         place = (pixel - 0.5).T[::-1]
@@ -88,10 +88,10 @@ class Sight:
 
 
 def _unmixed(view: View) -> np.ndarray:
-    """Give pixels that border on something else the colour of the nearest that does not, [H, W, 3], 0..255.
+    """Replace the colour of pixels on the outline by that of the nearest inner pixel, [H, W, 3], 0..255.
 
-    On an outline a camera sees object and background mixed. Where all views see an outline, as at the foot of an
-    object on its table, that mixture would pass for the surface's own colour.
+    On an outline a pixel mixes object and background. Where all views see an outline, as at the foot of an
+    object on its table, the mixture would be taken as the surface's own colour.
     """
     rgb = view.rgb.astype(np.float64)
     within = binary_erosion(view.object_mask, border_value=1)

@@ -1,4 +1,4 @@
-"""What a model learns from: the tracks of recorded episodes and of those that the engine made up."""
+"""Training data of a model: the tracks of recorded and of simulated episodes."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import torch
 
 from plop.artifacts.layouts import Model
 from plop.recordings.set import RecordingSet
-from stages.train.made_up import MadeUp
+from stages.train.simulated_episodes import SimulatedEpisode
 from stages.train.tracks import Track, load_track
 
 
 @dataclass(frozen=True)
-class Lessons:
-    """Episodes by number, the recorded ones first; those are repeated so that the made-up ones do not outweigh them."""
+class TrainingSet:
+    """Episodes by number, the recorded ones first; these are repeated so that simulated ones do not outweigh them."""
 
     recordings: RecordingSet
     folder: Path
-    """Holds tracks/ and made-up/."""
+    """Folder of tracks/ and made-up/."""
     device: torch.device
     recorded: list[str]
-    made_up: list[MadeUp]
+    made_up: list[SimulatedEpisode]
 
     @cached_property
-    def _order(self) -> list[str | MadeUp]:
+    def _order(self) -> list[str | SimulatedEpisode]:
         return [*self.recorded * max(1, round(len(self.made_up) / len(self.recorded))), *self.made_up]
 
     def __len__(self) -> int:
@@ -37,13 +37,13 @@ class Lessons:
     def track(self, number: int) -> Track:
         """Read the track of an episode."""
         episode, files = self._order[number], Model(self.folder)
-        if isinstance(episode, MadeUp):
+        if isinstance(episode, SimulatedEpisode):
             path, states = self.recordings.path(episode.recorded), files.made_up.states(episode.name)
             return load_track(episode.name, path, states, self.device, made_up=True)
         return load_track(episode, self.recordings.path(episode), files.tracks.states(episode), self.device)
 
-    def without(self, names: Collection[str]) -> Lessons:
-        """Leave out recorded episodes and what was made up from them."""
+    def without(self, names: Collection[str]) -> TrainingSet:
+        """Leave out recorded episodes and the simulated ones derived from them."""
         return replace(
             self,
             recorded=[name for name in self.recorded if name not in names],
