@@ -20,7 +20,7 @@ from plop.statistics.cluster_robust import clusters
 _LEVELS = 6
 """Largest number of halvings in the line search before the fit counts as converged."""
 _REACH = 20
-"""Longest step along one parameter, in its finite differences: a parameter to which the data hardly respond is kept near."""
+"""Longest step along one parameter, in its finite differences: one to which the data hardly respond stays near."""
 
 
 def _of_material(
