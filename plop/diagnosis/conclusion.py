@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from plop.diagnosis.finding import Finding, finding_of, worse
 from plop.diagnosis.limits import Limit, detection_limits, unseen
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.search import Score, Search, one_per_law
+from plop.diagnosis.search import Score, Search, one_per_law, one_per_setting
 from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
 from plop.diagnosis.verdict_text import verdict_text
 
@@ -46,7 +46,7 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     facts = _grounds(search, sensors)
     first = next((f for f in findings if f.stands), None)
     rivals = [] if first is None else _rivals(first, scores, rule)
-    chosen, verdict = ([], None) if first is None else _named(search, first, findings, rivals, facts, rule)
+    chosen, verdict = ([], None) if first is None else _named(search, first, findings, scores, rivals, facts, rule)
     if verdict is None:
         missing = facts.change_p is not None and facts.change_p <= rule.alarm
         decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
@@ -69,13 +69,22 @@ def _findings(search: Search, scores: list[Score], rule: DecisionRule) -> list[F
     sizes = search.sizes()[: int(search.here.sum())]
     found = []
     for best in one_per_law(scores):
-        settings: dict[str, Score] = {}
-        for score in scores:
-            if score.hypothesis.effect == best.hypothesis.effect:
-                settings.setdefault(score.hypothesis.candidate.key, score)
-        others = [s for key, s in settings.items() if key != best.hypothesis.candidate.key]
-        found.append(finding_of(best, others, sizes, rule))
+        found.append(finding_of(best, _settings(best, scores, rule), sizes, rule))
     return found
+
+
+def _settings(best: Score, scores: Sequence[Score], rule: DecisionRule) -> list[Score]:
+    """Find the other settings of a law that do as well, but for chance between episodes."""
+    own = best.hypothesis
+    same = [s for s in one_per_setting(scores) if s.hypothesis.effect == own.effect]
+    return [s for s in same if s.hypothesis.candidate.key != own.candidate.key and not worse(best, s, rule)]
+
+
+def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: DecisionRule) -> tuple[Search, Finding]:
+    """Give the first law with the amplitude, and the weights of patches, that belong to each other."""
+    found, score = search.settled(first.score)
+    others = [search.settled(s)[1] for s in _settings(first.score, scores, rule)]
+    return found, finding_of(score, others, found.sizes()[: int(found.here.sum())], rule)
 
 
 def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:
@@ -93,19 +102,17 @@ def _rivals(first: Finding, scores: Sequence[Score], rule: DecisionRule) -> list
         for s in laws
         if s.p <= rule.alarm and s.hypothesis.candidate.kind != "decoy" and not worse(first.score, s, rule)
     ]
-    if alike:
-        return alike
-    own = first.score.hypothesis
-    found: dict[str, Score] = {}
-    for s in scores:
-        same = s.hypothesis.effect == first.name and s.hypothesis.candidate.key != own.candidate.key
-        if same and not worse(first.score, s, rule):
-            found.setdefault(s.hypothesis.candidate.key, s)
-    return list(found.values())
+    return alike or _settings(first.score, scores, rule)
 
 
 def _named(
-    search: Search, first: Finding, findings: list[Finding], rivals: list[Score], facts: Grounds, rule: DecisionRule
+    search: Search,
+    first: Finding,
+    findings: list[Finding],
+    scores: Sequence[Score],
+    rivals: list[Score],
+    facts: Grounds,
+    rule: DecisionRule,
 ) -> tuple[list[Finding], Verdict | None]:
     """Name the best law: alone, with a second one, as a part, or with those that cannot be distinguished from it.
 
@@ -114,6 +121,7 @@ def _named(
     """
     if first.kind == "decoy":
         return [], None
+    search, first = _settled(search, first, scores, rule)
     others = [s.hypothesis.effect for s in rivals if s.hypothesis.effect != first.name]
     rest = search.beside(first.score)
     chosen, gain = [first], first.gain
@@ -128,6 +136,8 @@ def _named(
         return [], None
     facts = replace(
         facts,
+        error=float(search.sizes()[search.here].mean()),
+        floor=None if facts.floor is None else float(search.sizes()[~search.here].mean()),
         left=float(left[search.here].mean()),
         rest_p=rest.unknown_p,
         closed=closed,
@@ -149,7 +159,7 @@ def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:
     """Find a law in what the first one leaves: one that does more than what may be wrong with the first's response."""
     scores = rest.scores()
     sizes = rest.sizes()[: int(rest.here.sum())]
-    found = [finding_of(score, [], sizes, rule, alternatives=False) for score in one_per_law(scores)]
+    found = [finding_of(score, [], sizes, rule) for score in one_per_law(scores)]
     second = next((f for f in found if f.stands and f.kind == "physics"), None)
     if second is None:
         return None
@@ -165,7 +175,7 @@ def _together(search: Search, first: Finding, second: Finding, rule: DecisionRul
         k = turn % 2
         rest = search.beside(found[1 - k].score)
         score = rest.score_of(found[k].score.hypothesis)
-        found[k] = finding_of(score, [], rest.sizes()[: int(rest.here.sum())], rule, alternatives=False)
+        found[k] = finding_of(score, [], rest.sizes()[: int(rest.here.sum())], rule)
     return found[0], found[1], rest.beside(found[1].score)
 
 

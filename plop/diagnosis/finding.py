@@ -52,21 +52,17 @@ class Finding:
         return {*self.reasons} <= {Reason.AT_BOUND}
 
 
-def finding_of(
-    score: Score, others: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE, *, alternatives: bool = True
-) -> Finding:
+def finding_of(score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE) -> Finding:
     """Judge the best score of a law.
 
     Args:
         score: It.
-        others: Scores of the same law's other settings.
+        as_good: The same law's other settings that do as well.
         sizes: Squared error of each episode to explain without it, [H].
         rule: Margins.
-        alternatives: Look for settings that do as well.
     """
     columns = score.hypothesis.candidate.columns
     parameters = amplitudes_of(score, rule)
-    as_good = [other for other in others if alternatives and not worse(score, other, rule)]
     for other in as_good:
         for name, found in amplitudes_of(other, rule).items():
             own = parameters[name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ ENOUGH_WAYS = 100
 NEAR = 0.15
 """An amplitude is found where the response was computed within this share of it."""
 
+_TURNS = 5
+"""Rounds in which amplitude and weights are found from each other."""
 _AS_GOOD = 0.02
 """Share of its strength by which a law may differ between amplitudes at which it does as well."""
 
@@ -97,6 +99,7 @@ class Search:
             np.stack([c[e] for c in columns], -1) if columns else np.zeros((*shape, 0))
             for e, shape in enumerate(shapes)
         ]
+        self._base, self.spread = stacked, spread
         self.field = Field(self.evidence, stacked, spread)
         self.fitted = self.field.base_fitted()
         self.known: list[np.ndarray] = [np.zeros(shape) for shape in shapes]
@@ -137,18 +140,57 @@ class Search:
 
     def beside(self, score: Score) -> Search:
         """Search what a law leaves that has been found: it is taken off the episodes to explain."""
-        other = object.__new__(Search)
-        other.__dict__.update(
-            {k: v for k, v in self.__dict__.items() if k not in ("_null", "unknown", "unknown_p", "unknown_gain")}
-        )
-        response = self.response(score.hypothesis)
-        other.known = [
-            known + score.amount * changes * here
-            for known, changes, here in zip(self.known, response, self.here, strict=True)
-        ]
+        other = self._copy()
+        other.known = [known + change for known, change in zip(self.known, self._change(score), strict=True)]
         other.first = tuple(h for h in self.first if h.effect != score.hypothesis.effect)
         other.hypotheses = [h for h in self.hypotheses if h.effect != score.hypothesis.effect]
         return other
+
+    def _copy(self) -> Search:
+        other = object.__new__(Search)
+        computed = ("_null", "unknown", "unknown_p", "unknown_gain")
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
+        return other
+
+    def _change(self, score: Score) -> list[np.ndarray]:
+        """Give what a law does where it was found, [F, K, 3] [m] for each episode; 0 in the reference."""
+        response = self.response(score.hypothesis)
+        return [score.amount * changes * here for changes, here in zip(response, self.here, strict=True)]
+
+    def reweighted(self, score: Score) -> Search:
+        """Weigh patches and frames by what they leave with a law that was found, which is no chance any more.
+
+        The search itself weighs them without any law, so that no way of dealing the episodes out is preferred; a strong
+        law then looks as if parts had broken loose.
+        """
+        other, change = self._copy(), self._change(score)
+        left = [replace(e, residual=e.residual - c) for e, c in zip(self.evidence, change, strict=True)]
+        other.field = Field(left, self._base, self.spread)
+        other.fitted = [f + c for f, c in zip(other.field.base_fitted(), change, strict=True)]
+        return other
+
+    def settled(self, score: Score) -> tuple[Search, Score]:
+        """Find the amplitude of a law with the weights that it leaves, running it anew where it has moved.
+
+        Returns:
+            The search with these weights, and the score there, with the chance of the search as it was.
+        """
+        search, found = self, score
+        for _ in range(_TURNS):
+            trial = self.reweighted(found)
+            new = trial.score_of(found.hypothesis, score.p)
+            if new.strength <= 0:
+                break
+            search, found = trial, new
+            multiple = min(new.amount, new.hypothesis.most)
+            if abs(multiple - 1) <= NEAR:
+                break
+            moved = new.hypothesis.at(multiple)
+            self.add([moved] if moved.key not in {h.key for h in self.hypotheses if len(h.runs) == 1} else [])
+            if moved not in self.hypotheses:
+                break
+            found = trial.score_of(moved, score.p)
+        return search, found
 
     @cached_property
     def unknown(self) -> Unknown:
@@ -195,18 +237,19 @@ class Search:
         found = [self._score(h, p) for h, p in zip(self.hypotheses, self.products(self.hypotheses), strict=True)]
         return sorted(found, key=lambda score: (-score.strength, score.hypothesis.key))
 
-    def score_of(self, hypothesis: Hypothesis) -> Score:
-        """Score one hypothesis."""
-        return self._score(hypothesis, self.products([hypothesis])[0])
+    def score_of(self, hypothesis: Hypothesis, p: float | None = None) -> Score:
+        """Score one hypothesis, of which the chance may be known."""
+        return self._score(hypothesis, self.products([hypothesis])[0], p)
 
-    def _score(self, hypothesis: Hypothesis, products: Products) -> Score:
+    def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
         contrast = products.contrast(self.here)
         amount = max(contrast.amount, 0.0)
         gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
         response = self.response(hypothesis)
         removed = np.array([self._removed(k, a * response[k]) for k, a in enumerate(amounts)])
         found = float(roots(gains).sum())
-        p = chance_without_reference(found) if self.here.all() else chance(found, self._null)
+        if p is None:
+            p = chance_without_reference(found) if self.here.all() else chance(found, self._null)
         size_m = amount * self.size_m(hypothesis)
         return Score(hypothesis, products, amount, contrast.error, contrast.freedom, p, gains, removed, size_m)
 

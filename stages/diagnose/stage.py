@@ -237,7 +237,7 @@ def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
 
 STAGE = Stage(
     name="diagnose",
-    version=34,
+    version=35,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={
