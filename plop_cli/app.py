@@ -21,7 +21,7 @@ app = typer.Typer(
     name="plop",
     cls=FrontDoor,
     help="Turn recordings of a robot cutting a soft object into a learned, scored dynamics model, "
-    "and diagnose the physics that it misses.",
+    "and name the physics that it misses.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
