@@ -1,4 +1,4 @@
-"""plop: recordings of a robot cutting a soft object in; a learned, scored dynamics model out.
+"""plop: from recordings of a robot cutting a soft object to a learned, scored dynamics model.
 
 `import plop` is all that a notebook or a planner needs; docs/how-to/python.md shows how to use the names. A name is
 imported when it is first used, so that `import plop` itself loads nothing heavy.

@@ -20,8 +20,8 @@ from plop_cli.help_option import HELP
 app = typer.Typer(
     name="plop",
     cls=FrontDoor,
-    help="Recordings of a robot cutting a soft object in; a learned, scored dynamics model out, "
-    "and a diagnosis of the physics that it misses.",
+    help="Turn recordings of a robot cutting a soft object into a learned, scored dynamics model, "
+    "and name the physics that it misses.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,

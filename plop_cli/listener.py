@@ -39,7 +39,7 @@ class Chained:
     def finished(self, command: str, outcome: Outcome) -> None:
         """Print the warnings of a run, its address and how long it took."""
         self._warnings(command, outcome)
-        state = "already done" if outcome.skipped else format_seconds(outcome.seconds)
+        state = "exists already" if outcome.skipped else format_seconds(outcome.seconds)
         self.console.say(self._titled(f"{outcome.artifact.address}  {state}"))
 
     def _warnings(self, command: str, outcome: Outcome) -> None:

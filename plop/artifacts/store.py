@@ -13,19 +13,19 @@ be moved holds everything, and an address follows from what determines the resul
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from plop.artifacts.atomic_file import in_the_way, write_json
-from plop.artifacts.digest import DigestCache, content_digest, file_digest
+from plop.artifacts.commit import committed, restore
+from plop.artifacts.digest import DigestCache, content_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked, note_of
-from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
+from plop.artifacts.manifest import Manifest, content_files, read_manifest
 from plop.artifacts.suggestions import nearest, workspaces_near
 from plop.errors import PlopError
 
@@ -291,14 +291,8 @@ class Store:
 
     def scratch(self, stage: str, fingerprint: str, *, fresh: bool = False) -> Path:
         """Return the scratch folder of a fingerprint, with the files of a killed run unless `fresh`. Hold its lock."""
+        restore(self.final_path(stage, fingerprint))
         folder = self.root / stage / f".partial-{fingerprint}"
-        set_aside = self.root / stage / f".old-{fingerprint}"
-        final = self.final_path(stage, fingerprint)
-        if set_aside.exists():  # killed inside `commit`: either the new one is in place, or the old one is restored
-            if final.exists():
-                shutil.rmtree(set_aside)
-            else:
-                os.replace(set_aside, final)
         if fresh and folder.exists():
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -314,25 +308,8 @@ class Store:
 
         Hidden entries and `*.tmp` files belong to the run and are discarded.
         """
-        _drop_traces(scratch)
-        files, sizes = {}, {}
-        for path in sorted(scratch.rglob("*")):
-            if path.is_symlink():
-                raise PlopError("A stage left a link in its payload.", where=path, expected="files and folders")
-            if path.is_file() and path != scratch / MANIFEST_NAME:
-                name = path.relative_to(scratch).as_posix()
-                _flush(path)
-                files[name], sizes[name] = file_digest(path), path.stat().st_size
-        whole = replace(manifest, files=files, sizes=sizes)
-        write_manifest(scratch, whole)
-        _flush(scratch / MANIFEST_NAME)
         final = self.final_path(manifest.stage, manifest.fingerprint)
-        set_aside = final.with_name(f".old-{manifest.fingerprint}")
-        if final.exists():
-            os.replace(final, set_aside)
-        os.replace(scratch, final)
-        shutil.rmtree(set_aside, ignore_errors=True)
-        return Artifact(final, whole)
+        return Artifact(final, committed(scratch, final, manifest))
 
     def record(self, artifact: Artifact, seconds: float | None) -> None:
         """Make an artifact the latest of its stage; a journal that cannot be written is not an error."""
@@ -362,21 +339,3 @@ def _key_of(folder: Path) -> tuple[str, str]:
 
 def _visible_folder(path: Path) -> bool:
     return path.is_dir() and not path.name.startswith(".")
-
-
-def _drop_traces(scratch: Path) -> None:
-    for path in sorted(scratch.rglob("*")):
-        if path.name.startswith(".") or path.suffix == ".tmp":
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-
-
-def _flush(path: Path) -> None:
-    """Flush a file to the disk, so that a power failure cannot leave a finished artifact without content."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -7,22 +7,17 @@ again elsewhere and resume from the finished pieces.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
-from functools import partial
-from importlib import metadata
-from pathlib import Path
-from threading import Event
 from typing import Any
 
 from plop.artifacts.store import Store
 from plop.compute.cluster import connected
 from plop.errors import PlopError
-from plop.physics.effects.trust import trusting
-from plop.pipeline.execute import Outcome, execute
+from plop.pipeline.cluster_worker import Made, make, plop_version
+from plop.pipeline.execute import Outcome
 from plop.pipeline.listener import Listener
-from plop.pipeline.registry import StageRef
 from plop.pipeline.tasks import Finished, Runner, Task, addresses, given, in_order
 
 
@@ -53,16 +48,6 @@ def runner(
     with connected(scheduler) as client:
         store.root.mkdir(parents=True, exist_ok=True)
         yield ClusterRunner(store, listener, keep_going, client=client, trust_effects=trust_effects)
-
-
-@dataclass(frozen=True)
-class Made:
-    """Report of a worker on a run."""
-
-    key: tuple[str, str]
-    skipped: bool
-    seconds: float
-    warnings: list[str]
 
 
 @dataclass
@@ -124,7 +109,7 @@ class ClusterRunner(Runner):
             return error
 
     def _submitted(self, task: Task, inputs: Mapping[str, Any]) -> Any:
-        facts = (task.ref, str(self.store.workspace), task.config, task.force, self.trust_effects, _version())
+        facts = (task.ref, str(self.store.workspace), task.config, task.force, self.trust_effects, plop_version())
         command = task.ref.command.replace(" ", "-")
         return self.client.submit(make, *facts, dict(inputs), key=f"{command}-{task.about}-{id(task):x}", pure=False)
 
@@ -172,96 +157,6 @@ class ClusterRunner(Runner):
         raise error
 
 
-def make(
-    ref: StageRef,
-    workspace: str,
-    config: Any,
-    force: bool,
-    trust_effects: bool,
-    version: str,
-    inputs: Mapping[str, Any],
-) -> Made:
-    """Run one task in a worker; `inputs` as returned by `addresses`, completed by the reports of other workers.
-
-    Raises:
-        PlopError: The worker does not see the workspace, has another plop, or whatever the stage reports.
-    """
-    if not (Path(workspace) / "artifacts").is_dir():
-        raise PlopError(
-            "A worker does not see the workspace.",
-            where=workspace,
-            expected="a folder that this machine and all workers share under the same path",
-            found="no such folder on the worker",
-            fix="Put the workspace there (-w), see docs/how-to/cluster.md.",
-        )
-    if _version() != version:
-        raise PlopError(
-            "A worker has another version of plop.",
-            expected=version,
-            found=_version(),
-            fix="Start the workers from the same environment as `plop`.",
-        )
-
-    def spelt(value: Any) -> Any:
-        return [spelt(one) for one in value] if isinstance(value, list) else _address(value)
-
-    _unobserved()
-    sources = given({name: spelt(value) for name, value in inputs.items()})
-    with trusting(trust_effects):
-        outcome = execute(
-            ref.load(),
-            store=Store(workspace),
-            config=config,
-            inputs=sources,
-            command=ref.command,
-            force=force,
-            mapper=spread,
-        )
-    return Made(outcome.artifact.key, outcome.skipped, outcome.seconds, outcome.warnings)
-
-
-def spread(task: Callable[[str], Any], names: Sequence[str], jobs: int, /) -> Iterator[Any]:
-    """Run the pieces of a stage on all workers, from within one: the mapper of `Output.map` there.
-
-    The worker does other work while this run waits for its pieces.
-    """
-    from distributed import as_completed, worker_client
-
-    with worker_client() as client:
-        for future in as_completed(client.map(partial(_piece, task), names, pure=False)):
-            yield future.result()
-
-
-def _piece(task: Callable[[str], Any], name: str) -> Any:
-    _unobserved()
-    return task(name)
-
-
-def _unobserved() -> None:
-    """Stop the worker's sampling profiler, which keeps objects of the sampled stack alive.
-
-    An HDF5 dataset that is released later writes its chunks later: the file would have the same content in another
-    byte order, and so another digest than without a cluster.
-    """
-    from distributed import get_worker
-
-    worker = get_worker()
-    profiler = worker.periodic_callbacks.get("profile")
-    if profiler is not None and profiler.is_running():
-        stopped = Event()
-        worker.loop.add_callback(profiler.stop)
-        worker.loop.add_callback(stopped.set)
-        stopped.wait(timeout=60)
-
-
-def _address(value: Any) -> Any:
-    return "@".join(value.key) if isinstance(value, Made) else value
-
-
 def _hands_out(config: Any) -> bool:
     """Return whether a stage sends its own work to a scheduler that its settings name."""
     return any(field.name == "scheduler" for field in fields(config))
-
-
-def _version() -> str:
-    return metadata.version("plop")

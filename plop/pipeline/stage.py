@@ -156,9 +156,8 @@ class Output:
         Raises:
             PlopError: The first that a piece raised, unless `keep_going`.
         """
-        there = replace(
-            self, progress=silent, mapper=None
-        )  # progress and mapper of this process are not sent to another one
+        # progress and mapper of this process are not sent to another one
+        there = replace(self, progress=silent, mapper=None)
         return map_pieces(
             partial(_work_on_piece, work, there),
             pieces,

@@ -147,7 +147,7 @@ class Recording(Hdf5Reader):
                 expected="vertices, and faces that refer to them",
                 found=f"{count} vertices, {len(mesh.faces)} faces"
                 + ("" if most is None else f" with indices up to {most}"),
-                fix=f"Correct the tool's mesh in the raw data, then:  {self.maker} again.",
+                fix=f"Correct the tool's mesh in the raw data, then: {self.maker} again.",
             )
         return mesh
 

@@ -157,7 +157,7 @@ def test_nothing_goes_where_a_manifest_cannot_be_read(store, capsys):
     scratch = killed(store, "fuse", ".partial-" + "ab" * 8)
     assert [one.path for one in removable(store)] == [scratch]
     assert main(["gc", "-w", str(store.workspace)]) == 0
-    assert "nobody knows" in capsys.readouterr().err and old[0].path.is_dir()
+    assert "is unknown" in capsys.readouterr().err and old[0].path.is_dir()
 
 
 def test_it_is_listed_first_and_removed_when_asked(store, capsys):

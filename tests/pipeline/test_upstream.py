@@ -367,5 +367,5 @@ def test_an_input_that_needs_itself_is_a_mistake_of_the_declaration(store):
 
     recipe = {"a": Recipe({"recordings": "b"}), "b": Recipe({"recordings": "a"})}
     specs = {name: InputSpec(("fuse",), "", choice=Choice.MADE, recipe=one) for name, one in recipe.items()}
-    with pytest.raises(ValueError, match="circle: a, b"):
+    with pytest.raises(ValueError, match="cycle: a, b"):
         planned(store, Stage("odd", 1, "", NoConfig, specs, fake.FIT.run))

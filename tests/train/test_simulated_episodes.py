@@ -20,7 +20,7 @@ from plop.models import trained_on
 from plop.physics.adapters.filled_model import FilledEngineModel
 from plop.pipeline.stage import Input, Output
 from plop.recordings.set import RecordingSet
-from stages.train import made_up, stage
+from stages.train import simulated_episodes, stage
 from stages.train.settings import MadeUpConfig, TrainConfig
 from stages.train.simulated_episodes import SimulatedEpisode
 from stages.train.stage import run, train_on
@@ -126,11 +126,11 @@ def test_what_the_engine_cannot_follow_is_left_out_and_said(inputs, tmp_path, mo
             raise PlopError("It flew apart.")
         return real(model, start, steps, name, seed)
 
-    real = made_up.predict
-    monkeypatch.setattr(made_up, "predict", failing)
+    real = simulated_episodes.predict
+    monkeypatch.setattr(simulated_episodes, "predict", failing)
     summary = run(inputs, QUICK, Output(tmp_path))
     assert summary.figures["made_up_episodes"] == 2
-    assert summary.warnings == ["the engine could not follow 1 of 3 made-up episodes"]
+    assert summary.warnings == ["the engine failed in 1 of 3 simulated episodes"]
     assert json.loads((tmp_path / "made-up" / f"{NAMES[1]}.json").read_text()) == {"not_followed": "It flew apart."}
     assert not (tmp_path / "made-up" / f"{NAMES[1]}.h5").exists()
 
