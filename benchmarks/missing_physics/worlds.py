@@ -290,7 +290,7 @@ class Bench:
                 truth |= found
             try:
                 trial = [maker.episode(first + k, hidden) for k in range(EPISODES)]
-            except Exception as error:  # noqa: BLE001 -- a simulator that gives up at a large amplitude
+            except Exception as error:
                 sys.stdout.write(f"  {law} x {1.5**number:.2f}: {error}\n")
                 break
             episodes, snr = trial, _rms_m(trial, plain) / (NOISE_M * 3**0.5)

@@ -84,7 +84,8 @@ def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: Deci
     """Give the first law with the amplitude, and the weights of patches, that belong to each other."""
     found, score = search.settled(first.score)
     others = [search.settled(s)[1] for s in _settings(first.score, scores, rule)]
-    return found, finding_of(score, others, found.sizes()[: int(found.here.sum())], rule)
+    saturated = search.saturated(score)
+    return found, finding_of(score, others, found.sizes()[: int(found.here.sum())], rule, saturated)
 
 
 def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:

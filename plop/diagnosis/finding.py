@@ -52,7 +52,9 @@ class Finding:
         return {*self.reasons} <= {Reason.AT_BOUND}
 
 
-def finding_of(score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE) -> Finding:
+def finding_of(
+    score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE, saturated: float = 1.0
+) -> Finding:
     """Judge the best score of a law.
 
     Args:
@@ -60,9 +62,10 @@ def finding_of(score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: 
         as_good: The same law's other settings that do as well.
         sizes: Squared error of each episode to explain without it, [H].
         rule: Margins.
+        saturated: How many times larger the amplitude may be with the same response.
     """
     columns = score.hypothesis.candidate.columns
-    parameters = amplitudes_of(score, rule)
+    parameters = amplitudes_of(score, rule, saturated)
     for other in as_good:
         for name, found in amplitudes_of(other, rule).items():
             own = parameters[name]
@@ -85,14 +88,15 @@ def finding_of(score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: 
     )
 
 
-def amplitudes_of(score: Score, rule: DecisionRule = RULE) -> dict[str, Estimate]:
+def amplitudes_of(score: Score, rule: DecisionRule = RULE, saturated: float = 1.0) -> dict[str, Estimate]:
     """Give amplitudes with their 95 % intervals, kept inside their ranges."""
     found = {}
     at_bound = score.amount >= score.hypothesis.most * (1 - 1e-9)
     for column, value in zip(score.hypothesis.candidate.columns, score.values, strict=True):
         chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
         width = float(np.hypot(chance, rule.response_width)) * max(abs(value), 1e-12)
-        low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (value - width, value + width, value))
+        ends = sorted((value - np.sign(value) * width, saturated * value + np.sign(value) * width))
+        low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
         found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
     return found
 

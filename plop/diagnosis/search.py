@@ -26,6 +26,8 @@ NEAR = 0.15
 
 _TURNS = 5
 """Rounds in which amplitude and weights are found from each other."""
+_FLATTEST = 16.0
+"""How many times an amplitude is looked at beyond what was found."""
 _AS_GOOD = 0.02
 """Share of its strength by which a law may differ between amplitudes at which it does as well."""
 
@@ -191,6 +193,28 @@ class Search:
                 break
             found = trial.score_of(moved, score.p)
         return search, found
+
+    def saturated(self, score: Score) -> float:
+        """Find how many times larger an amplitude may be with the same response: a bond that holds holds no more.
+
+        Args:
+            score: A law at the amplitude where its response was computed.
+
+        Returns:
+            1, or a power of two at which the engine responds within `NEAR` of the response there.
+        """
+        multiple = 1.0
+        while multiple < _FLATTEST and 2 * multiple <= score.hypothesis.most:
+            larger = score.hypothesis.at(2 * multiple)
+            self.add([larger])
+            if larger not in self.hypotheses:
+                break
+            pairs = zip(self.tables[0].response(score.hypothesis), self.tables[0].response(larger), strict=True)
+            own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)
+            if apart > NEAR**2 * own:
+                break
+            multiple *= 2
+        return multiple
 
     @cached_property
     def unknown(self) -> Unknown:

@@ -120,6 +120,22 @@ def test_a_law_with_a_threshold_is_followed_to_the_amplitude_that_was_there():
     assert finding(found, "adhesion").parameters["traction_pa"].value == pytest.approx(800, rel=0.1)
 
 
+class Holding(Fields):
+    """A bond that holds from 500 Pa on holds no more whatever its strength."""
+
+    def amounts(self, values: dict[str, float]) -> list[float]:
+        found = super().amounts(values)
+        found[4] = min(max(values.get("adhesion", 0.0) - 200, 0.0) / 200, 1.5)
+        return found
+
+
+def test_the_interval_of_a_law_that_saturates_goes_on_where_its_response_does_not_change():
+    found = Holding().diagnosed({"adhesion": 3000.0}, LAWS)
+    assert found.verdict.named == ("adhesion",)
+    value = finding(found, "adhesion").parameters["traction_pa"]
+    assert value.value < 1500 and value.low < 500 and value.high > 3000, value
+
+
 class Alike(Fields):
     """Viscosity does what swelling does, but for a little."""
 
