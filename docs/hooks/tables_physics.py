@@ -48,48 +48,6 @@ def _overview() -> str:
     return rows(["what", "goal", "through cameras", "on tracked points"], lines)
 
 
-WORLDS = {
-    "null_false_alarm": "nothing hidden: something is said",
-    "single_named_first": "one hidden law, at least twice the noise: named first",
-    "single_in_named_set": "the same: in the named set",
-    "single_wrong_name": "the same: only wrong names",
-    "base_parameter_named": "stiffness or damping changed: named",
-    "outside_none_or_partly": "a law outside the library: NONE OF THESE or PARTLY",
-    "outside_wrong_name": "the same: a wrong name",
-    "pairs_both": "two hidden laws: both",
-    "decoy_named": "decoys named, over all sets",
-    "interval_coverage": "95 % intervals that hold the hidden amplitude",
-}
-"""Rate of the third edition -> what it is."""
-
-
-def _worlds() -> str:
-    result = read("missing_physics_0.2.0")
-    columns = {"all": result["rates"], **result["by_scenario"]}
-    lines = []
-    for key, what in WORLDS.items():
-        goal = result["goals"].get(key, "")
-        cells = [rate(found.get(key)) for found in columns.values()]
-        shown = "yes" if result["rates"].get(key, {}).get("shown") else "no" if goal else ""
-        lines.append([what, goal, *cells, shown])
-    for key, what in (
-        ("parameter_error", "relative error, median"),
-        ("difference_closed", "difference explained, median"),
-    ):
-        found = [f"{percent(c[key]['median'])} (n = {c[key]['n']})" for c in columns.values()]
-        lines.append([what, "", *found, ""])
-    return rows(["what", "goal", *columns, "shown"], lines)
-
-
-def _rivals() -> str:
-    result = read("missing_physics_0.2.0")["rivals"]
-    lines = [
-        [name, *(f"{percent(found[key]['rate'])} (n = {found[key]['n']})" for key in found)]
-        for name, found in result.items()
-    ]
-    return rows(["method", "right law first", "names something where nothing is hidden"], lines)
-
-
 def _others() -> str:
     rates = read("physics_points")["sets"]["baselines"]
     return rows(
@@ -177,8 +135,6 @@ def _hidden_cameras() -> str:
 
 TABLES: dict[str, Table] = {
     "overview": (_overview, ("physics_cameras", "physics_points")),
-    "worlds": (_worlds, ("missing_physics_0.2.0",)),
-    "rivals": (_rivals, ("missing_physics_0.2.0",)),
     "other-methods": (_others, ("physics_points",)),
     "runs-cameras": (_runs("physics_cameras"), ("physics_cameras",)),
     "runs-points": (_runs("physics_points"), ("physics_points",)),

@@ -56,7 +56,7 @@ class SimulateConfig(Settings):
     """Also write the episodes as DROID raw episodes, below droid/."""
     seed: Annotated[Seed, COMMON] = 0
     """Seed of texture and noise; added to the scene's, also of motions and hidden effects."""
-    motions_seed: Annotated[int, Range(-1), COMMON] = -1
+    motions_seed: Annotated[int, Range(-1)] = -1
     """Seed of the motions: the seed of other recordings repeats theirs; -1 takes `seed`."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Number of parallel processes, one episode each; -1 is one per core."""

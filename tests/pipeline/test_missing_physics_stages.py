@@ -19,7 +19,7 @@ from tests.pipeline.fake_stages import PiecesConfig
 from tests.support.coarse_episodes import SCENE
 from tests.support.tracked_set import write_recordings, write_tool_splats
 
-EPISODES = 4
+EPISODES = 5
 HIDDEN = effect_type("swelling")(rate_per_s=-0.6)
 SETTINGS = """
 [identify]
@@ -40,7 +40,6 @@ jobs = 1
 
 [diagnose]
 effects = ["swelling"]
-shams = 49
 sensors = false
 jobs = 1
 

@@ -317,7 +317,7 @@ def test_wrong_settings_are_told_before_anything_is_looked_for(store, monkeypatc
     }
     for command, *words, message in (
         ("diagnose", "--effects", "tilf", "Did you mean tilt?"),
-        ("diagnose", "--shams", "3", "49 or more"),
+        ("diagnose", "--split", "tset", "train or test or all"),
         ("compare", "--split", "tset", "train or test or all"),
         ("identify", "--fit", "poison", "mean poisson?"),
         ("report", "--frames", "-1", "2 or more"),
