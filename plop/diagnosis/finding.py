@@ -95,7 +95,8 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, saturated: float = 1.
     for column, value in zip(score.hypothesis.candidate.columns, score.values, strict=True):
         chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
         width = float(np.hypot(chance, rule.response_width)) * max(abs(value), 1e-12)
-        ends = sorted((value - np.sign(value) * width, saturated * value + np.sign(value) * width))
+        outward = np.copysign(width, value)
+        ends = sorted((value - outward, saturated * value + outward))
         low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
         found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
     return found

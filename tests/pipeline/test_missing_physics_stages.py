@@ -120,7 +120,7 @@ def test_what_is_hidden_is_named_added_and_reported(commands, capsys):
     )
     assert after["rms_mm"] < 0.6 * before["rms_mm"]
     page = (store.find("page").path / "report.html").read_text()
-    assert "Missing: swelling" in page and "None of these episodes was held out" in page
+    assert "What base is missing is swelling" in page and "None of these episodes was held out" in page
     assert page.count("plop compare --recordings") == 2 and "plop report --recordings" in page
     capsys.readouterr()
     for command in typed:
