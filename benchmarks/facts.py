@@ -1,4 +1,4 @@
-"""What every result file says of where it was measured."""
+"""Machine facts that every result file records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A workspace as benchmarks use it: commands typed in it, as a user would, and what they made."""
+"""A workspace for benchmarks: runs commands in it as a user would, and finds their artifacts."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from plop_cli.app import app
 
 
 class Typed:
-    """Types commands in a workspace."""
+    """Runs commands in a workspace."""
 
     def __init__(self, workspace: Path, settings: str = "") -> None:
         """Make the workspace.
 
         Args:
             workspace: Its folder.
-            settings: What its plop.toml holds; one that is there stays, and without any none is written.
+            settings: Content of its plop.toml; an existing file is kept, and without settings none is written.
         """
         self.workspace, self.store = workspace, Store(workspace)
         workspace.mkdir(parents=True, exist_ok=True)
@@ -25,7 +25,7 @@ class Typed:
             written.write_text(settings)
 
     def plop(self, *words: str) -> None:
-        """Run one command; what is finished is not run again.
+        """Run one command; finished stages are skipped.
 
         Raises:
             PlopError: It failed.
@@ -34,5 +34,5 @@ class Typed:
 
 
 def latest(store: Store, stage: str, environment: str) -> Artifact:
-    """Give the last artifact of a stage for an environment."""
+    """Return the last artifact of a stage for an environment."""
     return [a for a in store.artifacts(stage) if a.manifest.environment == environment][-1]

@@ -1,6 +1,6 @@
-"""plop: recordings of a robot cutting a soft object in; a learned, scored dynamics model out.
+"""plop: from recordings of a robot cutting a soft object to a learned, scored dynamics model.
 
-`import plop` is all that a notebook or a planner needs; docs/how-to/python.md shows the names at work. A name is
+`import plop` is all that a notebook or a planner needs; docs/how-to/python.md shows how to use the names. A name is
 imported when it is first used, so that `import plop` itself loads nothing heavy.
 """
 
@@ -48,7 +48,7 @@ _PUBLIC = {
     "diagnose": "plop.pipeline.diagnose",
     "Verdict": "plop.diagnosis.verdict",
 }
-"""Public name -> module that holds it, `module:name` where it is called otherwise there."""
+"""Public name -> module that holds it, `module:name` where its name there differs."""
 
 __all__ = list(_PUBLIC)
 

@@ -1,4 +1,4 @@
-"""Which fault explains which: the order of causes, and warnings that know theirs."""
+"""Causes of faults in the data: their order, and warnings with a known cause."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from enum import IntEnum
 
 
 class Cause(IntEnum):
-    """What a fault of the data lies in; one further up makes those further down appear.
+    """Cause of a fault in the data; an earlier cause can produce the symptoms of later ones.
 
-    A wrong clock picks wrong pictures and poses, wrong extrinsics tear the cameras' tables and objects apart, depth
-    and masks are judged in the world that both make, and a tool seems to stay away from an object that is misplaced.
+    A wrong clock selects wrong images and poses, wrong extrinsics separate the tables and objects of the cameras, depth
+    and masks are checked in the resulting world frame, and a tool appears to miss an object that is misplaced.
     """
 
     CLOCK = 1
@@ -24,12 +24,12 @@ class Cause(IntEnum):
 
 
 class Noticed(str):
-    """A warning that knows what the fault lies in: a string for everybody else.
+    """A warning with its cause; otherwise it behaves as a string.
 
     Args:
-        text: What was noticed, as it is printed.
-        cause: What the fault lies in; None explains nothing that comes later.
-        fix: What to do where it turns out to be the first cause of a refusal, one sentence or more.
+        text: The warning, as it is printed.
+        cause: The cause; None explains no later error.
+        fix: What to do if this is the first cause of an error, one sentence or more.
     """
 
     cause: Cause | None
@@ -43,5 +43,5 @@ class Noticed(str):
 
 
 def by_cause(warnings: Iterable[str]) -> list[str]:
-    """Sort warnings by what explains what; those without a cause last, equals in the order given."""
+    """Sort warnings by the order of causes; those without a cause last, equal ones in the order given."""
     return sorted(dict.fromkeys(warnings), key=lambda text: getattr(text, "cause", None) or len(Cause) + 1)

@@ -1,4 +1,4 @@
-"""Errors that tell a person what is wrong and what to do next."""
+"""Errors that state what is wrong and what to do next."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from plop.causes import Cause, by_cause
 
 _SHOWN = 6
-"""Warnings before a failure that are printed with it: more would bury it."""
+"""Largest number of earlier warnings printed with an error."""
 
 
 class PlopError(Exception):
@@ -22,7 +22,7 @@ class PlopError(Exception):
         expected: What a correct input would have.
         found: What is there instead.
         fix: What the user can do next.
-        cause: What it lies in, where an earlier fault could be the reason for it: see `first_cause`.
+        cause: Its cause, where an earlier fault could explain it: see `first_cause`.
     """
 
     def __init__(
@@ -42,14 +42,14 @@ class PlopError(Exception):
         self.fix = fix
         self.cause = cause
         self.noticed: list[str] = []
-        """Warnings that were gathered before it, for `remembering`."""
+        """Warnings collected before it, by `remembering`."""
         super().__init__(problem)
 
     def __str__(self) -> str:
         return self.render()
 
     def render(self) -> str:
-        """Lay the parts out as lines of text, leaving out what is unknown."""
+        """Format the parts as lines of text, leaving out unknown ones."""
         rows = [("where", self.where), ("expected", self.expected), ("found", self.found)]
         rows += [("before it", text) for text in self.noticed[:_SHOWN]]
         if len(self.noticed) > _SHOWN:
@@ -58,11 +58,11 @@ class PlopError(Exception):
         return "\n".join([self.problem, *(f"  {name}: {value}" for name, value in rows if value)])
 
     def one_line(self) -> str:
-        """Give the same on one line, as the reason why an episode is skipped."""
+        """Return the error on one line, as the reason why an episode is skipped."""
         return " | ".join(line.strip() for line in self.render().splitlines())
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the parts for `--json` output."""
+        """Return the parts for `--json` output."""
         return {
             "problem": self.problem,
             "where": self.where,
@@ -72,22 +72,21 @@ class PlopError(Exception):
         } | ({"noticed": [str(text) for text in self.noticed]} if self.noticed else {})
 
     def first_cause(self) -> PlopError:
-        """Give the error that names the first cause: this one, unless a warning before it explains it.
+        """Return the error that names the first cause: this one, unless a warning before it explains it.
 
-        A warning explains it when both know their cause and the warning's comes first (`Cause`). It then stands in
-        front with its own advice; this error is what followed, and its advice comes second: how much of the one
-        follows from the other is not judged.
+        A warning explains it when both have a cause and the warning's comes first (`Cause`). The warning and its advice
+        are then reported first; this error and its advice follow: how far one explains the other is not determined.
         """
         first, *rest = by_cause(self.noticed) or [""]
         cause = getattr(first, "cause", None)
         if self.cause is None or cause is None or cause >= self.cause:
             return self
-        advice = [getattr(first, "fix", ""), f"If this stays: {self.fix}" if self.fix else ""]
+        advice = [getattr(first, "fix", ""), f"If the problem persists: {self.fix}" if self.fix else ""]
         found = self.problem + (f" Found: {self.found}" if self.found else "")
         lead = PlopError(
             first[:1].upper() + first[1:],
             where=self.where,
-            found=f"because of it, perhaps: {found}",
+            found=f"perhaps as a consequence: {found}",
             fix=" ".join(text for text in advice if text) or None,
             cause=cause,
         )
@@ -96,19 +95,19 @@ class PlopError(Exception):
 
 
 class UserCodeError(PlopError):
-    """The user's own code is at fault: no other run of it will do better."""
+    """The user's own code is at fault: other runs of it will fail, too."""
 
 
 class SignalTooWeakError(PlopError):
-    """No amplitude of a hidden effect, inside its range, moves the object as far as was asked for."""
+    """No amplitude of a hidden effect within its range moves the object as far as requested."""
 
 
 @contextmanager
 def remembering(warnings: Sequence[str]) -> Iterator[None]:
-    """Let a PlopError that is raised inside take along the warnings that were gathered before it.
+    """Attach the warnings collected so far to a PlopError that is raised inside.
 
     Args:
-        warnings: Where they are gathered; read when the error comes by, so the list may grow inside.
+        warnings: List of warnings; read when the error is raised, so it may grow inside.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Numbers that are none: never kept as an answer, never printed."""
+"""Non-finite numbers: never stored as a result, never printed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numbers import Integral, Real
 from typing import Any
 
 UNKNOWN = "unknown"
-"""What stands in a text for a number that is not finite."""
+"""Text in place of a number that is not finite."""
 
 _NO_NUMBER = re.compile(r"(?<![\w./@-])[-+]?(?:nan|inf)(?!\w|[./@-]\w)")
-"""What formatting writes for NaN and infinities; not a part of a name, a path or an address."""
+"""Formatted NaN and infinities; not a part of a name, a path or an address."""
 
 
 def json_ready(value: Any) -> Any:
-    """Give a value as any JSON reader takes it: NaN and infinities become null, numpy's types Python's.
+    """Convert a value to standard JSON types: NaN and infinities become null, numpy types become Python types.
 
     Args:
         value: Numbers, texts, and mappings and sequences of them.
@@ -31,9 +31,9 @@ def json_ready(value: Any) -> Any:
         return int(value)
     if isinstance(value, Real):
         return float(value) if math.isfinite(value) else None
-    return json_ready(value.item()) if hasattr(value, "item") else value  # numpy's bool is no number
+    return json_ready(value.item()) if hasattr(value, "item") else value  # numpy's bool is not a number
 
 
 def readable(text: str) -> str:
-    """Write "unknown" where a formatted number was none."""
+    """Replace formatted non-finite numbers by "unknown"."""
     return _NO_NUMBER.sub(UNKNOWN, text)

@@ -1,4 +1,4 @@
-"""How plop was installed, and so how more of it is installed."""
+"""How plop is installed, and how to install its extras."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 SOURCE = Path(__file__).resolve().parents[1]
-"""Folder that holds the packages: a checkout, or site-packages."""
+"""Folder that contains the packages: a checkout, or site-packages."""
 
 
 def checkout() -> Path | None:
-    """Give the checkout that plop runs from; None when it was installed from a wheel."""
+    """Return the checkout that plop runs from; None when it was installed from a wheel."""
     try:
-        told = json.loads(metadata.distribution("plop").read_text("direct_url.json") or "{}")
+        source = json.loads(metadata.distribution("plop").read_text("direct_url.json") or "{}")
     except (metadata.PackageNotFoundError, OSError, ValueError):
-        told = {}
+        source = {}
     if (SOURCE / "pyproject.toml").is_file():
         return SOURCE
-    if told.get("dir_info", {}).get("editable"):
-        return Path(unquote(urlparse(str(told.get("url", ""))).path))
+    if source.get("dir_info", {}).get("editable"):
+        return Path(unquote(urlparse(str(source.get("url", ""))).path))
     return None
 
 
 def installer() -> str:
-    """Give the start of a command that installs into this environment: those that uv makes have no pip."""
+    """Return the start of a command that installs into this environment: environments made by uv have no pip."""
     return "pip install" if importlib.util.find_spec("pip") is not None else "uv pip install"
 
 
 def install_extra(extra: str, here: Path | None = None) -> str:
-    """Give the command that installs one of plop's extras.
+    """Return the command that installs one of plop's extras.
 
     Args:
         extra: E.g. "view".
-        here: Folder in which it will be typed; the current one without.
+        here: Folder in which it will be typed; the current one when absent.
     """
     folder = checkout()
     if folder is None:
@@ -46,5 +46,5 @@ def install_extra(extra: str, here: Path | None = None) -> str:
 
 
 def install_package(requirement: str) -> str:
-    """Give the command that installs a package."""
+    """Return the command that installs a package."""
     return f"{installer()} {shlex.quote(requirement)}"

@@ -1,4 +1,4 @@
-"""open3d, imported on its first use: commands that cast no ray answer without it and without its system libraries."""
+"""open3d, imported on first use: commands that cast no rays work without it and its system libraries."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from plop.system_libraries import install_command, missing_packages
 
 
 class _Open3d:
-    """Stand for the package; what is asked of it is asked of the real one."""
+    """Proxy of the package; attributes are those of the real one."""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # tools that look at every name of a module must not import it
+        if name.startswith("__"):  # tools that inspect every name of a module must not import it
             raise AttributeError(name)
         return getattr(load_open3d(), name)
 

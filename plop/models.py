@@ -1,8 +1,8 @@
 """Any model from its folder: learned, engine, or either with effects added.
 
-model.json says the kind:
+model.json states the kind:
     plop        {"config"}; weights beside it (plop.dynamics.i2n.model_io); folds/<k>/ may hold models of that kind that
-                learned without some of the episodes, {"training": {"left_out": [names]}}
+                were trained without some of the episodes, {"training": {"left_out": [names]}}
     engine      {"engine": settings}; see plop.physics.adapters.base_io
     augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
                 the base's own files are in base/, a user's effect files in effects/
@@ -41,7 +41,7 @@ def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu
         device: Where a learned model runs; the engine runs on the CPU.
 
     Raises:
-        PlopError: A file is missing, damaged or of an unknown kind, or a program of a stranger's.
+        PlopError: A file is missing, damaged or of an unknown kind, or contains an untrusted effect file.
     """
     folder = Path(folder)
     facts = read_facts(folder)
@@ -52,9 +52,11 @@ def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu
         return FilledEngineModel(base_from_dict(facts["engine"]), cut_faces=True)
     if kind == "augmented":
         effects, engine, inner = effects_of(folder), base_from_dict(facts["engine"]), innermost(folder)
-        if read_facts(inner).get("kind") == "engine":  # exact: one run with the effects instead of two differences
+        if (
+            read_facts(inner).get("kind") == "engine"
+        ):  # exact: one run with the effects instead of the difference of two
             return FilledEngineModel(engine, effects, cut_faces=True)
-        return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference
+        return AugmentedModel(load_model(inner, device), engine, effects)  # all effects in one difference of two runs
     raise PlopError(
         "The model is of an unknown kind.",
         where=Model(folder).facts,
@@ -67,12 +69,12 @@ def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu
 def augment(
     model: DynamicsModel, *effects: Effect, engine: FilledEngineModel | EngineBase | None = None
 ) -> DynamicsModel:
-    """Add effects to a model; the model itself stays as it is.
+    """Add effects to a model; the model itself is not changed.
 
     Args:
         model: The base: learned, an engine, or either with effects already.
         effects: The laws to add.
-        engine: What computes how far the effects move a learned model: an engine fitted to the same object.
+        engine: Computes the displacement that the effects add to a learned model: an engine fitted to the same object.
 
     Raises:
         PlopError: A learned model without an engine.
@@ -83,7 +85,7 @@ def augment(
         return AugmentedModel(model.base, model.engine, (*model.effects, *effects))
     if engine is None:
         raise PlopError(
-            "A learned model needs the engine beside it.",
+            "A learned model needs an engine to compute effects.",
             where="augment",
             found="none",
             expected="engine=, a model of `plop identify`",
@@ -93,7 +95,7 @@ def augment(
 
 
 def device_of(model: DynamicsModel) -> torch.device:
-    """Tell where a model expects its states: where its weights are; the engine runs on the CPU."""
+    """Return the device on which a model expects its states: that of its weights; the engine runs on the CPU."""
     if isinstance(model, AugmentedModel):
         return device_of(model.base)
     if isinstance(model, torch.nn.Module):
@@ -102,10 +104,10 @@ def device_of(model: DynamicsModel) -> torch.device:
 
 
 def effects_of(folder: Path) -> tuple[Effect, ...]:
-    """Give the effects that were added to a model, innermost first; none for a model without.
+    """Return the effects added to a model, innermost first; empty for a model without effects.
 
     Raises:
-        UntrustedEffectError: It holds effect files that were not trusted here.
+        UntrustedEffectError: It contains effect files that are not trusted by this user.
     """
     facts = read_facts(folder)
     if facts.get("kind") != "augmented":
@@ -121,42 +123,42 @@ def _effect(types: Mapping[str, type[Effect]], entry: Mapping[str, Any]) -> Effe
 
 
 def engine_of(folder: Path) -> EngineBase | None:
-    """Give the engine's settings that a model carries; None for a learned one."""
+    """Return the engine's settings of a model; None for a learned one."""
     facts = read_facts(folder)
     return base_from_dict(facts["engine"]) if "engine" in facts else None
 
 
 def innermost(folder: Path) -> Path:
-    """Give the folder of the model below all added effects."""
+    """Return the folder of the model below all added effects."""
     while read_facts(folder).get("kind") == "augmented":
         folder = Model(folder).base.folder
     return folder
 
 
 def trained_on(folder: Path) -> frozenset[str]:
-    """Give the names of the recordings that a model was trained on (`train` keeps their tracks); none for an engine."""
+    """Return the names of the recordings that a model was trained on (`train` keeps their tracks); engine: empty."""
     return frozenset(path.stem for path in Model(innermost(folder)).tracks.folder.glob("*.h5"))
 
 
 def seen_by(folder: Path, names: Collection[str], recordings: Sequence[str]) -> list[str]:
-    """Give those of some episodes that an engine, or an effect added to it, was fitted to.
+    """Return those of the given episodes that an engine, or an effect added to it, was fitted to.
 
     Args:
         folder: The model.
         names: Names of the episodes.
-        recordings: Content of their recordings (`recordings_content`); where nothing is known, names alone decide.
+        recordings: Content of their recordings (`recordings_content`); where these are unknown, names are compared.
     """
     facts, found = read_facts(folder), set[str]()
     for part in ("training", "fitted"):
-        told = facts.get(part, {})
-        same = set(told.get("recordings", ())) & set(recordings)
-        if same or not (told.get("recordings") and recordings):
-            found |= set(told.get("episodes", ())) & set(names)
+        recorded = facts.get(part, {})
+        same = set(recorded.get("recordings", ())) & set(recordings)
+        if same or not (recorded.get("recordings") and recordings):
+            found |= set(recorded.get("episodes", ())) & set(names)
     below = seen_by(Model(folder).base.folder, names, recordings) if facts.get("kind") == "augmented" else []
     return sorted(found | set(below))
 
 
 def judges_of(folder: Path) -> dict[str, Path]:
-    """Give the models that have not seen a recording on which a model was trained (`train --folds`), by recording."""
+    """Return the models trained without a recording of the training set (`train --folds`), by recording."""
     folds = sorted(Model(innermost(folder)).folds.glob("*"))
     return {name: fold for fold in folds for name in read_facts(fold)["training"]["left_out"]}

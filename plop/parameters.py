@@ -1,10 +1,9 @@
-"""A number of a law or of a material, from its declaration (`Parameter`) to what recordings say of it (`Estimate`).
+"""A number of a law or of a material: its declaration (`Parameter`) and its estimate from recordings (`Estimate`).
 
-An estimate is *not determined* where the fit ran into its allowed range, where an end of its 95 % interval is not
-known, or where the interval says hardly more than the range did before anything was measured: it covers half of the
-range, or a factor of ten of a number of which only the order of magnitude is in question (a stiffness, the strength of
-a law). Half and ten are conventions: beyond them what was allowed has not even been halved, or its order of magnitude
-is open.
+An estimate is *not determined* if the fit is at a bound of its allowed range, if an end of its 95 % interval is
+unknown, or if the interval is hardly narrower than the range: it covers half of the range, or, for a number on a
+logarithmic scale (a stiffness, the strength of a law), a factor of ten. Half and ten are conventions: such a
+measurement has not even halved the range, or leaves the order of magnitude open.
 """
 
 from __future__ import annotations
@@ -21,37 +20,37 @@ from plop.errors import PlopError
 from plop.finite import UNKNOWN, json_ready
 
 NOT_DETERMINED = "not determined by these recordings"
-"""What is said of such a number, everywhere."""
+"""Text for such a number."""
 OPEN_SHARE, OPEN_FACTOR = 0.5, 10.0
-"""Width of an interval that says hardly anything: share of the range, or a factor of a number that is scaled."""
+"""Width of an uninformative interval: share of the range, or factor of a number on a logarithmic scale."""
 WIDE_RANGE = 100.0
-"""A range that reaches so many times its smallest step bounds hardly anything: half of it would be far too much."""
+"""A range of so many smallest steps is hardly a bound: half of it would be far too wide."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a law, of a material or of a sensor's fault, as it is declared."""
+    """Declaration of one number of a law, a material or a sensor fault."""
 
     name: str
     unit: str
     low: float
-    """Least value that makes sense."""
+    """Smallest meaningful value."""
     high: float
-    """Largest value that makes sense."""
+    """Largest meaningful value."""
     step: float
     """Finite difference at which the response is still linear, on the scale of the fit; 0 for a shape parameter."""
     default: float = 0.0
-    """Value when nothing is given; 0 means 'absent' for an amplitude."""
+    """Default value; 0 means 'absent' for an amplitude."""
     typical: float = 0.0
-    """An amplitude at which the effect is plainly there; where to start when a signal of given size is wanted."""
+    """An amplitude at which the effect is clearly visible; the start of a search for a given signal."""
     help: str = ""
     tried: tuple[float, ...] = ()
-    """Further amplitudes, of either sign, at which a diagnosis tries it: for a law with a threshold (what sticks,
-    yields or tears), whose response at one amplitude tells little of another's."""
+    """Further amplitudes, of either sign, at which a diagnosis tries it: for a law with a threshold (sticking,
+    yielding, tearing), whose response at one amplitude does not predict that at another."""
     logarithmic: bool = False
-    """Its logarithm is fitted."""
+    """Whether its logarithm is fitted."""
     source: str = ""
-    """Where the number is defined; "" where the source of its law says it."""
+    """Source of the number; "" where that of its law applies."""
 
     def __post_init__(self) -> None:
         given = (self.typical, *self.tried) if self.typical else self.tried
@@ -64,12 +63,12 @@ class Parameter:
         return float(np.log(np.clip(value, self.low, self.high))) if self.logarithmic else value
 
     def decode(self, coordinate: float) -> float:
-        """Coordinate of a fit -> value, kept inside the range."""
+        """Coordinate of a fit -> value, clamped to the range."""
         value = float(np.exp(coordinate)) if self.logarithmic else coordinate
         return float(np.clip(value, self.low, self.high))
 
     def left_open(self, low: float, high: float) -> bool:
-        """Tell whether an interval says hardly more than the range does; see the module."""
+        """Return whether an interval is hardly narrower than the range; see the module."""
         low, high = max(low, self.low), min(high, self.high)
         if is_log_change(self.name):
             return high - low > math.log(OPEN_FACTOR)
@@ -77,7 +76,7 @@ class Parameter:
             return high > OPEN_FACTOR * low
         if high - low > OPEN_SHARE * (self.high - self.low):
             return True
-        # of an amplitude, which is 0 where the law is absent, the size counts, whatever its sign
+        # for an amplitude, which is 0 where the law is absent, the absolute value is used
         smallest = 0.0 if low < 0 < high else min(abs(low), abs(high))
         largest, step = max(abs(low), abs(high)), abs(self.step)
         wide = step > 0 and max(abs(self.low), abs(self.high)) >= WIDE_RANGE * step
@@ -85,45 +84,45 @@ class Parameter:
 
 
 def is_log_change(name: str) -> bool:
-    """Tell whether a parameter is the change of a logarithm, by its name: its range is one of factors already."""
+    """Return whether a parameter is the change of a logarithm, by its name: its range is already one of factors."""
     return name.startswith("d_ln_")
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is known of one parameter's value."""
+    """Estimate of one parameter's value."""
 
     value: float
     low: float = -math.inf
-    """Lower end of the 95 % interval; -inf where it is not known, or the value was not fitted."""
+    """Lower end of the 95 % interval; -inf where it is unknown, or the value was not fitted."""
     high: float = math.inf
     """Upper end of the 95 % interval, likewise."""
     unit: str = ""
     at_bound: bool = False
-    """The fit ran into the allowed range: the number is a limit, not a measurement."""
+    """Whether the fit is at a bound of the allowed range: the number is a limit, not a measurement."""
     alternatives: tuple[float, ...] = ()
-    """Other values that do as well, of a number that was tried with some values only."""
+    """Other values that fit equally well, for a number that was tried at discrete values."""
     fitted: bool = True
-    """False for a number that was given, or chosen from a few: it has no interval."""
+    """False for a number that was given, or chosen from discrete values: it has no interval."""
     open: bool = False
-    """What was allowed before anything was measured is hardly narrowed down; see `within`."""
+    """Whether the interval is hardly narrower than the allowed range; see `within`."""
 
     @property
     def bounded(self) -> bool:
-        """Tell whether both ends of the interval are known."""
+        """Return whether both ends of the interval are known."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     @property
     def determined(self) -> bool:
-        """Tell whether the recordings say what the number is; see the module."""
+        """Return whether the recordings determine the number; see the module."""
         return not self.open and not self.at_bound and (self.bounded or not self.fitted)
 
     def within(self, parameter: Parameter | None, tried: int = 0) -> Estimate:
-        """Judge the estimate by the range that was allowed.
+        """Compare the estimate with its allowed range.
 
         Args:
-            parameter: What it is an estimate of; None where no range is declared.
-            tried: How many values were tried of a number that was chosen, of which at most half may do as well.
+            parameter: The declaration; None where no range is declared.
+            tried: Number of discrete values that were tried; at most half of them may fit equally well.
         """
         if not self.fitted:
             as_good = 1 + len(self.alternatives)
@@ -131,7 +130,7 @@ class Estimate:
         return replace(self, open=parameter is not None and self.bounded and parameter.left_open(self.low, self.high))
 
     def to_json(self) -> dict[str, Any]:
-        """Write it as JSON types: infinite ends are null; "chosen" and "also" only of what was not fitted."""
+        """Write it as JSON types: infinite ends are null; "chosen" and "also" only if not fitted."""
         chosen = {} if self.fitted else {"chosen": True, "also": list(self.alternatives)}
         kept = {key: getattr(self, key) for key in ("value", "low", "high", "unit", "at_bound")}
         return dict(json_ready({**kept, **chosen, "determined": self.determined}))
@@ -142,7 +141,7 @@ class Estimate:
 
         Raises:
             KeyError: There is no value.
-            TypeError, ValueError: Something is no number.
+            TypeError, ValueError: A value is not a number.
         """
         low, high, determined = found.get("low"), found.get("high"), bool(found.get("determined", True))
         return cls(
@@ -152,30 +151,30 @@ class Estimate:
             str(found.get("unit") or ""),
             bool(found.get("at_bound")),
             tuple(map(float, found.get("also") or ())),
-            # a number that is known without an interval was given, whatever else a file leaves out
+            # a value without an interval was given, whatever else a file leaves out
             fitted=not (found.get("chosen") or (determined and None in (low, high))),
             open=not determined,
         )
 
 
 def short_number(value: float | None) -> str:
-    """Write three significant digits, without an exponent where that is readable: 1790, 0.0123, 1.2e+07."""
+    """Format three significant digits, without an exponent where possible: 1790, 0.0123, 1.2e+07."""
     return UNKNOWN if value is None or not math.isfinite(value) else f"{float(f'{value:.3g}'):g}"
 
 
 def with_unit(number: str, unit: str | None) -> str:
-    """Write a number's unit behind it; pure numbers, whose unit is "-" or nothing, stay alone."""
+    """Append the unit to a number; pure numbers, whose unit is "-" or empty, have none."""
     return number if unit in (None, "", "-") else f"{number} {unit}"
 
 
 def estimate_text(name: str, found: Estimate) -> str:
-    """Write a number with interval and unit, or with what else it may be; an infinite interval is left out."""
+    """Format a number with interval and unit, or with its alternatives; an infinite interval is left out."""
     interval = f" ({short_number(found.low)} to {short_number(found.high)})" if found.bounded else ""
     return with_unit(f"{name} = {short_number(found.value)}{interval}{alternatives_text(found)}", found.unit)
 
 
 def alternatives_text(found: Estimate) -> str:
-    """Write the other values of a number that do as well, e.g. " (or 0.03, 0.1)"; "" where there are none."""
+    """Format the other values that fit equally well, e.g. " (or 0.03, 0.1)"; "" where there are none."""
     return f" (or {', '.join(map(short_number, found.alternatives))})" if found.alternatives else ""
 
 
@@ -189,7 +188,7 @@ def checked_values(
         law: Its name.
         numbers: All its numbers.
         given: Values by name.
-        units: The units that are usual, for messages.
+        units: The usual units, for messages.
 
     Raises:
         PlopError: An unknown number, or a value that is out of range or not finite.

@@ -1,9 +1,9 @@
-"""What the annotation of a setting says of it, and the one place where values are held against it.
+"""Annotations of settings, and the check of values against them.
 
     horizon: Annotated[int, Range(1), Unit("frames"), COMMON] = 4
 
-A class of settings is a frozen dataclass below `Settings`: none of its objects breaks its annotations, whether they
-come from plop.toml, from the command line or from Python. What relates several settings to one another stands in the
+A class of settings is a frozen dataclass derived from `Settings`: every object satisfies its annotations, whether it
+comes from plop.toml, from the command line or from Python. Constraints between several settings are in the
 `__post_init__` of the class.
 """
 
@@ -23,20 +23,20 @@ from plop.errors import PlopError
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """Least and greatest value; of a tuple, those of each number in it."""
+    """Smallest and largest value; for a tuple, those of each number in it."""
 
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
     """Exclude `low` itself."""
     but: float | None = None
-    """A value inside that is none."""
+    """An excluded value inside the range."""
 
     def __contains__(self, value: float) -> bool:
         return (self.low < value if self.above else self.low <= value) and value <= self.high and value != self.but
 
     def text(self, unit: str = "") -> str:
-        """Write it for people, with a unit; empty where every number is good."""
+        """Format the range with a unit; empty where every number is allowed."""
         low, high = (
             f"{end:g}".replace("e+", "e").replace("e0", "e").replace("e-0", "e-") for end in (self.low, self.high)
         )
@@ -59,17 +59,17 @@ class Unit:
 
 @dataclasses.dataclass(frozen=True)
 class Formerly:
-    """What the setting was called before; whoever writes that is pointed to the new name."""
+    """Former name of the setting; an error for it suggests the new name."""
 
     name: str
 
 
 class Mark(enum.Enum):
-    """What else is to be said of a setting."""
+    """Further properties of a setting."""
 
-    COMMON = "one of those that most people look for: `--help` shows it first"
-    SAME_RESULT = "changes how a result is computed and not the result: no part of the fingerprint"
-    PROGRAM = "names a program to run: a workspace that came from somebody else must not choose it"
+    COMMON = "common setting: `--help` shows it first"
+    SAME_RESULT = "changes how a result is computed and not the result: not part of the fingerprint"
+    PROGRAM = "names a program to run: a workspace from another author must not choose it"
 
 
 COMMON, SAME_RESULT, PROGRAM = Mark.COMMON, Mark.SAME_RESULT, Mark.PROGRAM
@@ -81,17 +81,17 @@ Weight = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1)]
 
 ALL_CORES = -1
-"""`jobs`: one process a core."""
+"""`jobs`: one process per core."""
 AUTO_DEVICE = "auto"
 """`device`: cuda where there is one."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """An annotation, taken apart."""
+    """A parsed annotation."""
 
     type: Any
-    """Without what is said of it."""
+    """Type without the annotation."""
     range: Range = Range()
     unit: str = ""
     marks: frozenset[Mark] = frozenset()
@@ -99,7 +99,7 @@ class Kind:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that a setting may be; empty where it is none of a few words."""
+        """The choices of a setting; empty where it has none."""
         if typing.get_origin(self.type) is Literal:
             return tuple(str(choice) for choice in typing.get_args(self.type))
         if isinstance(self.type, type) and issubclass(self.type, enum.Enum):
@@ -108,12 +108,12 @@ class Kind:
 
     @property
     def expected(self) -> str:
-        """Choices, or range and unit, for people; empty where every value is good."""
+        """Choices, or range and unit, as text; empty where every value is allowed."""
         return " or ".join(self.choices) or self.range.text(self.unit)
 
 
 def kind_of(annotation: Any) -> Kind:
-    """Take an annotation apart, `Annotated` or plain."""
+    """Parse an annotation, `Annotated` or plain."""
     if typing.get_origin(annotation) is not Annotated:
         return Kind(annotation)
     bare, *said = typing.get_args(annotation)
@@ -127,7 +127,7 @@ def kind_of(annotation: Any) -> Kind:
 
 
 def kinds_of(settings: type) -> dict[str, Kind]:
-    """Take the annotations of all fields of a dataclass apart, by the field's name."""
+    """Parse the annotations of all fields of a dataclass, by the field's name."""
     return _kinds_of(settings)
 
 
@@ -138,31 +138,29 @@ def _kinds_of(settings: type) -> dict[str, Kind]:
 
 
 def is_nested(kind: Kind) -> bool:
-    """Tell whether a setting is a group of settings."""
+    """Return whether a setting is a group of settings."""
     return isinstance(kind.type, type) and dataclasses.is_dataclass(kind.type)
 
 
 def check_value(value: Any, kind: Kind, *, where: str, fix: str = "", given: Any = None) -> None:
-    """Refuse a value that the annotation rules out.
+    """Reject a value that the annotation excludes.
 
     Args:
-        value: Of the setting's type.
+        value: Value of the setting's type.
         kind: The annotation.
-        where: Name of the setting, and where the value comes from.
+        where: Name of the setting, and source of the value.
         fix: What to do about it.
-        given: The value as it was typed, for the message.
+        given: The value as written by the user, for the message.
 
     Raises:
-        PlopError: The value is of another type, not finite, out of range or none of the choices.
+        PlopError: The value is of another type, not finite, out of range or not one of the choices.
     """
-    fix = fix or "Give another value, or leave it out for the default."
+    fix = fix or "Use another value, or omit the option for the default."
     shown = str(value if given is None else given)
     literal = typing.get_origin(kind.type) is Literal
     if not _fits(value, kind.type) or (literal and value not in typing.get_args(kind.type)):
         name = describe(kind.type)
-        raise PlopError(
-            "A setting has a value of the wrong kind.", where=where, expected=name, found=repr(value), fix=fix
-        )
+        raise PlopError("A setting has an invalid value.", where=where, expected=name, found=repr(value), fix=fix)
     for number in _numbers(value):
         if not math.isfinite(number):
             raise PlopError(
@@ -177,7 +175,7 @@ def check_value(value: Any, kind: Kind, *, where: str, fix: str = "", given: Any
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    """Tell whether numbers are numbers, and whether a tuple has as many of them as it should."""
+    """Return whether numbers have the right type, and tuples the right length."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         return any(_fits(value, part) for part in parts)
@@ -196,7 +194,7 @@ def _numbers(value: Any) -> list[float]:
 
 
 def describe(kind: Any) -> str:
-    """Name a type for people."""
+    """Return the name of a type for messages."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
         return " or ".join(describe(part) for part in parts)
@@ -212,7 +210,7 @@ def describe(kind: Any) -> str:
 
 
 class Settings:
-    """A frozen dataclass of settings, each with a default; an object of it breaks none of its annotations."""
+    """A frozen dataclass of settings, each with a default; every object satisfies its annotations."""
 
     def __post_init__(self) -> None:
         for name, kind in kinds_of(type(self)).items():

@@ -1,4 +1,4 @@
-"""The system libraries that plop's packages link to but do not bring, and the Debian packages that hold them.
+"""The system libraries that plop's packages link to but do not include, and the Debian packages that contain them.
 
 Plain Python of any version and without imports of plop: `make setup` reads this before anything is installed.
 """
@@ -16,11 +16,11 @@ PACKAGES = {
     "libusb-1.0.so.0": "libusb-1.0-0",
 }
 """Library -> package. libgomp is numba's OpenMP layer; all others are what `readelf -d libOpen3D.so` lists: linked with
-immediate binding, so that not even ray casting, which calls none of them, loads without them."""
+immediate binding, so that even ray casting, which calls none of them, does not load without them."""
 
 
 def missing_packages() -> "list[str]":
-    """Give the Debian packages whose library cannot be loaded, sorted; none on other systems than Linux."""
+    """Return the Debian packages whose library cannot be loaded, sorted; none on other systems than Linux."""
     found = set()
     for library, package in PACKAGES.items() if sys.platform.startswith("linux") else ():
         try:
@@ -31,5 +31,5 @@ def missing_packages() -> "list[str]":
 
 
 def install_command(packages: "list[str]") -> str:
-    """Give the one command that installs packages on Debian and Ubuntu."""
+    """Return the one command that installs packages on Debian and Ubuntu."""
     return "apt-get install -y {}".format(" ".join(packages))

@@ -1,1 +1,1 @@
-"""The front door: parse, call, report."""
+"""The command line: parse, call, report."""

@@ -1,4 +1,4 @@
-"""The front door: every command, in the order of the pipeline."""
+"""The command line: every command, in the order of the pipeline."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from plop_cli.help_option import HELP
 app = typer.Typer(
     name="plop",
     cls=FrontDoor,
-    help="Recordings of a robot cutting a soft object in; a learned, scored dynamics model out, "
-    "and the name of the physics that it misses.",
+    help="Turn recordings of a robot cutting a soft object into a learned, scored dynamics model, "
+    "and name the physics that it misses.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
@@ -37,7 +37,7 @@ ingest = typer.Typer(
 )
 
 stages = typer.Typer(
-    help="Run a stage, and before it whatever it needs; the command of the stage itself does the same.",
+    help="Run a stage, and before it the stages that it needs; the command of the stage itself does the same.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -48,10 +48,10 @@ stages = typer.Typer(
 STAGES = "Stages, in order"
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, as in shells."""
 
 PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
-"""A stage parses its own arguments once it is imported, its --help included."""
+"""A stage parses its own arguments after its import, including --help."""
 
 
 def _add(owner: typer.Typer, name: str, ref: StageRef) -> None:
@@ -106,15 +106,15 @@ def _ingest(context: typer.Context) -> None:
 
 
 def _announce(ref: StageRef, arguments: list[str]) -> None:
-    """Say at once what is going to happen: the import of a stage takes seconds."""
+    """Print immediately what will run: the import of a stage takes seconds."""
     silent = {"--quiet", "-q", "--json", "--help", "-h"}
     if not silent & set(arguments) and os.environ.get("RANK", "0") == "0":
         Console().at_once(f"plop {ref.command}: {ref.help}")
 
 
 def _names_a_path(word: str) -> bool:
-    """Tell whether the word after `plop ingest` is no format but data; a mistyped format is left to Typer."""
-    from difflib import get_close_matches  # here, as all that `plop --help` does without
+    """Return whether the word after `plop ingest` is data and not a format; a mistyped format is left to Typer."""
+    from difflib import get_close_matches  # imported here, because `plop --help` does not need it
 
     known = [command.name for command in ingest.registered_commands]
     if word.startswith("-") or word in known:
@@ -131,7 +131,7 @@ def _add_stages(owner: typer.Typer) -> None:
         if ref.name != "ingest":
             _add(owner, ref.command, ref)
         elif not any(command.name == "ingest" for command in owner.registered_commands):
-            owner.command(  # the first of them says where the group stands in the list
+            owner.command(  # the first of them determines the position of the group in the list
                 "ingest",
                 cls=completed_by(lambda: ingest, group=True),
                 context_settings=PASS_ON,
@@ -141,7 +141,7 @@ def _add_stages(owner: typer.Typer) -> None:
 
 
 def _run(context: typer.Context) -> None:
-    """Run a stage, and before it whatever it needs: `plop run eval --model base`."""
+    """Run a stage, and before it the stages that it needs: `plop run eval --model base`."""
     code = stages(list(context.args), prog_name="plop run", standalone_mode=False)
     raise typer.Exit(code if isinstance(code, int) else 0)
 
@@ -162,7 +162,7 @@ add_commands(app)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; return its exit code: 0 fine, 1 a problem, 2 wrong usage, 130 interrupted."""
+    """Run one command; return its exit code: 0 success, 1 a problem, 2 wrong usage, 130 interrupted."""
     keep_freed_memory()
     given = sys.argv[1:] if arguments is None else arguments
     console = Console(as_json="--json" in given)
@@ -178,12 +178,12 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:
         code = _unexpected(console, error, debug="--debug" in given)
     if code == INTERRUPTED:
-        console.warn("interrupted; finished pieces are kept, and the same command goes on from there")
+        console.warn("interrupted; finished pieces are kept, and the same command resumes from there")
     return code if isinstance(code, int) else 0
 
 
 def _trusts(error: PlopError, given: list[str]) -> bool:
-    """Ask whether effect files that came inside a model may run; no where nobody can answer."""
+    """Ask whether effect files inside a model may run; no without a terminal."""
     from plop.physics.effects.trust import UntrustedEffectError
 
     if not isinstance(error, UntrustedEffectError) or "--json" in given:
@@ -191,7 +191,7 @@ def _trusts(error: PlopError, given: list[str]) -> bool:
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     names = ", ".join(path.name for path in error.files)
-    return typer.confirm(f"Run {names} now, and whenever the same content is met again?", err=True)
+    return typer.confirm(f"Run {names} now, and trust the same content in the future?", err=True)
 
 
 def _unexpected(console: Console, error: Exception, *, debug: bool) -> int:
@@ -208,9 +208,9 @@ def _unexpected(console: Console, error: Exception, *, debug: bool) -> int:
         raise error
     console.error(
         PlopError(
-            "Something unexpected went wrong.",
+            "An unexpected error occurred.",
             found=f"{type(error).__name__}: {error}",
-            fix="Run the command again with --debug and report what it shows.",
+            fix="Run the command again with --debug and report the output.",
         )
     )
     return 1

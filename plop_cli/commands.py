@@ -1,4 +1,4 @@
-"""The commands around the pipeline: each parses, calls one function, and imports it only then."""
+"""The commands around the pipeline: each parses, imports one function and calls it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ AROUND = "Around the pipeline"
 WHOLE = "The whole pipeline"
 
 Workspace = Annotated[
-    Path, typer.Option("--workspace", "-w", envvar="PLOP_WORKSPACE", help="Folder that holds artifacts/ and plop.toml.")
+    Path, typer.Option("--workspace", "-w", envvar="PLOP_WORKSPACE", help="Folder with artifacts/ and plop.toml.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but warnings and errors.")]
-Seed = Annotated[str, typer.Option("--seed", metavar="<int>", help="Draws what is made up.")]
+Seed = Annotated[str, typer.Option("--seed", metavar="<int>", help="Seed of simulated data.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show tracebacks.")]
 Assignments = Annotated[
@@ -53,7 +53,7 @@ def demo_physics(
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """Hide an effect, seal the answer, find it, add it, watch the error fall; ends with a report."""
+    """Hide an effect, seal the answer, diagnose it, add it, and compare the errors; ends with a report."""
     from plop_cli.demo_physics import run_demo_physics
 
     run_demo_physics(workspace, Console(quiet=quiet, as_json=as_json), context.obj, seed=_seed(seed))
@@ -71,7 +71,7 @@ def reproduce(
     profile: Annotated[
         str,
         typer.Option(
-            help="cpu: 2 cores; cpu-recordings: without episodes that an engine makes up; "
+            help="cpu: 2 cores; cpu-recordings: without simulated episodes of an engine; "
             "paper: the paper's schedule, for a GPU."
         ),
     ] = "cpu",
@@ -90,7 +90,7 @@ def reproduce(
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """Run all stages on the nine DiSECt environments and write the results; goes on where it stopped."""
+    """Run all stages on the nine DiSECt environments and write the results; resumes where it stopped."""
     from plop.artifacts.store import Store
     from plop_cli.reproduce import reproduce as run
 
@@ -109,19 +109,19 @@ def reproduce(
 def repro(
     addresses: Annotated[
         list[str] | None,
-        typer.Argument(help="What to make again, with what it is made from; all that `plop status` shows without."),
+        typer.Argument(help="Artifacts to remake, with their ancestors; all stale ones of `plop status` by default."),
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would run, and run nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would run, without running it.")] = False,
     scheduler: Scheduler = None,
     trust_effects: Annotated[
-        bool, typer.Option("--trust-effects", help="Run the effect files that came inside a model, now and later.")
+        bool, typer.Option("--trust-effects", help="Trust the effect files inside a model, now and later.")
     ] = False,
     workspace: Workspace = HERE,
     quiet: Quiet = False,
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """Make again what is stale or damaged, with the settings that it was made with."""
+    """Remake stale or damaged artifacts with their recorded settings."""
     from plop.artifacts.store import Store
     from plop_cli.repro import repro as run
 
@@ -131,13 +131,15 @@ def repro(
 
 
 def gc(
-    delete: Annotated[bool, typer.Option("--delete", help="Remove it; without, it is only listed.")] = False,
+    delete: Annotated[
+        bool, typer.Option("--delete", help="Remove the items; by default they are only listed.")
+    ] = False,
     workspace: Workspace = HERE,
     quiet: Quiet = False,
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """List what can go: older artifacts that nothing with a name needs, and what killed runs left."""
+    """List what can be removed: older artifacts that no named one needs, and remains of killed runs."""
     from plop.artifacts.store import Store
     from plop_cli.repro import collect_garbage
 
@@ -151,7 +153,7 @@ def status(
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """Show the artifacts, what each was made from, and what is stale."""
+    """Show the artifacts, their lineage, and which are stale."""
     from plop.artifacts.store import Store
     from plop_cli.status import show_status
 
@@ -166,7 +168,7 @@ def why(
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """Name the first difference between two artifacts, from the raw data on."""
+    """Show the first difference between two artifacts, starting from the raw data."""
     from plop.artifacts.store import Store
     from plop_cli.status import show_difference
 
@@ -175,13 +177,13 @@ def why(
 
 
 def verify(
-    addresses: Annotated[list[str] | None, typer.Argument(help="Artifacts to check; all without.")] = None,
+    addresses: Annotated[list[str] | None, typer.Argument(help="Artifacts to check; all by default.")] = None,
     workspace: Workspace = HERE,
     quiet: Quiet = False,
     as_json: AsJson = False,
     debug: Debug = False,
 ) -> None:
-    """Read every payload again and compare it with what the stage wrote."""
+    """Read every payload again and compare it with its manifest."""
     from plop.artifacts.store import Store
     from plop_cli.status import verify_all
 
@@ -191,11 +193,11 @@ def verify(
 
 def export(
     address: Address,
-    folder: Annotated[Path, typer.Argument(help="Where to copy to.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(help="Folder to copy to.", show_default=False)],
     kind: Annotated[
         str, typer.Option(help="all, splats, clouds, video, animation, recordings, states, model, scores or pictures.")
     ] = "all",
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     workspace: Workspace = HERE,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -211,13 +213,13 @@ def export(
 
 def view(
     address: Address,
-    episode: Annotated[str | None, typer.Option(help="Episode to show; the first without.")] = None,
+    episode: Annotated[str | None, typer.Option(help="Episode to show; the first by default.")] = None,
     save: Annotated[Path | None, typer.Option(help="Write an .rrd file instead of opening the viewer.")] = None,
     workspace: Workspace = HERE,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Look at recordings, splats or predicted states in 3D (needs rerun-sdk)."""
+    """Show recordings, splats or predicted states in 3D (needs rerun-sdk)."""
     from plop.artifacts.store import Store
     from plop_cli.view import view as run
 
@@ -226,7 +228,7 @@ def view(
 
 
 def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False) -> None:
-    """Say what this machine has, what it lacks, and how to get it."""
+    """Check this machine: what is installed, what is missing, and how to install it."""
     from plop.artifacts.store import Store
     from plop_cli.doctor import show
 
@@ -234,7 +236,7 @@ def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = 
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Add them to the front door."""
+    """Add them to the command line."""
     whole: list[Callable[..., None]] = [demo, demo_physics, reproduce, repro]
     around: list[Callable[..., None]] = [status, why, verify, gc, export, view, doctor]
     for command in whole:

@@ -1,7 +1,7 @@
-"""What the shell is told when it completes a command whose arguments are parsed later.
+"""Shell completion of commands whose arguments are parsed later.
 
-The front door knows stages by name only, so that it answers at once. A stage is imported for its options, and only when
-an option is what is being completed; everything else is left to the shell, which then offers files.
+The command line knows stages by name only, so that it answers immediately. A stage is imported only when one of its
+options is completed; everything else is left to the shell, which then offers files.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typer.core import TyperCommand
 
 
 def completed_by(inner: Callable[[], typer.Typer], *, group: bool = False) -> type[TyperCommand]:
-    """Make the class of a command that passes its arguments on.
+    """Create the class of a command that passes its arguments on.
 
     Args:
-        inner: Gives the app that will parse them.
+        inner: Returns the app that will parse them.
         group: Whether that app has commands, whose names are completed, too.
     """
 

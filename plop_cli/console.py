@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from plop.pipeline.mapping import Progress
 
 LONGEST_UNBROKEN = 18
-"""Table cells up to this length are never broken, however narrow the terminal is."""
+"""Table cells up to this length are never wrapped, even on narrow terminals."""
 
 LINE_EVERY_S = 15.0
-"""How often progress is written as a line when there is no terminal."""
+"""Interval between progress lines without a terminal."""
 PACE_PIECES, PACE_S, PACE_SHARE = 2.0, 5.0, 0.1
-"""How many pieces, or else how long [s] with what share of the batch done meanwhile, tell how fast work goes on."""
+"""Number of pieces, or else time [s] and finished share of the batch, needed to estimate the speed."""
 
 
 class Console:
-    """Print for one command, in the way its options ask for."""
+    """Output of one command, according to its options."""
 
     def __init__(self, *, quiet: bool = False, as_json: bool = False) -> None:
         self.quiet = quiet or as_json
@@ -53,12 +53,12 @@ class Console:
         _rich(stderr=True).print(f"warning: {text}", markup=False, highlight=False, soft_wrap=True, style="yellow")
 
     def result(self, facts: Any) -> None:
-        """Print the machine-readable result, if it was asked for."""
+        """Print the machine-readable result, if requested."""
         if self.as_json:
             sys.stdout.write(json.dumps(facts, indent=1, default=str) + "\n")
 
     def table(self, rows: list[dict[str, Any]], title: str | None = None, *, unbroken: str = "") -> None:
-        """Print rows of equal keys as a table, unless quiet; cells of the column `unbroken` stay on one line."""
+        """Print rows of equal keys as a table, unless quiet; cells of the column `unbroken` are not wrapped."""
         if self.quiet or not rows:
             return
         from rich.table import Table
@@ -76,7 +76,7 @@ class Console:
         _rich(stderr=False).print(table, highlight=False)
 
     def error(self, error: PlopError) -> None:
-        """Print an error to stderr: for people, or as JSON."""
+        """Print an error to stderr: as text or as JSON."""
         if self.as_json:
             sys.stderr.write(json.dumps({"error": error.as_dict()}, indent=1) + "\n")
             return
@@ -88,7 +88,7 @@ class Console:
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress]:
-        """Show the progress of long work: a bar on a terminal, a line now and then elsewhere."""
+        """Show the progress of long work: a bar on a terminal, lines at intervals elsewhere."""
         if self.quiet:
             yield _ignore
         elif sys.stderr.isatty():
@@ -115,7 +115,7 @@ def _cell(value: Any) -> str:
 
 
 def format_figure(value: Any) -> str:
-    """Write a number with four significant digits, anything else as it is."""
+    """Format a number with four significant digits, anything else unchanged."""
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "-"}[value]
     if isinstance(value, float):
@@ -124,7 +124,7 @@ def format_figure(value: Any) -> str:
 
 
 def format_seconds(seconds: float) -> str:
-    """Write a duration for people: 0.4 s, 12 s, 3 min 20 s, 2 h 05 min."""
+    """Format a duration: 0.4 s, 12 s, 3 min 20 s, 2 h 05 min."""
     if seconds < 10:
         return f"{seconds:.1f} s"
     if seconds < 60:
@@ -168,17 +168,17 @@ def _join(figures: dict[str, Any]) -> str:
 
 
 class _Pace:
-    """How fast pieces of a batch are done, counted from the first report of it.
+    """Speed of a batch, measured from its first report.
 
-    What came before it, and the first piece, in which kernels are compiled and processes start, are unlike the rest.
+    Earlier work and the first piece are excluded, because kernels are compiled and processes start there.
     """
 
     def __init__(self) -> None:
         self._total, self._last, self._first, self._since = 0.0, 0.0, 0.0, 0.0
 
     def per_s(self, done: float, total: float, now_s: float) -> float | None:
-        """Take note of a report, and give the pace [1/s]; None while too little has been done to tell."""
-        if total != self._total or done < self._last or done == self._first:  # another batch, or not begun
+        """Record a report, and return the pace [1/s]; None while too little is done for an estimate."""
+        if total != self._total or done < self._last or done == self._first:  # another batch, or not started
             self._total, self._first, self._since = total, done, now_s
         self._last = done
         ahead, seconds = done - self._first, now_s - self._since
@@ -191,7 +191,7 @@ def _left(done: float, total: float, per_s: float | None) -> str:
 
 
 class _Lines:
-    """Progress where no terminal can redraw: one line every LINE_EVERY_S."""
+    """Progress without a terminal: one line every LINE_EVERY_S."""
 
     def __init__(self, console: Console, title: str) -> None:
         self.console, self.title, self.pace = console, title, _Pace()

@@ -1,4 +1,4 @@
-"""The main job, offline: simulate a small set, run every stage on it, show scores, video and times."""
+"""The main demo, offline: simulate a small set, run every stage on it, show scores, video and times."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BEGIN, TARGET = "ingest mesh", "eval"
 
 
 def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str]) -> None:
-    """Run the demo; what an earlier, stopped run finished is kept."""
+    """Run the demo; finished stages of an earlier, stopped run are kept."""
     layers = layers_of(store, read_profile("demo"), assignments)
     check_layers(layers, Graph().chain(TARGET, begin=BEGIN))
     raw = _simulate(store.workspace, console, seed)
@@ -45,7 +45,7 @@ def run_demo(store: Store, console: Console, *, seed: int, assignments: list[str
 
 
 def _simulate(workspace: Path, console: Console, seed: int) -> Path:
-    """Write the raw recordings once; a folder under the final name is whole."""
+    """Write the raw recordings once; a folder under the final name is complete."""
     from plop.physics.scenes.demo import make_demo_recordings
 
     folder = workspace / f"raw-{seed}" / "demo"

@@ -1,4 +1,4 @@
-"""The missing-physics loop, offline: hide an effect, seal the answer, find the effect, add it, watch the error fall."""
+"""The missing-physics demo, offline: hide an effect, seal the answer, diagnose it, add it, compare the errors."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Command = Callable[[list[str]], int]
 
 
 def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: int) -> None:
-    """Run the commands that a user would type, one after the other; what is there already is kept.
+    """Run the commands of a user in sequence; existing artifacts are kept.
 
     Args:
         workspace: Folder of the demo.
-        console: Where it reports.
-        run: Runs one `plop` command line and gives its exit code.
-        seed: Draws motions and what is hidden.
+        console: Output of the demo.
+        run: Runs one `plop` command line and returns its exit code.
+        seed: Seed of the motions and the hidden effect.
 
     Raises:
         PlopError: A command failed.
@@ -42,7 +42,8 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
     steps = Steps(workspace, console, run)
     steps("simulate", "block.toml", "--seed", str(100 + seed), "--name", "plain")
     steps("identify", "--recordings", "plain", "--split", "all", "--name", "base")
-    steps("simulate", "block.toml", "--hide", "random", "--snr", "5", "--seed", str(200 + seed), "--name", "mystery")
+    hidden = ("--hide", "random", "--snr", "5", "--seed", str(200 + seed), "--motions-seed", str(100 + seed))
+    steps("simulate", "block.toml", *hidden, "--name", "mystery")
     steps("compare", "--model", "base", "--recordings", "mystery")
     steps("diagnose", "--model", "base", "--recordings", "mystery", "--name", "verdict")
     store = Store(workspace)
@@ -71,14 +72,14 @@ def run_demo_physics(workspace: Path, console: Console, run: Command, *, seed: i
 
 
 def _say_pictures(store: Store, console: Console, model: str) -> dict[str, Any]:
-    """Print where the report is, a picture of what it is about, and the videos of the last model; gives the paths."""
+    """Print the paths of the report, a picture of it, and the videos of the last model; return the paths."""
     report = store.find("report")
     page = next(report.path.glob("*.html"))
     still = worst_picture(input_of(store, report, "comparisons.0"))
     videos = say_videos(console, input_of(store, store.find(f"scores-{model}"), "rollouts"))
     console.say(f"report: {shown(page)}")
     if still is not None:
-        console.say(f"  a still of it, where base is wrong: {shown(still)}")
+        console.say(f"  picture of the error of base: {shown(still)}")
     return {"report": str(page), "report_still": None if still is None else str(still), **videos}
 
 
@@ -92,17 +93,17 @@ class Steps:
         """Run one command in the workspace.
 
         Raises:
-            PlopError: It failed; its own message says why.
+            PlopError: It failed; its own message has the reason.
         """
         self.console.say(f"$ plop {' '.join(words)}")
-        quiet = ["--quiet"] if self.console.quiet or self.console.as_json else []
-        code = self.run([*words, "-w", str(self.workspace), *quiet])
+        options = ["--quiet"] if self.console.quiet or self.console.as_json else []
+        code = self.run([*words, "-w", str(self.workspace), *options])
         if code != 0:
             raise PlopError(
                 "A step of the demo failed.",
                 where=f"plop {' '.join(words)}",
                 found=f"exit code {code}",
-                fix="Correct what the message above says and run the demo again.",
+                fix="Follow the message above and run the demo again.",
             )
 
 

@@ -1,4 +1,4 @@
-"""What this machine can do: every part plop needs or can use, and how to get what is missing."""
+"""Check of this machine: every component that plop needs or can use, and how to install missing ones."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from plop_cli.console import Console
 
 LIBRARIES_FIX = "apt-get install -y libusb-1.0-0 libx11-6 libgl1 libegl1 libgomp1"
 ZED_FOLDER = Path("/usr/local/zed")
-"""Where the ZED SDK's installer puts it."""
+"""Default path of the ZED SDK."""
 OK, OPTIONAL, PROBLEM = "ok", "optional", "problem"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One part of the machine."""
+    """One component of the machine."""
 
     part: str
     group: str
     """"needed" or "optional"."""
     state: str
-    """"ok"; "optional" (not there, and plop works without it); or "problem"."""
+    """"ok"; "optional" (missing, and plop works without it); or "problem"."""
     detail: str
     remedy: str = ""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a look at one part found."""
+    """Result of checking one component."""
 
     there: bool
     detail: str
@@ -47,17 +47,17 @@ class Look:
 
 @dataclass(frozen=True)
 class Part:
-    """One part that plop needs or can use: a row of the table below."""
+    """One component that plop needs or can use: a row of the table below."""
 
     name: str
     look: Callable[[Store], Look]
     needed: bool = True
     use: str = ""
-    """What an optional part is for."""
+    """Use of an optional component."""
 
 
 def examine(store: Store) -> list[Finding]:
-    """Look at every part, the needed ones first; a part that breaks is a finding, never an error."""
+    """Check every component, needed ones first; a broken component is a finding, never an error."""
     return [_finding(part, store) for part in sorted(PARTS, key=lambda part: not part.needed)]
 
 
@@ -65,7 +65,7 @@ def _finding(part: Part, store: Store) -> Finding:
     group = "needed" if part.needed else "optional"
     try:
         look = part.look(store)
-    except Exception as error:  # a broken part must not hide the others, but one that is installed should work
+    except Exception as error:  # a broken component must not hide the others, but an installed one should work
         return Finding(part.name, group, PROBLEM, f"{type(error).__name__}: {error}", f"install {part.name} again")
     state = OK if look.there else PROBLEM if part.needed else OPTIONAL
     detail = look.detail if look.there or not part.use else f"{look.detail}: {part.use}"
@@ -90,8 +90,8 @@ def show(store: Store, console: Console) -> int:
     console.say(
         f"needs repair: {', '.join(broken)}"
         if broken
-        else "everything that plop needs is there"
-        + (f"; not there, and not needed: {', '.join(missing)}" if missing else "")
+        else "everything that plop needs is installed"
+        + (f"; missing but optional: {', '.join(missing)}" if missing else "")
     )
     console.result([asdict(finding) for finding in findings])
     return 1 if broken else 0
@@ -162,7 +162,7 @@ def _opencv(store: Store) -> Look:
 
 
 def _package(name: str, module: str, extra: str = "") -> Callable[[Store], Look]:
-    """Look for a package; `extra` of plop that brings it, else it is installed by its own name."""
+    """Check a package; `extra` of plop that installs it, else it is installed by its own name."""
 
     def look(store: Store) -> Look:
         if importlib.util.find_spec(module) is None:
@@ -181,7 +181,7 @@ def _ffmpeg(store: Store) -> Look:
 def _blender(store: Store) -> Look:
     program = shutil.which("blender")
     if program is None and importlib.util.find_spec("bpy") is None:
-        return Look(False, "not installed", "install Blender, or give its executable with --cameras.blender")
+        return Look(False, "not installed", "install Blender, or set its executable with --cameras.blender")
     return Look(True, program or "the package bpy")
 
 
@@ -191,7 +191,7 @@ def _lpips(store: Store) -> Look:
     loaded = load_lpips("alex")
     if isinstance(loaded, Unavailable):
         file = BACKBONE_FILES["alex"]
-        remedy = f"put {file} into $TORCH_HOME/hub/checkpoints, or name it with `plop eval --lpips-backbone`"
+        remedy = f"put {file} into $TORCH_HOME/hub/checkpoints, or set its path with `plop eval --lpips-backbone`"
         return Look(False, loaded.reason.rstrip("."), remedy)
     return Look(True, "LPIPS is scored")
 
@@ -221,4 +221,4 @@ PARTS = (
     Part("ZED SDK", _zed, needed=False, use="for depth from SVO files of DROID recordings"),
     Part("rerun-sdk", _package("rerun-sdk", "rerun", "view"), needed=False, use="for `plop view`"),
 )
-"""What is looked at; a part moves between the groups by `needed`."""
+"""All components; `needed` selects the group."""

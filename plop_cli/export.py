@@ -29,22 +29,22 @@ KINDS: dict[str, tuple[str | Path, ...]] = {
     "scores": (ScoreFiles(_HERE).report, ScoreFiles(_HERE).table),
     "pictures": ("*.png",),
 }
-"""What `--kind` takes: patterns over the payload's relative paths."""
+"""Values of `--kind`: patterns over the payload's relative paths."""
 
 
 def export(store: Store, console: Console, address: str, folder: Path, *, kind: str, force: bool) -> None:
     """Copy the files of one kind and the manifest into a folder.
 
     Raises:
-        PlopError: Nothing of that kind, a damaged payload, a file that is already there, or one in place of a folder.
+        PlopError: No file of that kind, a damaged payload, an existing file, or one in place of a folder.
     """
     if kind not in KINDS:
         raise PlopError("There is no such kind of file.", expected=", ".join(KINDS), found=kind)
     if (file := in_the_way(folder)) is not None:
         raise PlopError(
-            "The files cannot be copied there: a file stands where the folder would be.",
+            "The files cannot be copied: there is a file at the path of the folder.",
             where=file,
-            expected="a folder, or nothing yet",
+            expected="a folder, or a path that does not exist yet",
             found="a file",
             fix="Choose another folder.",
         )
@@ -54,14 +54,14 @@ def export(store: Store, console: Console, address: str, folder: Path, *, kind: 
     names = [name for name in artifact.manifest.files if any(fnmatchcase(name, str(p)) for p in KINDS[kind])]
     if not names:
         raise PlopError(
-            f"{artifact.address} holds no {kind}.",
+            f"{artifact.address} has no {kind}.",
             where=artifact.path,
             found=", ".join(sorted(artifact.manifest.files)[:8]),
         )
     taken = [name for name in [*names, MANIFEST_NAME] if (folder / name).exists()]
     if taken and not force:
         raise PlopError(
-            "There are such files in the folder already.",
+            "The folder already contains these files.",
             where=folder / taken[0],
             fix="Choose another folder, or replace them with --force.",
         )

@@ -1,4 +1,4 @@
-"""The list of commands that `plop --help` prints, without the library that draws boxes: half of the time went there."""
+"""The output of `plop --help`, without the library that draws boxes, which took half of the time."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ LONGEST = 200
 
 
 class FrontDoor(TyperGroup):
-    """All commands, in the groups that they were added to."""
+    """All commands, by group."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write usage, what plop is, its options, and the commands by group, in the order in which they were added."""
+        """Write usage, description, options, and the commands by group, in the order in which they were added."""
         self.format_usage(ctx, formatter)
         self.format_help_text(ctx, formatter)
         options = [record for parameter in self.get_params(ctx) if (record := parameter.get_help_record(ctx))]

@@ -1,3 +1,3 @@
-"""How help is asked for, in every command."""
+"""The help option of every command."""
 
 HELP = {"help_option_names": ["-h", "--help"]}

@@ -1,4 +1,4 @@
-"""What the command line prints of the runs in a chain, and of those on the way to what was asked for."""
+"""Console output of the runs in a chain, and of runs that make missing inputs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Chained:
     """A `plop.pipeline.listener.Listener` that prints one line of result for each run."""
 
     def __init__(self, console: Console, title: str = "") -> None:
-        """Hold where to print, and what to write before each command, e.g. the environment."""
+        """Create the listener; `title` is printed before each command, e.g. the environment."""
         self.console, self.title = console, title
 
     def warn(self, text: str) -> None:
@@ -29,17 +29,17 @@ class Chained:
         return self.console.progress(self._titled(command))
 
     def waits(self, command: str, process: str) -> None:
-        """Say who is waited for."""
+        """Print which process is waited for."""
         self.console.warn(f"another run (process {process}) is making {command}; waiting for it")
 
     def starts(self, plan: Plan) -> None:
-        """Say what is going to run, and on what."""
+        """Print what is going to run, and on which inputs."""
         self.console.note(self._titled(begins(plan)))
 
     def finished(self, command: str, outcome: Outcome) -> None:
         """Print the warnings of a run, its address and how long it took."""
         self._warnings(command, outcome)
-        state = "already there" if outcome.skipped else format_seconds(outcome.seconds)
+        state = "exists already" if outcome.skipped else format_seconds(outcome.seconds)
         self.console.say(self._titled(f"{outcome.artifact.address}  {state}"))
 
     def _warnings(self, command: str, outcome: Outcome) -> None:
@@ -51,17 +51,17 @@ class Chained:
 
 
 class OnTheWay(Chained):
-    """Says what was made on the way to what was asked for; what was there already is no news."""
+    """Prints the inputs that had to be made; existing ones are not mentioned."""
 
     def finished(self, command: str, outcome: Outcome) -> None:
         """Print what was made, and its warnings."""
         if not outcome.skipped:
-            self.console.say(f"made {outcome.artifact.address} on the way")
+            self.console.say(f"made the missing input {outcome.artifact.address}")
         self._warnings(command, outcome)
 
 
 class LastOne(Chained):
-    """Says nothing of what was asked for itself: it is reported in full."""
+    """Prints nothing about the requested run itself, which is reported in full."""
 
     def finished(self, command: str, outcome: Outcome) -> None:
-        """Leave it to the report."""
+        """Print nothing; the run is reported later."""

@@ -1,4 +1,4 @@
-"""The next sensible command, from what a workspace holds."""
+"""The next sensible command, from the content of a workspace."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stages import MODELS, NEXT
 
 @dataclass(frozen=True)
 class NextStep:
-    """What to type, and why."""
+    """A command and the reason for it."""
 
     command: str
     why: str
@@ -31,10 +31,10 @@ def next_step(
     damaged: Collection[Key] = (),
     workspace: Path | None = None,
 ) -> NextStep:
-    """Choose the next command: repair, then go on with what was begun, then renew, then the next stage.
+    """Choose the next command: repair, resume an unfinished run, remake stale artifacts, or the next stage.
 
     Args:
-        artifacts: Those that count, least recently used first.
+        artifacts: Relevant artifacts, least recently used first.
         stale: Why artifacts are stale.
         unfinished: Stage and fingerprint of runs that were stopped.
         damaged: Keys of artifacts with missing or changed files.
@@ -44,26 +44,26 @@ def next_step(
     if not artifacts and not unfinished:
         return NextStep(
             f"plop ingest FOLDER{place}",
-            "begins with your recordings, and guesses their format; `plop demo` shows a whole run on simulated ones",
+            "starts with your recordings, and detects their format; `plop demo` shows a whole run on simulated ones",
         )
     by_stage = sorted(artifacts, key=lambda artifact: places().get(artifact.key[0], len(places())))
     for artifact in by_stage:
         if artifact.key in damaged:
-            return NextStep(f"plop repro{place}", f"makes {artifact.address} again, which is damaged")
+            return NextStep(f"plop repro{place}", f"remakes {artifact.address}, which is damaged")
     if unfinished:
         stage = unfinished[-1][0]
-        return NextStep(f"plop {stage}{place}", "goes on with the run that was stopped: give it the same options")
+        return NextStep(f"plop {stage}{place}", "resumes the run that was stopped: use the same options")
     for artifact in by_stage:
         if artifact.key in stale and not stale[artifact.key].follows:
             return NextStep(
                 f"plop repro{place}",
-                f"makes again what is stale, with the same settings: {artifact.address}, {stale[artifact.key].text}",
+                f"remakes stale artifacts with the same settings: {artifact.address}, {stale[artifact.key].text}",
             )
     return _onward(artifacts, place)
 
 
 def _onward(artifacts: Sequence[Artifact], place: str) -> NextStep:
-    """Go on with the line of the artifact that was used last."""
+    """Continue with the lineage of the artifact that was used last."""
     environment = artifacts[-1].manifest.environment
     line = [artifact for artifact in artifacts if artifact.manifest.environment == environment]
     stages = {artifact.key[0]: artifact for artifact in line}
@@ -74,11 +74,12 @@ def _onward(artifacts: Sequence[Artifact], place: str) -> NextStep:
         last = "train"
     if last == "calibrate" and _only_bad(stages[last]):
         return NextStep(
-            f"plop calibrate --handeye FOLDER{chosen}{place}", "every camera is bad: mend them first, see the verdicts"
+            f"plop calibrate --handeye FOLDER{chosen}{place}",
+            "every camera is bad: repair them first, see the verdicts",
         )
     if last not in NEXT:
         page = next(iter(sorted(stages[last].path.glob("*.html"))), stages[last].path).name
-        return NextStep(f"plop export {stages[last].address} OUT{place}", f"all stages were run; the page is {page}")
+        return NextStep(f"plop export {stages[last].address} OUT{place}", f"all stages are done; the page is {page}")
     ref = next(ref for ref in pipeline() if ref.name == NEXT[last])
     models = [artifact.address for artifact in line if artifact.key[0] in MODELS]
     model = ref.load().inputs.get("model") if models else None

@@ -1,4 +1,4 @@
-"""What a stage's command tells: of a run, and of one that was only planned."""
+"""Output of a stage's command: for a run, and for a dry run."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from plop.pipeline.execute import Outcome, Plan, plan
 from plop.pipeline.tasks import Need, Task, addresses, given, in_order, needs
 from plop_cli.console import Console, format_seconds
 
-IS_THERE = "is already there"
+IS_THERE = "exists already"
 
 
 def report(console: Console, store: Store, outcome: Outcome, name: str | None = None) -> None:
-    """Show what a run made; `name`: what it was called by --name."""
+    """Show the outcome of a run; `name`: the value of --name."""
     manifest = outcome.artifact.manifest
     path = outcome.artifact.path.relative_to(store.workspace)
     for text in manifest.summary.get("warnings", []):
         console.warn(text)
-    state = "already there, nothing to do" if outcome.skipped else f"done in {format_seconds(outcome.seconds)}"
+    state = "exists already, nothing to do" if outcome.skipped else f"done in {format_seconds(outcome.seconds)}"
     console.say(f"{outcome.artifact.address}  {state}  ({path})")
     if outcome.name_from is not None:
         stage, _, mark = outcome.name_from.partition("@")
@@ -31,7 +31,7 @@ def report(console: Console, store: Store, outcome: Outcome, name: str | None = 
 
 
 def outcome_facts(outcome: Outcome) -> dict[str, Any]:
-    """Give what `--json` prints of a run."""
+    """Return the `--json` output of a run."""
     manifest = outcome.artifact.manifest
     return {
         "stage": manifest.stage,
@@ -49,20 +49,20 @@ def outcome_facts(outcome: Outcome) -> dict[str, Any]:
 
 
 def begins(planned: Plan) -> str:
-    """Say what is going to run, and on what: "train: recordings calibrate@299d65b4 (block, 5 episodes), ..."."""
+    """Describe a run that starts, and its inputs: "train: recordings calibrate@299d65b4 (block, 5 episodes), ..."."""
     sources = []
     for name, artifact in planned.inputs.artifacts.items():
         episodes = artifact.manifest.summary.get("figures", {}).get("episodes")
         facts = [artifact.manifest.environment, f"{episodes} episodes" if isinstance(episodes, int) else ""]
-        told = ", ".join(fact for fact in facts if fact)
-        sources.append(f"{name} {artifact.address}" + (f" ({told})" if told else ""))
+        details = ", ".join(fact for fact in facts if fact)
+        sources.append(f"{name} {artifact.address}" + (f" ({details})" if details else ""))
     sources += [f"{name} {path}" for name, path in planned.inputs.raw.items()]
     known = "" if planned.last_seconds is None else f"; {_last(planned.last_seconds)}"
     return f"{planned.command}: {', '.join(sources)}{known}"
 
 
 def report_plan(console: Console, store: Store, task: Task) -> None:
-    """Show what a run would do, and what would be made before it."""
+    """Show what a run would do, and which inputs would be made before it."""
     before, known = in_order(task.before), store.journal.last_seconds(task.ref.name)
     address, existing = _address(store, task)
     console.say(f"{address or task.ref.command}  {IS_THERE if existing else f'would run; {_last(known)}'}")
@@ -82,7 +82,7 @@ def report_plan(console: Console, store: Store, task: Task) -> None:
 
 
 def planned_rows(store: Store, tasks: Sequence[Task]) -> list[dict[str, str]]:
-    """Say of each run whether it would run, what it takes, and how long it took the last time."""
+    """Describe for each run whether it would run, its inputs, and its last duration."""
     return [
         {
             "run": _source(task) if task.there is not None else f"plop {task.ref.command}",
@@ -96,7 +96,7 @@ def planned_rows(store: Store, tasks: Sequence[Task]) -> list[dict[str, str]]:
 
 
 def _address(store: Store, task: Task) -> tuple[str | None, bool]:
-    """Give the address of what a run would make, unless something else runs first, and whether it is there."""
+    """Return the address of a run's artifact, unless something else runs first, and whether it exists."""
     if task.waits:
         return None, False
     stage = task.ref.load()
@@ -107,7 +107,7 @@ def _address(store: Store, task: Task) -> tuple[str | None, bool]:
 
 
 def _sources(value: Need) -> str:
-    """Write what an input is: addresses, a path, or the commands that would make it."""
+    """Describe an input: addresses, a path, or the commands that would make it."""
     return ", ".join(_source(one) for one in needs(value)) or str(value)
 
 
@@ -118,11 +118,11 @@ def _source(one: Task | Artifact) -> str:
 
 
 def _last(seconds: float | None) -> str:
-    return "it has not run here yet" if seconds is None else f"its last run took {format_seconds(seconds)}"
+    return "it has not run in this workspace yet" if seconds is None else f"its last run took {format_seconds(seconds)}"
 
 
 def show_times(console: Console, outcomes: Mapping[str, Outcome]) -> None:
-    """Print how long each stage took, and of those that were there already how long they took when they were made."""
+    """Print the duration of each stage; for existing artifacts the original one."""
     rows = [{"stage": stage, "time": _time(outcome)} for stage, outcome in outcomes.items()]
     whole = sum(outcome.seconds for outcome in outcomes.values())
     console.table([*rows, {"stage": "all", "time": format_seconds(whole)}], title="time")

@@ -1,4 +1,4 @@
-"""Make again what is stale, and remove what can go."""
+"""Remake stale artifacts, and remove unneeded ones."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def repro(
     scheduler: str | None,
     trust_effects: bool = False,
 ) -> None:
-    """Make again what is stale or damaged, with the settings of the manifests; names move to what is made.
+    """Remake stale or damaged artifacts, with the settings of the manifests; names move to the new ones.
 
     Args:
         store: The workspace.
-        console: Where it reports.
-        addresses: What to make again, with what it is made from; without all that `plop status` shows.
-        dry_run: Say what would run, and run nothing.
+        console: Output of the command.
+        addresses: Artifacts to remake, with their ancestors; all stale ones of `plop status` when absent.
+        dry_run: Show what would run, without running it.
         scheduler: Address of a Dask scheduler whose workers run it.
-        trust_effects: Run the effect files that came inside a model.
+        trust_effects: Trust the effect files inside a model.
 
     Raises:
         PlopError: There is no such artifact, it cannot be made again, or whatever a stage reports.
@@ -62,21 +62,25 @@ def repro(
 
 
 def collect_garbage(store: Store, console: Console, *, delete: bool) -> None:
-    """Show what can go and how large it is; remove it where asked to.
+    """Show the items that can be removed and their size; remove them if requested.
 
     Raises:
-        PlopError: There is no workspace, or an artifact comes from itself.
+        PlopError: There is no workspace, or an artifact descends from itself.
     """
     store.check_begun()
     found = removable(store)
     gone = remove(store, found) if delete else found
     if store.unreadable():
-        console.warn("a manifest cannot be read (see `plop status`): nobody knows what its artifact needs, all stay")
+        console.warn(
+            "a manifest cannot be read (see `plop status`): what its artifact needs is unknown, all artifacts are kept"
+        )
     console.table([{"what": one.address, "MB": round(one.size / 1e6, 1), "why": one.why} for one in gone])
     megabytes = sum(one.size for one in gone) / 1e6
     if not found:
-        console.say("nothing can go")
+        console.say("nothing to remove")
     else:
-        console.say(f"{len(gone)} removed, {megabytes:.1f} MB" if delete else f"{megabytes:.1f} MB can go: --delete")
+        console.say(
+            f"{len(gone)} removed, {megabytes:.1f} MB" if delete else f"{megabytes:.1f} MB can be removed with --delete"
+        )
     facts = [{"address": one.address, "bytes": one.size, "why": one.why, "path": str(one.path)} for one in gone]
     console.result({"deleted": delete, "items": facts})

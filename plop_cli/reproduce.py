@@ -22,13 +22,13 @@ from plop_cli.listener import Chained
 from plop_cli.outcome import show_times
 
 PROFILES = ("cpu", "cpu-recordings", "paper")
-"""Which of the shipped profiles are for this; the others are of the demos."""
+"""The shipped profiles of this command; the others are for the demos."""
 
 BEGIN, TARGET = "ingest disect", "eval"
 SEEDED = ("train", "rollout")
-"""What is drawn anew for each seed of a profile; the scores of all seeds are drawn alike."""
+"""Stages with a separate run per seed of a profile; the scores of all seeds use the same samples."""
 DOCS = Path("docs")
-"""Where the results of all environments go."""
+"""Folder of the results of all environments."""
 
 
 def reproduce(
@@ -44,19 +44,19 @@ def reproduce(
 ) -> None:
     """Run all stages on every environment and seed, and write the table; what is finished is skipped.
 
-    Results lie in the workspace from the first environment on, and go to the documentation at the end.
+    Results are in the workspace after the first environment, and are copied to the documentation at the end.
 
     Args:
         store: The workspace.
-        console: Where progress and the table go.
+        console: Output of progress and the table.
         data: Folder of DiSECt recordings.
         profile: One of `PROFILES`.
-        environments: Which ones; empty takes all.
+        environments: Names of the environments; empty means all.
         assignments: `--set` options, `stage.key=value`.
         out: Folder of the documentation, see `results_file`; None takes `docs` for all environments with the
-            profile's own settings, and otherwise leaves the results in the workspace.
-        scheduler: Address of a Dask scheduler: environments, seeds and stages that do not wait for each other run
-            side by side on its workers.
+            profile's own settings, and otherwise keeps the results in the workspace.
+        scheduler: Address of a Dask scheduler: independent environments, seeds and stages run in
+            parallel on its workers.
 
     Raises:
         PlopError: No recordings, an unknown environment or profile, or whatever a stage reports. One environment
@@ -101,12 +101,12 @@ def _failure(failed: Mapping[str, PlopError], count: int) -> PlopError:
     return PlopError(
         f"{len(failed)} of {count} environments failed.",
         found=details,
-        fix="Run the same command again once that is mended: what is finished is kept.",
+        fix="Run the same command again once that is fixed: finished work is kept.",
     )
 
 
 def _command(profile: str, environments: list[str], assignments: list[str], *, with_file: bool) -> str:
-    """Give the command that was typed: the short one only where it gives the same results."""
+    """Return the command of the run: the short form only where it gives the same results."""
     file = f" (with {SETTINGS_FILE})" if with_file else ""
     if not environments and not assignments:
         return f"make reproduce DATA=<folder> PROFILE={profile}{file}"
@@ -116,20 +116,20 @@ def _command(profile: str, environments: list[str], assignments: list[str], *, w
 
 
 def _may_replace(console: Console, results: Mapping[str, Any], folder: Path, profile: str) -> bool:
-    """Tell whether results hold all environments of those in the documentation, which stay otherwise."""
+    """Return whether results contain all environments of the documented ones, which are kept otherwise."""
     from plop_cli.results_file import missing_in
 
     lacking = missing_in(results, folder, profile)
     if lacking:
         console.warn(
-            f"the results in {folder} also hold {', '.join(lacking)}, which this run lacks: they stay, "
+            f"the results in {folder} also contain {', '.join(lacking)}, which this run lacks: they are kept, "
             "and those of this run are in the workspace"
         )
     return not lacking
 
 
 def _picture(environment: str, folder: Path) -> dict[str, Path]:
-    """Take the first picture of a part recording, which is the telling one, or the first of all."""
+    """Return the first picture of a part recording, which is the most informative, or the first of all."""
     from plop_cli.results_file import is_part
 
     found = sorted(ScoreFiles(folder).pictures, key=lambda path: (not is_part(path.name), path.name))
@@ -146,7 +146,7 @@ def _choose(data: Path, wanted: list[str]) -> list[str]:
     unknown = [name for name in wanted if name not in known]
     if unknown or not known:
         raise PlopError(
-            "The folder holds no such environment.",
+            "The folder contains no such environment.",
             where=data,
             expected=", ".join(known) or "recordings",
             found=", ".join(unknown) or "none",
@@ -163,7 +163,7 @@ def _scored(
     layers: Layers,
     scheduler: str | None,
 ) -> Iterator[tuple[str, list[Path] | PlopError]]:
-    """Run all stages on every environment and seed; give each environment's scores, or why it has none, once known."""
+    """Run all stages on every environment and seed; yield each environment's scores, or its error, once known."""
     planner, listeners = Planner(store, Chained(console)), {name: Chained(console, name) for name in names}
     wanted: dict[str, list[Task]] = {}
     for name in names:
@@ -194,6 +194,6 @@ def _planned(planner: Planner, data: Path, name: str, profile: Profile, layers: 
 
 
 def _label(task: Task, profile: Profile) -> str:
-    """Write what a run is: its command, and its seed, or that of what it is made from, where there are several."""
+    """Describe a run: its command, and its seed or that of its inputs, where there are several."""
     seeds = [one.config.seed for one in in_order([task]) if one.ref.command in SEEDED]
     return f"{task.ref.command} seed {seeds[-1]}" if seeds and len(profile.seeds) > 1 else task.ref.command

@@ -1,6 +1,6 @@
 """Write the figures of `plop reproduce`: docs/results/disect.json, and a picture of each environment beside it.
 
-Those of another profile than `cpu` go into files that bear its name. The documentation makes its tables from them
+Results of another profile than `cpu` go into files with its name. The documentation makes its tables from them
 (docs/hooks). Part recordings (the halves are pushed apart) are the test; "plain" holds plain cuts, in which hardly
 anything moves, and "all" both kinds together.
 """
@@ -21,24 +21,24 @@ from plop.artifacts.atomic_file import write_text
 from plop.metrics.table import ScoreFiles, collect
 
 MAIN = "cpu"
-"""The profile whose results bear no profile's name."""
+"""The profile whose results have no profile in their name."""
 MADE = ("date", "commit", "machine")
-"""Facts of a file that say when and where its results were written first."""
+"""Provenance of a file: when and where its results were first written."""
 
 
 def is_part(episode: str) -> bool:
-    """Tell whether a recording is one in which the halves are pushed apart."""
+    """Return whether a recording is one in which the halves are pushed apart."""
     return "_part_" in episode
 
 
 def gathered(scores: ScoreFiles, *, command: str, versions: Mapping[str, str], seeds: Sequence[int]) -> dict[str, Any]:
-    """Gather the scores: of the part recordings, and under "plain" and "all" those of plain cuts and of both kinds.
+    """Collect the scores: of the part recordings, and under "plain" and "all" those of plain cuts and of both kinds.
 
     Args:
         scores: Per environment the scores.json of every seed.
         command: Command that made them.
         versions: Versions of the software.
-        seeds: Seeds of the trainings.
+        seeds: Seeds of the training runs.
     """
     found = collect(scores, chosen=is_part, command=command, versions=versions, seeds=seeds)
     others = {"plain": collect(scores, chosen=lambda name: not is_part(name)), "all": collect(scores)}
@@ -47,7 +47,7 @@ def gathered(scores: ScoreFiles, *, command: str, versions: Mapping[str, str], s
 
 
 def _made() -> dict[str, Any]:
-    """Say when, by which commit and on which machine."""
+    """Return date, commit and machine."""
     asked = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
     try:
         commit = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
@@ -58,10 +58,10 @@ def _made() -> dict[str, Any]:
 
 
 def write_results(folder: Path, results: Mapping[str, Any], pictures: Mapping[str, Path], profile: str) -> list[Path]:
-    """Write all results; a file that holds the same ones keeps its date, commit and machine.
+    """Write all results; a file with the same results keeps its date, commit and machine.
 
     Args:
-        folder: Documentation or workspace; they go into its results/.
+        folder: Documentation or workspace; files are written to its results/.
         results: From `gathered`.
         pictures: Per environment the picture of one test episode.
         profile: Name of the profile that made them.
@@ -82,12 +82,12 @@ def write_results(folder: Path, results: Mapping[str, Any], pictures: Mapping[st
 
 
 def missing_in(results: Mapping[str, Any], folder: Path, profile: str) -> list[str]:
-    """List the environments of the results that are there already which the new ones lack."""
+    """List the environments of existing results that are missing in the new ones."""
     return sorted(_read(_file(folder, profile)).get("environments", {}).keys() - results["environments"].keys())
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Give results that were written before; nothing where there are none that can be read."""
+    """Return existing results; empty where none can be read."""
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

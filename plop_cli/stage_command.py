@@ -36,20 +36,20 @@ def _common(kind: Any, *names: str, help: str, **more: Any) -> Any:
 
 COMMON: dict[str, tuple[Any, Any]] = {
     "workspace": (
-        _common(Path, "--workspace", "-w", help="Folder that holds artifacts/ and plop.toml.", envvar="PLOP_WORKSPACE"),
+        _common(Path, "--workspace", "-w", help="Folder with artifacts/ and plop.toml.", envvar="PLOP_WORKSPACE"),
         Path("."),
     ),
-    "env": (_common(str | None, "--env", help="Take inputs of this environment."), None),
-    "name": (_common(str | None, "--name", help="Give the artifact a name."), None),
+    "env": (_common(str | None, "--env", help="Use inputs of this environment."), None),
+    "name": (_common(str | None, "--name", help="Name of the artifact."), None),
     "set_": (_common(list[str] | None, "--set", help="Override a setting.", metavar="KEY=VALUE"), None),
-    "dry_run": (_common(bool, "--dry-run", help="Say what would run, and run nothing."), False),
-    "force": (_common(bool, "--force", help="Run although the artifact is there."), False),
+    "dry_run": (_common(bool, "--dry-run", help="Show what would run, without running it."), False),
+    "force": (_common(bool, "--force", help="Run although the artifact exists."), False),
     "scheduler": (
         _common(str | None, "--scheduler", help="Run on the workers of this Dask scheduler.", metavar="ADDRESS"),
         None,
     ),
     "trust_effects": (
-        _common(bool, "--trust-effects", help="Run the effect files that came inside a model, now and later."),
+        _common(bool, "--trust-effects", help="Trust the effect files inside a model, now and later."),
         False,
     ),
     "quiet": (_common(bool, "--quiet", "-q", help="Print nothing but warnings and errors."), False),
@@ -60,12 +60,12 @@ COMMON: dict[str, tuple[Any, Any]] = {
 
 
 CHOICES: dict[Choice | Origin, str] = {
-    Choice.MADE: "made on the way",
-    Choice.MATCHING: "the latest made from the others",
+    Choice.MADE: "made if missing",
+    Choice.MATCHING: "the latest made from the other inputs",
 }
-"""What --help says of inputs that are not named; of all others, that the latest that fits is taken."""
+"""Default of unnamed inputs in --help; that of all others is the latest match."""
 PLAIN = {int: "<int>", float: "<float>"}
-"""What --help shows for numbers, which are read as text, in the way Typer shows what it reads itself."""
+"""Type of numbers in --help, which are read as text, in the style of Typer."""
 
 
 def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
@@ -74,7 +74,7 @@ def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
     try:
         code = app(arguments, prog_name=f"plop {ref.command}", standalone_mode=False)
     except Exception as error:
-        if hasattr(error, "possibilities"):  # an unknown option; Typer knows nothing of renamed settings
+        if hasattr(error, "possibilities"):  # an unknown option; Typer does not know renamed settings
             key = str(error.option_name).lstrip("-").replace("-", "_")  # type: ignore[attr-defined]
             likely = [_option(name) for name in meant(key, settings_of(ref.load().config))]
             error.possibilities = likely[:3] or error.possibilities
@@ -83,7 +83,7 @@ def run_stage_command(ref: StageRef, arguments: list[str]) -> None:
 
 
 def stage_app(ref: StageRef) -> typer.Typer:
-    """Import a stage and make the app that parses its arguments."""
+    """Import a stage and create the app that parses its arguments."""
     stage = ref.load()
     app = typer.Typer(
         add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False, context_settings=HELP
@@ -93,7 +93,7 @@ def stage_app(ref: StageRef) -> typer.Typer:
 
 
 def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
-    """Make the function whose signature Typer turns into options."""
+    """Create the function whose signature Typer converts to options."""
     settings = settings_of(stage.config)
     parameters: list[inspect.Parameter] = []
     for name, spec in stage.inputs.items():
@@ -102,7 +102,7 @@ def stage_function(ref: StageRef, stage: Stage) -> Callable[..., None]:
     taken |= {f"--{name.replace('_', '-').strip('-')}" for name in COMMON} | {"--json", "--set", "--help"}
     shown = [(setting, title) for title, part in sections(settings).items() for setting in part]
     for setting, title in shown:
-        if _option(setting.key) not in taken:  # such a setting is reached by --set
+        if _option(setting.key) not in taken:  # such a setting is available through --set only
             parameters.append(_parameter(_variable(setting.key), _setting_option(setting, title), None))
     parameters += [_parameter(name, *option) for name, option in COMMON.items()]
 
@@ -148,11 +148,11 @@ def run_parsed(ref: StageRef, stage: Stage, settings: list[Setting], values: dic
 
 
 def _check_processes(task: Task) -> None:
-    """Refuse to make something on the way in several processes at once: torchrun is for one stage."""
+    """Reject missing inputs under torchrun, which would be made in several processes at once."""
     missing = [one.ref.command for one in task.before if one.there is None]
     if missing and os.environ.get("WORLD_SIZE", "1") != "1":
         raise PlopError(
-            "Under torchrun everything that a stage needs has to be there.",
+            "Under torchrun all inputs of a stage must exist.",
             found=f"{', '.join(missing)} would run first",
             fix=f"Run `plop {missing[0]}` without torchrun first.",
         )
@@ -160,7 +160,7 @@ def _check_processes(task: Task) -> None:
 
 def _config(ref: StageRef, stage: Stage, settings: list[Setting], values: dict[str, Any], store: Store) -> Any:
     options = {s.key: values.get(_variable(s.key)) for s in settings}
-    # a repeated option and one with commas mean the same
+    # a repeated option and one with commas are equivalent
     given = {
         key: ",".join(value) if isinstance(value, list) else value
         for key, value in options.items()
@@ -190,7 +190,7 @@ def _option(key: str) -> str:
 def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
     if spec.stages:
         source = " or ".join(spec.stages)
-        default = "none" if spec.choice is Choice.NAMED else CHOICES.get(spec.choice, "the latest that fits")
+        default = "none" if spec.choice is Choice.NAMED else CHOICES.get(spec.choice, "the latest match")
         default += ", or none" if spec.optional and spec.choice is not Choice.NAMED else ""
         text = escape(f"{spec.help.rstrip('.')}. Address of an artifact of {source}.")
         metavar = "ADDRESS,..." if spec.many else "ADDRESS"
@@ -206,11 +206,11 @@ def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
 
 def _setting_option(setting: Setting, title: str) -> Any:
     several = setting.kind.type == tuple[str, ...]
-    # numbers, too, are read where --set and plop.toml are: a wrong value is told alike wherever it comes from
+    # numbers are parsed like those of --set and plop.toml, so that errors are the same for all sources
     kind: Any = list[str] if several else bool if setting.kind.type is bool else str
     name = _option(setting.key)
     option = typer.Option(
-        f"{name}/--no-{name[2:]}" if kind is bool else name,  # off, too: it may be on by itself, or in plop.toml
+        f"{name}/--no-{name[2:]}" if kind is bool else name,  # with an off switch: the default, or plop.toml, may be on
         help=escape(f"{setting.help} {in_brackets(setting)}".strip()),
         show_default=False,
         metavar="TEXT,..." if several else PLAIN.get(setting.kind.type, "<word>" if setting.kind.choices else None),

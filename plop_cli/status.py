@@ -1,4 +1,4 @@
-"""What is in a workspace: lineage, what is stale, what is unfinished or damaged."""
+"""Status of a workspace: lineage, stale, unfinished and damaged artifacts."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from plop_cli.next_step import next_step
 
 
 def show_status(store: Store, console: Console, *, everything: bool) -> None:
-    """Print a tree for each environment, each artifact below what it was made from, then what is amiss.
+    """Print a tree for each environment, each artifact below its input, then all problems.
 
-    Older artifacts are shown only with `everything`. Last comes the next sensible command.
+    Older artifacts are shown only with `everything`. The last line is the next sensible command.
 
     Raises:
         PlopError: There is no such folder.
@@ -37,15 +37,15 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
         console.say("")
     for artifact in sorted(shown, key=_place):
         reason = reasons.get(artifact.key)
-        if reason is not None and not reason.follows:  # what only follows from another one is said there
+        if reason is not None and not reason.follows:  # a consequence of another stale artifact is reported there
             console.say(f"stale: {artifact.address}: {reason.text}")
     problems = [*damage.values(), *store.unreadable().values(), *circle]
     for error in problems:
         console.warn(error.render())
     if older := len(artifacts) - len(shown):
-        console.say(f"{older} older artifacts are not shown; --all shows them, `plop gc` lists what can go")
+        console.say(f"{older} older artifacts are not shown; --all shows them, `plop gc` lists what can be removed")
     for stage, fingerprint in unfinished(store):
-        console.say(f"unfinished: {stage}@{fingerprint[:8]}; the same command goes on with it")
+        console.say(f"unfinished: {stage}@{fingerprint[:8]}; the same command resumes it")
     if not artifacts and not problems:
         near = ", ".join(f"-w {path}" for path in workspaces_near(store.workspace)[:3])
         console.say(f"no artifacts in {store.root}" + (f"; perhaps {near}" if near else ""))
@@ -62,7 +62,7 @@ def show_status(store: Store, console: Console, *, everything: bool) -> None:
 
 
 def _sound(artifacts: list[Artifact]) -> tuple[list[Artifact], list[PlopError]]:
-    """Leave out artifacts that come from themselves; gives the rest, and what is wrong with these."""
+    """Leave out artifacts that descend from themselves; return the rest, and the errors of these."""
     wrong = []
     while True:
         known = {artifact.key: artifact for artifact in artifacts}
@@ -76,13 +76,13 @@ def _sound(artifacts: list[Artifact]) -> tuple[list[Artifact], list[PlopError]]:
 
 
 def unfinished(store: Store) -> list[Key]:
-    """List the scratch folders of runs that go on or were killed."""
+    """List the scratch folders of runs that are active or were killed."""
     found = sorted(store.root.glob("*/.partial-*")) if store.root.is_dir() else []
     return [(path.parent.name, path.name.removeprefix(".partial-")) for path in found]
 
 
 def _tree(artifacts: list[Artifact]) -> list[tuple[str, Artifact]]:
-    """Order artifacts so that each follows on the most advanced one that it was made from; with its branch drawn."""
+    """Order artifacts so that each follows the most advanced one of its inputs; with the branches of the tree."""
     by_key = {artifact.key: artifact for artifact in artifacts}
     below: dict[Key | None, list[Artifact]] = {}
     for artifact in sorted(artifacts, key=_place):
@@ -129,7 +129,7 @@ def _row(store: Store, artifact: Artifact, reasons: dict[Key, Stale], damage: di
 
 
 def _shown(row: dict[str, Any]) -> dict[str, Any]:
-    """Give the columns of the tree; what an artifact is made from is drawn, and raw data is named at the root."""
+    """Return the columns of the tree; inputs are drawn, and raw data is named at the root."""
     name = row["name"] if row["branch"] else f"{row['name']} ({row['from']})".strip()
     figures = {"took": row["took"], "MB": row["MB"], "state": row["state"].partition(":")[0]}
     return {"artifact": row["branch"] + row["artifact"], "name": name, **figures}
@@ -146,7 +146,7 @@ def verify_all(store: Store, console: Console, addresses: list[str]) -> None:
     """Read every payload file again and compare it with the manifest.
 
     Raises:
-        PlopError: One artifact is damaged, or several are.
+        PlopError: One or several artifacts are damaged.
     """
     store.check_begun()
     chosen = [store.find(address) for address in addresses] if addresses else store.artifacts()
@@ -157,7 +157,7 @@ def verify_all(store: Store, console: Console, addresses: list[str]) -> None:
         except PlopError as error:
             damaged.append(error)
         else:
-            console.say(f"{artifact.address}  {len(artifact.manifest.files)} files are as they were written")
+            console.say(f"{artifact.address}  {len(artifact.manifest.files)} files are unchanged")
     store.cache.save()
     if len(damaged) == 1:
         raise damaged[0]

@@ -1,4 +1,4 @@
-"""Look at an artifact in 3D."""
+"""Show an artifact in 3D."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def view(store: Store, console: Console, address: str, *, episode: str | None, s
     """Show one episode of an artifact, or write it into a file for the viewer.
 
     Raises:
-        PlopError: The viewer is not installed, or the artifact holds nothing to look at.
+        PlopError: The viewer is not installed, or the artifact has nothing to show.
     """
     from plop.viewing import rerun_log
 
@@ -23,7 +23,7 @@ def view(store: Store, console: Console, address: str, *, episode: str | None, s
     names = _episodes(folder)
     if not names:
         raise PlopError(
-            f"{artifact.address} holds nothing to look at in 3D.",
+            f"{artifact.address} has nothing to show in 3D.",
             where=folder,
             expected="an artifact of ingest, fuse, fit-init, filter, rollout or compare",
         )

@@ -1,7 +1,7 @@
-"""Check what `make setup` needs before it installs anything, and install what is missing of the system.
+"""Check the requirements of `make setup` before it installs anything, and install missing system packages.
 
 Plain Python, any version. On Debian and Ubuntu missing packages are installed with apt-get: as root, or through a sudo
-that asks for no password. Without either, the one command is named and the exit code is 1.
+without a password. Without either, the command is printed and the exit code is 1.
 
 Usage: python3 scripts/check_machine.py
 """
@@ -15,11 +15,11 @@ import sys
 LIBRARIES = os.path.join(os.path.dirname(os.path.abspath(__file__)), os.pardir, "plop", "system_libraries.py")
 _spec = importlib.util.spec_from_file_location("system_libraries", LIBRARIES)
 libraries = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(libraries)  # by its path: `import plop` would ask for a Python that may not be there
+_spec.loader.exec_module(libraries)  # by its path: `import plop` would require a Python that may be missing
 
 
 def needed_packages():
-    """Give the Debian packages that are missing: libraries, and venv, which Debian splits from Python."""
+    """Return the Debian packages that are missing: libraries, and venv, which Debian splits from Python."""
     found = libraries.missing_packages()
     if importlib.util.find_spec("venv") is None or importlib.util.find_spec("ensurepip") is None:
         found.append("python{}.{}-venv".format(*sys.version_info[:2]))
@@ -27,7 +27,7 @@ def needed_packages():
 
 
 def root_prefix():
-    """Give what comes before a command to run it as root without a question; None when there is no way."""
+    """Return the prefix of a command to run it as root without a prompt; None when there is none."""
     if not shutil.which("apt-get"):
         return None
     if os.geteuid() == 0:
@@ -39,12 +39,12 @@ def root_prefix():
 
 
 def install(packages, prefix):
-    """Install packages; give what apt-get said when it failed, else ''."""
+    """Install packages; return the output of apt-get when it failed, else ''."""
     how = "with sudo" if prefix else "as root"
     sys.stdout.write("installing system packages ({}): {}\n".format(how, " ".join(packages)))
     sys.stdout.flush()
     apt = prefix + ["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]
-    # a source that cannot be reached fails the update but not what the others hold
+    # an unreachable source fails the update but not the packages of the others
     subprocess.call(apt + ["update", "-qq"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     words = apt + libraries.install_command(packages).split()[1:] + ["-qq", "--no-install-recommends"]
     done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -53,7 +53,7 @@ def install(packages, prefix):
 
 
 def problems():
-    """List what is missing after all that could be done, each with its remedy."""
+    """List what is still missing, each with its remedy."""
     if sys.version_info < (3, 11):
         here = "{}.{}".format(*sys.version_info[:2])
         return ["Python 3.11 or newer is needed, this is {}: make PYTHON=/path/to/python3.11 setup".format(here)]

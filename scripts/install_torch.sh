@@ -9,7 +9,7 @@ build=${2:-cpu}
 version=$(sed -n 's/^torch==//p' "$(dirname "$0")/../constraints.txt")
 pip() { "$python" -m pip install -qq --no-compile --disable-pip-version-check "$@"; }
 
-# where pip is told of CPU builds, by its configuration, that is all; elsewhere this fails at once
+# this suffices if pip is configured for CPU builds; otherwise it fails immediately
 if [ "$build" = cpu ] && pip "torch==$version+cpu" 2>/dev/null; then exit 0; fi
 if [ "$(uname -s)" != Linux ]; then pip "torch==$version"; exit; fi # pip has one build only
 

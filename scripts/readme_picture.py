@@ -17,7 +17,7 @@ WIDTH_PX = 1000
 
 
 def main(workspace: str, target: str) -> None:
-    """Shrink the picture that eval wrote; the first episode's."""
+    """Shrink the picture of eval for the first episode."""
     picture = sorted((Store(workspace).find("eval@latest").path / "pictures").glob("*.png"))[0]
     image = Image.open(picture).convert("RGB")
     image = image.resize((WIDTH_PX, round(image.height * WIDTH_PX / image.width)), Image.Resampling.LANCZOS)

@@ -1,8 +1,8 @@
-"""The pipeline, in order: what a newcomer reads first.
+"""The pipeline, in order: start reading here.
 
-Each line is a command, where its stage lives, and what it does. A stage is imported when
-it is run, so that `plop --help` answers at once. What a stage needs is declared with it, in its `inputs`:
-`plop.pipeline` reads the graph from there, and runs what is listed here.
+Each line is a command, the module of its stage, and its purpose. A stage is imported when
+it is run, so that `plop --help` answers immediately. A stage declares its inputs in `inputs`:
+`plop.pipeline` reads the graph from there, and runs the stages of this list.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ PIPELINE = (
     StageRef("simulate", "stages.simulate.stage:STAGE", "Simulate a soft object and a tool into recordings."),
     StageRef("ingest disect", "stages.ingest.stage:INGEST_DISECT", "Render DiSECt simulations into recordings."),
     StageRef("ingest mesh", "stages.ingest.stage:INGEST_MESH", "Render mesh sequences of a simulator into recordings."),
-    StageRef("ingest droid", "stages.ingest.droid:INGEST_DROID", "Turn episodes of a DROID robot into recordings."),
+    StageRef("ingest droid", "stages.ingest.droid:INGEST_DROID", "Convert episodes of a DROID robot to recordings."),
     StageRef("calibrate", "stages.calibrate.stage:STAGE", "Find and check camera calibration; a verdict per camera."),
     StageRef("fuse", "stages.fuse.stage:STAGE", "Fuse the views before the cut into one object cloud."),
     StageRef("fit-init", "stages.fit_init.stage:STAGE", "Fit 3D Gaussians to the first frame: object and tool."),
     StageRef("train", "stages.train.stage:STAGE", "Learn the dynamics from the training episodes."),
-    StageRef("filter", "stages.filter.stage:STAGE", "Follow the object through an episode: predict and update."),
+    StageRef("filter", "stages.filter.stage:STAGE", "Track the object through an episode: predict and update."),
     StageRef("identify", "stages.identify.stage:STAGE", "Fit the engine's material to recordings: a physics model."),
     StageRef("rollout", "stages.rollout.stage:STAGE", "Predict unseen episodes from their first frame and actions."),
     StageRef("eval", "stages.eval.stage:STAGE", "Score predictions against measurements and two baselines."),
     StageRef("compare", "stages.compare.stage:STAGE", "Compare a model with measurements: where and when it fails."),
     StageRef("diagnose", "stages.diagnose.stage:STAGE", "Name the physical effect that a model is missing."),
     StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
-    StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with everything that was found."),
+    StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with all results."),
 )
 
 RECORDINGS = ("calibrate", "ingest", "simulate")
@@ -33,7 +33,7 @@ RECORDINGS = ("calibrate", "ingest", "simulate")
 MODELS = ("train", "identify", "augment")
 """Stages whose artifacts are models."""
 NEXT = {
-    "simulate": "fuse",  # simulated cameras are right
+    "simulate": "fuse",  # simulated cameras are correct
     "ingest": "calibrate",
     "calibrate": "fuse",
     "fuse": "fit-init",
@@ -47,4 +47,4 @@ NEXT = {
     "diagnose": "augment",
     "augment": "report",
 }
-"""Advice, not the graph: what most people want after a stage. Each takes what the one before makes, or scores it."""
+"""Advice, not the graph: the usual next stage. Each uses the artifact of the one before, or scores it."""

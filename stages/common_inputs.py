@@ -1,4 +1,4 @@
-"""Inputs that several stages declare alike: recordings, models, and what is made from recordings on the way."""
+"""Common inputs of several stages: recordings, models, and inputs made from recordings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages import RECORDINGS
 
 
 def recordings_input(help: str, choice: Choice = Choice.LATEST) -> InputSpec:
-    """Declare recordings; `Choice.UNAMBIGUOUS` where a wrong guess would be judged on."""
+    """Declare recordings; `Choice.UNAMBIGUOUS` where a wrong guess would lead to a wrong verdict."""
     return InputSpec(RECORDINGS, help, choice=choice)
 
 
@@ -24,22 +24,22 @@ def init_input(help: str, of: str = "recordings", choice: Choice = Choice.MADE) 
 def tracks_input(
     help: str, of: str = "recordings", init: str = "init", settings: Callable[[Any], Mapping[str, Any]] | None = None
 ) -> InputSpec:
-    """Declare the filter's states of recordings, followed from the Gaussians `init`, by no model."""
+    """Declare the filter's states of recordings, tracked from the Gaussians `init` without a model."""
     return InputSpec(
         ("filter",), help, choice=Choice.MADE, recipe=Recipe({"recordings": of, "init": init}, settings=settings)
     )
 
 
 def optional(spec: InputSpec) -> InputSpec:
-    """Declare the same as an input that a stage can do without."""
+    """Declare the same as an optional input."""
     return replace(spec, optional=True)
 
 
 def engine_input(choice: Choice) -> InputSpec:
-    """Declare the engine beside a learned model, fitted to the recordings that the model was made from."""
+    """Declare the engine used with a learned model, fitted to the recordings that the model was trained on."""
     return InputSpec(
         ("identify",),
-        "engine beside a learned model",
+        "engine used with a learned model",
         optional=True,
         choice=choice,
         recipe=Recipe({"recordings": Origin()}, needed=_is_learned),

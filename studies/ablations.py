@@ -30,7 +30,7 @@ from plop.dynamics.rollout import predict
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.state import Gaussians
 from plop.metrics.frame import FrameOptions, score_frame
-from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
+from plop.metrics.node_error import ancestor_means, move_nodes, rms_mm
 from plop.metrics.table import replace_between_markers
 from plop.pipeline.settings import resolve
 from plop.pipeline.settings_file import flat_values
@@ -126,7 +126,7 @@ def _scores(
         ancestor_means(g.ids.numpy(), g.means.double().numpy(), g.opacities.numpy()) for g in (start, now)
     )
     kept = np.isin(names, known)
-    carried = carry_nodes(truth.nodes_m(0), before[np.searchsorted(known, names[kept])], after[kept])
+    carried = move_nodes(truth.nodes_m(0), before[np.searchsorted(known, names[kept])], after[kept])
     clouds = {key: float(found[key] or 0) for key in ("cd_mm", "emd_mm")}
     return {**clouds, "nodes_mm": rms_mm(carried, truth.nodes_m(frame))}
 

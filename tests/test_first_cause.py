@@ -42,7 +42,7 @@ def test_the_earliest_cause_leads_and_the_symptom_follows_with_its_advice():
     lead = failed(TORN, ASIDE, LATE).first_cause()
     assert lead.problem == "Pictures are 700 ms late"
     assert "It never touches. Found: 253 mm" in (lead.found or "")
-    assert lead.fix == "Check the clocks. If this stays: Check the tool."
+    assert lead.fix == "Check the clocks. If the problem persists: Check the tool."
     assert lead.noticed == [TORN, ASIDE]
     assert lead.where == "e1"
 

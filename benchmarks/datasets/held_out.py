@@ -1,7 +1,7 @@
 """How well Gaussians fitted to five views show the sixth: `python -m benchmarks.datasets.held_out --data DISECT`.
 
 Renders the first frame of part recordings 004 and 005 of the nine environments, fits them with the defaults of
-`plop fit-init`, with and without virtual views, and writes docs/results/held_out.json, merged with what is there.
+`plop fit-init`, with and without virtual views, and merges the scores into docs/results/held_out.json.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ KEPT = ("psnr_db", "psnr_black_db", "depth_error_mm", "coverage", "held_out")
 
 
 def held_out_score(data: Path, episode: str, config: FitInitConfig) -> dict[str, Any]:
-    """Render an episode's first frame, fit it, and score the view that the fit has not met."""
+    """Render an episode's first frame, fit it, and score the view that was held out of the fit."""
     torch.set_num_threads(1)
     sequence = read_disect(data / f"{episode}.usd")
     with tempfile.TemporaryDirectory() as folder:
@@ -72,7 +72,7 @@ def _mean(rows: list[dict[str, dict[str, Any]]]) -> dict[str, dict[str, float]]:
 
 
 def main() -> None:
-    """Fit, print one line a fit, and write the result file."""
+    """Fit, print one line per fit, and write the result file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="Folder with the DiSECt recordings.")
     parser.add_argument("--jobs", type=int, default=-1, help="Processes.")

@@ -1,10 +1,10 @@
 """The hidden DiSECt sets through cameras: `python -m benchmarks.datasets.hidden_disect --data DATA --work W`.
 
-What a user types, from raw recordings to the verdict: images of six cameras are drawn, Gaussians fitted and followed;
-the base learns from the jelly prism's recordings and diagnoses the four sets. Bases are an engine that `identify`
-fitted, the network that also learned from episodes which this engine made up, and the network that learned from the
-recordings alone, judged by folds. Then what was named is added, and points are compared once more.
-ANSWERS.json is not opened here. Goes on where it stopped; writes docs/results/hidden_disect_cameras.json.
+The commands of a user, from raw recordings to the verdict: images of six cameras are rendered, Gaussians fitted and
+tracked; the base learns from the jelly prism's recordings and diagnoses the four sets. Bases are an engine that
+`identify` fitted, the network that also learned from episodes which this engine made up, and the network that learned
+from the recordings alone, with cross-validation. Then the named effect is added, and points are compared again.
+ANSWERS.json is not opened here. Resumes after an interruption; writes docs/results/hidden_disect_cameras.json.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ SETTINGS = """\
 [filter.update]
 iterations = 24
 
-[identify]                          # first guesses are what the recordings state, but for the stiffness
+[identify]                          # initial values are those of the recordings, except for the stiffness
 fit = ["youngs_modulus_pa", "viscosity_pa_s", "table_friction", "table_slip_m_s", "toughness_j_m2"]
 table_cone = "pyramid"
-start = "unloaded"                  # the jelly is let go at time 0
+start = "unloaded"                  # the jelly is released at time 0
 
 [identify.material]
 youngs_modulus_pa = 8e3
@@ -49,7 +49,7 @@ BASES = {
     "made": ("jelly-made", ("--engine", "jelly-engine", "--reference", "jelly")),
     "folds": ("jelly-folds", ("--engine", "jelly-engine", "--reference", "jelly")),
 }
-"""Base -> the model's name, and what is typed behind it."""
+"""Base -> the model's name, and further arguments."""
 
 
 class Sets(Typed):
@@ -60,12 +60,12 @@ class Sets(Typed):
         self.data = data
 
     def filmed(self, folder: Path, name: str, *words: str) -> None:
-        """Draw what cameras see of some recordings, from the moment at which the jelly is let go."""
+        """Render some recordings as the cameras see them, from the moment the jelly is released."""
         self.plop("ingest", "disect", str(folder), "--from-rest", *words, "--name", f"raw-{name}")
         self.plop("calibrate", "--recordings", f"raw-{name}", "--name", name)
 
     def base(self, base: str) -> None:
-        """Make a base; all need the engine."""
+        """Make a base model; all need the engine."""
         jelly = ("--environment", "prism-jelly")
         # 005 is left out: a fault of the recording, which no engine follows (docs/results/prediction.md)
         self.filmed(self.data / "disect", "part", *jelly, "--episodes", "*_part_00[0-4]")
@@ -107,13 +107,13 @@ class Sets(Typed):
         return found
 
     def missed_mm(self, model: str, recordings: str, name: str) -> float:
-        """RMS error of the followed points over all frames [mm]."""
+        """RMS error of the tracked points over all frames [mm]."""
         self.plop("compare", "--model", model, "--recordings", recordings, "--name", name, "--frames", "0")
         return float(self.store.find(name).manifest.summary["figures"]["rms_mm"])
 
 
 def _options(command: str, **changed: object) -> list[str]:
-    """Type what the profile cpu sets for a command."""
+    """Return the options that the profile cpu sets for a command."""
     settings = {**read_profile("cpu").settings[command], **changed}
     return [word for key, value in settings.items() for word in (f"--{key.replace('_', '-')}", str(value))]
 
@@ -124,7 +124,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="Folder with disect and disect_hidden.")
     parser.add_argument("--work", type=Path, default=Path("artifacts/.hidden-disect-cameras"), help="Workspace.")
     parser.add_argument(
-        "--bases", default="engine,made,folds", help=f"Some of {', '.join(BASES)}, with commas between."
+        "--bases", default="engine,made,folds", help=f"Some of {', '.join(BASES)}, separated by commas."
     )
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
@@ -149,11 +149,11 @@ def _estimates(law: dict[str, Any]) -> dict[str, Estimate]:
 
 
 def collected(store: Store, name: str) -> dict[str, Any]:
-    """Read one diagnosis and keep what a page of results shows."""
+    """Read one diagnosis and keep what the results page shows."""
     artifact = store.find(name)
     facts = json.loads((artifact.path / "diagnosis.json").read_text())
-    kept = ("error", "floor", "closed_share", "episodes", "reference_episodes", "seconds")
-    ranking = [_finding(row) for row in (*facts["ranking"][:RANKED], facts["base"])]
+    kept = ("error", "floor", "searches", "episodes", "reference_episodes", "seconds")
+    ranking = [_finding(row) for row in facts["ranking"][:RANKED]]
     verdict = facts["verdict"]
     return {
         "verdict": verdict["kind"],
@@ -166,7 +166,7 @@ def collected(store: Store, name: str) -> dict[str, Any]:
 
 
 def _finding(row: dict[str, Any]) -> dict[str, Any]:
-    kept = ("effect", "gain", "gain_error", "p", "contrast_p", "passes", "reasons")
+    kept = ("effect", "gain", "gain_error", "strength", "p", "passes", "reasons")
     parameters = {
         name: {key: _short(p[key]) for key in ("value", "low", "high", "unit")} for name, p in row["parameters"].items()
     }

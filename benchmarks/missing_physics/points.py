@@ -184,9 +184,7 @@ def named_effects(found: Conclusion, types: Mapping[str, EffectType]) -> list[Ef
     for name in found.verdict.named[: _ADDED[found.verdict.kind]]:
         finding = next((f for f in found.findings if f.name == name), found.findings[-1])
         own = {
-            p.name: finding.parameters[p.name]["value"]
-            for p in types[name].parameters()
-            if p.name in finding.parameters
+            p.name: finding.parameters[p.name].value for p in types[name].parameters() if p.name in finding.parameters
         }
         effects += [types[name](**own)] if own else []
     return effects

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plop.diagnosis.candidates import Column
+from plop.diagnosis.hypotheses import Column
 from plop.diagnosis.responses import Job
 from plop.diagnosis.runs import Runs
 from plop.physics.adapters.filled import EngineBase

@@ -7,16 +7,15 @@ from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from typing import Any
 
-from plop.diagnosis.candidates import BASE_COLUMNS
-from plop.diagnosis.error_size import ErrorSize
 from plop.finite import json_ready
 
 JUDGED = 3
 """Laws of each ranking whose parameters and tests are kept."""
-_TESTS = ("p", "contrast", "contrast_p", "gain_error", "reasons")
+_TESTS = ("p", "strength", "gain_error", "reasons")
 """What is kept of how each of them was tested."""
 _NO_GAP = 1.1
 """Error over the reference's below which there is nothing to close."""
+_REFITTED = "stiffness"
 _NAMING = ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER")
 
 
@@ -66,7 +65,10 @@ class Row:
     floor: float | None = None
     left: float | None = None
     """Mean squared whitened error: of the base, of the reference, and with what is named."""
-    excess: float | None = None
+    change_p: float | None = None
+    """Chance that recordings and reference differ by as much where nothing is hidden."""
+    closed: float | None = None
+    """Share of that difference which goes away with what is named; older rows have errors only."""
     parameters: dict[str, dict[str, dict[str, Any]]] | None = None
     gains: dict[str, float] | list[float] | None = None
     """Effect -> share of the held-out error that it explains (older rows: of the ranking, without names)."""
@@ -127,27 +129,27 @@ class Row:
         return off / length, [e["low"] is not None and e["low"] <= truth[k] <= e["high"] for k, e in fitted.items()]
 
     def gap_closed(self) -> float | None:
-        """Give the share of the explainable gap that the best law closes; see `_closed`."""
-        return self._closed(self.left)
+        """Give the share of the explainable gap that what is named closes; see `_closed`."""
+        return self._closed(self.left) if self.closed is None else self.closed
 
     def closed_by_wrong_law(self) -> float | None:
         """Give the share of the gap that the best law which is not hidden closes in held-out episodes.
 
-        Stiffness, which is fitted along with every law, is none of the wrong ones; a law that does harm closes nothing.
+        Stiffness, which is refitted with every law, is none of the wrong ones; a law that does harm closes nothing.
 
         Returns:
             None where the row does not give its laws' gains by their names, or where there is no gap.
         """
         if not isinstance(self.gains, dict) or self.error is None:
             return None
-        wrong = [gain for name, gain in self.gains.items() if name not in self.hidden and name not in BASE_COLUMNS]
+        wrong = [gain for name, gain in self.gains.items() if name not in self.hidden and name != _REFITTED]
         return self._closed(self.error * (1 - max([0.0, *wrong])))
 
     def _closed(self, left: float | None) -> float | None:
         """Give the share closed where `left` is left; None where the error hardly exceeds the reference's."""
         if not self.floor or self.error is None or self.error <= _NO_GAP * self.floor:
             return None
-        return ErrorSize(self.error, self.error, self.floor).closed(left)
+        return None if left is None else (self.error - left) / (self.error - self.floor)
 
 
 def judged(facts: Mapping[str, Any], hidden: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,7 +160,7 @@ def judged(facts: Mapping[str, Any], hidden: Mapping[str, Any]) -> dict[str, Any
         hidden: Effects that are hidden, by name.
     """
     verdict, ranking = facts["verdict"], [law["effect"] for law in facts["ranking"]]
-    kept = {law["effect"]: law for law in (*facts["ranking"][:JUDGED], facts["base"])}
+    kept = {law["effect"]: law for law in facts["ranking"][:JUDGED]}
     return {
         "verdict": verdict["kind"],
         "named": verdict["named"],
@@ -168,7 +170,8 @@ def judged(facts: Mapping[str, Any], hidden: Mapping[str, Any]) -> dict[str, Any
         "error": facts["error"],
         "floor": facts["floor"],
         "left": verdict["evidence"].get("left"),
-        "excess": facts.get("excess"),
+        "change_p": verdict["evidence"].get("change_p"),
+        "closed": verdict["evidence"].get("closed"),
         "parameters": {name: law["parameters"] for name, law in kept.items()},
         "gains": {name: law["gain"] for name, law in kept.items()},
         "tests": {name: {key: law[key] for key in _TESTS} for name, law in kept.items()},

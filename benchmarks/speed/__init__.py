@@ -1,1 +1,1 @@
-"""Speed of single pieces, beside the goals."""
+"""Speed of single components, compared with the goals."""

@@ -23,7 +23,7 @@ Cases = dict[str, Callable[[], float]]
 
 
 def collect(words: list[str]) -> Cases:
-    """Gather the cases whose module or name holds one of the words; all without words."""
+    """Collect the cases whose module or name contains one of the words; all when no word is given."""
     found: Cases = {}
     for module in MODULES:
         for name, measure in importlib.import_module(f"benchmarks.speed.{module}").cases().items():
@@ -33,12 +33,12 @@ def collect(words: list[str]) -> Cases:
 
 
 def measured(cases: Cases) -> tuple[dict[str, float], list[str]]:
-    """Measure, printing one line a case; gives the figures and the names of the cases that failed."""
+    """Measure, printing one line per case; return the figures and the names of the cases that failed."""
     figures, failed = {}, []
     for name, measure in cases.items():
         try:
             figures[name] = round(float(measure()), 4)
-        except Exception as error:  # the other cases are measured all the same
+        except Exception as error:  # the other cases are still measured
             sys.stderr.write(f"{name}: failed, {type(error).__name__}: {error}\n")
             failed.append(name)
             continue
@@ -50,14 +50,14 @@ def measured(cases: Cases) -> tuple[dict[str, float], list[str]]:
 def merged(
     kept: Mapping[str, Any], figures: Mapping[str, float], *, command: str, machine: Mapping[str, object], load: float
 ) -> dict[str, Any]:
-    """Put new figures beside those that were measured before, and say of each how it was measured.
+    """Merge new figures with earlier ones, and record how each was measured.
 
     Args:
         kept: Content of the result file; empty when every case was measured.
-        figures: Case -> what has just been measured.
-        command: What measured it.
-        machine: On what; a case whose machine is another than the file's says where it differs.
-        load: What ran on the machine before (mean number of processes over a minute).
+        figures: Case -> the new figure.
+        command: The command that measured it.
+        machine: The machine; a case measured on another machine than the file's records the differences.
+        load: Load of the machine before the run (mean number of processes over a minute).
 
     Returns:
         "command" (of the whole file), "machine", "cases", and "measured": case -> its command and load.

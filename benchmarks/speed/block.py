@@ -16,7 +16,7 @@ FRAMES, CAMERAS = 10, 6
 
 @contextmanager
 def raw_block() -> Iterator[Path]:
-    """Give a folder with the block as a raw mesh sequence."""
+    """Yield a folder with the block as a raw mesh sequence."""
     with tempfile.TemporaryDirectory() as raw:
         write_mesh_sequence(raw, _block())
         yield Path(raw)
@@ -24,7 +24,7 @@ def raw_block() -> Iterator[Path]:
 
 @contextmanager
 def recorded_block() -> Iterator[Path]:
-    """Give the block's recording: 10 frames of 6 cameras, 128 x 128 px, in a folder that may be written to."""
+    """Yield the block's recording: 10 frames of 6 cameras, 128 x 128 px, in a folder that may be written to."""
     with raw_block() as raw, tempfile.TemporaryDirectory() as out:
         yield record(raw, Path(out))
 

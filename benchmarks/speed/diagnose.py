@@ -1,9 +1,9 @@
-"""Time `diagnose` and `report` with eight episodes and as many of the reference: `python -m benchmarks.speed.diagnose`.
+"""Time `diagnose` and `report` with eight episodes and eight of the reference: `python -m benchmarks.speed.diagnose`.
 
-Types the commands through cameras (six of 128 px) in the workspace of --work: recordings with adhesion hidden, an
+Runs the commands through cameras (six of 128 px) in the workspace of --work: recordings with adhesion hidden, an
 engine of `identify`'s own 1,300 particles, then `diagnose` without the cache of engine runs: with twelve laws, with the
 whole library, and with adhesion left out of the library, so that pairs of laws are tried, which takes longest. Writes
-docs/results/diagnose_time.json. Half an hour of two cores; what is there is not made again, but for the diagnoses.
+docs/results/diagnose_time.json. Half an hour on two cores; existing artifacts are reused, except the diagnoses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ EPISODES = ("--episodes", "8")
 SEED, REFERENCE_SEED, SNR = 4000, 100, 4
 HIDDEN = "adhesion"
 YOUNGER = ("cohesion",)
-"""Laws that came after the goals and the stored times, which are of twelve."""
+"""Laws added after the goals and the stored times, which are for twelve laws."""
 GOALS = {"screen_min": 6, "whole_min": 15, "report_s": 30, "report_mb": 25}
 """Largest times of `diagnose` with twelve laws, and time and size of the report."""
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "diagnose_time.json"
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def libraries() -> dict[str, list[str]]:
-    """Give the laws of each diagnosis: the twelve that act on the object, all, and all but the hidden one."""
+    """Return the laws of each diagnosis: the twelve that act on the object, all, and all but the hidden one."""
     laws = library()
     twelve = [name for name, law in laws.items() if law.kind == "physics" and name not in YOUNGER]
     return {
@@ -71,7 +71,7 @@ def libraries() -> dict[str, list[str]]:
 
 
 def diagnosed(loop: Cameras, laws: list[str]) -> dict[str, Any]:
-    """Diagnose with no engine run remembered."""
+    """Diagnose with an empty cache of engine runs."""
     forget(loop)
     words = [word for law in laws for word in ("--effects", law)]
     loop.plop("diagnose", "--model", "base", "--recordings", "mystery", "--name", "timed", "--force", *words)
@@ -88,12 +88,12 @@ def diagnosed(loop: Cameras, laws: list[str]) -> dict[str, Any]:
 
 
 def forget(loop: Cameras) -> None:
-    """Remove what earlier diagnoses remember of engine runs."""
+    """Remove the cached engine runs of earlier diagnoses."""
     shutil.rmtree(loop.store.root / ".cache" / "diagnose", ignore_errors=True)
 
 
 def reported(loop: Cameras) -> dict[str, Any]:
-    """Make the report of base and recordings, and say how long it took and how large it is."""
+    """Make the report of base and recordings; return its time and its size."""
     loop.plop("eval", "--model", "base", "--recordings", "mystery", "--name", "scores")
     loop.plop("report", "--models", "base", "--recordings", "mystery", "--name", "page", "--force")
     page = loop.store.find("page")

@@ -23,7 +23,7 @@ _SIZE_M = (0.08, 0.05, 0.04)
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {
         "i2n_forward_300_ms": lambda: median_ms(i2n_forward(300), repeats=31),
         "i2n_forward_10000_ms": lambda: median_ms(i2n_forward(10_000), repeats=31),

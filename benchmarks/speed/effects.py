@@ -25,7 +25,7 @@ COMMAND = "python -m benchmarks.speed.effects"
 PLANS = 4
 SPACING_M = 0.005
 STEP_S = 3.5e-4
-"""Fixed, because another time step alone moves the object by some hundredths of a millimetre."""
+"""Fixed, because a different time step alone moves the object by some hundredths of a millimetre."""
 Figures = dict[str, Any]
 
 
@@ -70,7 +70,7 @@ def keys() -> dict[str, tuple[type[Effect], Parameter, Figures]]:
 
 
 def measure(names: list[str]) -> None:
-    """Measure the effects of these names (all without names); each figure is kept as soon as it is known."""
+    """Measure the effects of these names (all without names); each figure is saved as soon as it is known."""
     positions([])  # compiles the kernels
     base, step_s = positions([])
     other, _ = positions([], dt_s=0.9 * STEP_S)
@@ -85,7 +85,7 @@ def measure(names: list[str]) -> None:
         "particles": len(base) // PLANS // 22,
         "effects": {},
     }
-    if names and RESULT.is_file():  # what was measured without effects belongs to the other rows
+    if names and RESULT.is_file():  # the figures without effects belong to the other rows
         result = json.loads(RESULT.read_text(encoding="utf-8"))
         result["effects"] = {key: figure for key, figure in result["effects"].items() if key in keys()}
         result["later"] = result.get("later", {}) | dict.fromkeys(names, load)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {
         "engine_5k_1_thread_particle_steps_per_s": lambda: rate(5_000, threads=1),
         "engine_5k_2_threads_particle_steps_per_s": lambda: rate(5_000, threads=2),
@@ -58,7 +58,7 @@ def _run(count: int, seconds: float, threads: int, *, cut: bool) -> tuple[Engine
 
 
 def rate(count: int, *, threads: int, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Particle-steps a second of a cut, median of three runs; `clock` process_time ignores other programs."""
+    """Particle-steps per second of a cut, median of three runs; `clock` process_time ignores other programs."""
     threads = min(threads, len(os.sched_getaffinity(0)))
     _run(200, 0.01, threads, cut=True)
     rates = []
@@ -83,7 +83,7 @@ def cut_seconds() -> float:
 
 
 def tracer_share() -> float:
-    """Processor time a step that a tracer on the surface takes, over that of a particle, median of three."""
+    """Processor time per step of a tracer on the surface, over that of a particle, median of three."""
     shares = []
     for _ in range(3):
         (alone, few), (larger, many), (followed, _) = _step_ns(600), _step_ns(4600), _step_ns(600, tracers=4000)

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {"fit_init_6_views_128_3k_2000_steps_s": fit_s, "render_loss_128_fwd_bwd_ms": loss_ms}
 
 

@@ -1,4 +1,4 @@
-"""The goals of speed, and the table that sets the measured figures beside them."""
+"""The speed goals, and the table that compares the measured figures with them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Goal:
     """"<=" or ">="."""
     value: float
     scale: float = 1.0
-    """Of the measured figure, to come to the unit."""
+    """Factor from the measured figure to the unit."""
 
     def line(self, measured: float | None) -> str:
-        """Give the table's line."""
+        """Return the table's line."""
         goal = f"{self.sign} {self.value:g}{self.unit}"
         if measured is None:
             return f"| {self.what} | not measured | {goal} | |"
@@ -68,7 +68,7 @@ GOALS: dict[str, Goal] = {
 
 
 def goals_table(cases: Mapping[str, float]) -> str:
-    """Set what was measured beside the goals, in Markdown."""
+    """Compare the measured figures with the goals, as a Markdown table."""
     lines = ["| what | measured | goal | reached |", "|---|---|---|---|"]
     return "\n".join(lines + [goal.line(cases.get(name)) for name, goal in GOALS.items()])
 

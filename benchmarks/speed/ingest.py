@@ -11,7 +11,7 @@ from benchmarks.speed.measure import median_ms
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {"ingest_128_images_per_s": ingest_rate, "recording_read_one_frame_ms": read_one_frame_ms}
 
 

@@ -29,9 +29,9 @@ def median_ms(work: Callable[[], object], *, repeats: int = 7, warm_up: int = 2)
 
 
 def median_ratio(work: Callable[[], object], over: Callable[[], object], *, blocks: int = 9) -> float:
-    """Time two pieces of work in turn, a block of calls each, and give the ratio of the medians.
+    """Time two pieces of work alternately, in blocks of calls, and return the ratio of the medians.
 
-    What else runs on the machine slows both. The first calls of a block are not timed: they find caches and memory
+    Other programs slow both down. The first calls of a block are not timed: they find caches and memory
     as the other piece has left them.
     """
     times: tuple[list[float], list[float]] = ([], [])

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {
         "raster_128_5k_fwd_bwd_ms": lambda: raster_ms(5_000, 128),
         "raster_256_20k_fwd_bwd_ms": lambda: raster_ms(20_000, 256),
@@ -51,7 +51,7 @@ def speedup_over_torch() -> float:
 
 
 def scene(count: int) -> Gaussians:
-    """Fill a box of 100 x 100 x 60 mm with Gaussians of 1.5 to 3 mm; every field asks for its gradient."""
+    """Fill a box of 100 x 100 x 60 mm with Gaussians of 1.5 to 3 mm; every field requires a gradient."""
     import torch
 
     from plop.gaussians.state import Gaussians

@@ -10,7 +10,7 @@ GAUSSIANS, HORIZON = 3000, 4
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {"train_step_horizon_4_one_view_3k_s": step_s}
 
 

@@ -17,19 +17,19 @@ BLOCKS = 7
 
 
 def cases() -> dict[str, Callable[[], float]]:
-    """Give each figure's name and the function that measures it."""
+    """Return each figure's name and the function that measures it."""
     return {"i2n_step_3000_beside_a_busy_core_over_quiet": beside_over_quiet}
 
 
 def beside_over_quiet() -> float:
-    """Time steps with and without a busy program in turn, and give the ratio of the medians."""
+    """Time steps with and without a busy program in turn, and return the ratio of the medians."""
     step = i2n_step(3000)
-    quiet, beside = [median_ms(step, repeats=9, warm_up=5)], []
+    alone, beside = [median_ms(step, repeats=9, warm_up=5)], []
     for _ in range(BLOCKS):
         with busy_core():
             beside.append(median_ms(step, repeats=9, warm_up=2))
-        quiet.append(median_ms(step, repeats=9, warm_up=2))
-    return median(beside) / median(quiet)
+        alone.append(median_ms(step, repeats=9, warm_up=2))
+    return median(beside) / median(alone)
 
 
 @contextmanager

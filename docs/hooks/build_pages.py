@@ -19,7 +19,7 @@ import result_tables  # noqa: E402
 import tutorial_pages  # noqa: E402
 
 PLACE = re.compile(r"^( *)\[\[(table|code) ([\w-]+)\]\]$", re.MULTILINE)
-"""Where a page shows something that is made while it is built."""
+"""Placeholder of generated content in a page."""
 _MATH = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -29,13 +29,13 @@ def on_startup(**_: Any) -> None:
 
 
 def generated() -> dict[str, str]:
-    """Give the Markdown of all pages that are made while the site is built, by their place in docs/."""
+    """Return the Markdown of all pages that are made while the site is built, by their place in docs/."""
     pages = {name: make() for name, make in reference_pages.PAGES.items()}
     return pages | {name: make() for name, make in tutorial_pages.PAGES.items()}
 
 
 def filled(markdown: str) -> str:
-    """Put tables and blocks where a page asks for them.
+    """Insert tables and blocks where a page asks for them.
 
     Raises:
         KeyError: There is none of that name.
@@ -59,7 +59,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Fill a page; what it asks for and nobody makes is an error that names the page."""
+    """Fill a page; an unknown table or block is an error that names the page."""
     from mkdocs.exceptions import PluginError
 
     try:
@@ -69,7 +69,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Turn equations into MathML, which browsers draw by themselves: nothing is fetched, nothing runs."""
+    """Convert equations to MathML, which browsers render natively: no script, nothing is downloaded."""
     from html import unescape
 
     from latex2mathml.converter import convert

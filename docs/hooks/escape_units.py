@@ -12,6 +12,6 @@ class EscapeUnits(griffe.Extension):
     """Escape the bracket of a unit that follows the bracket of a shape."""
 
     def on_object(self, *, obj: Any, **_: Any) -> None:
-        """Change the docstring of whatever is loaded."""
+        """Change the docstring of every loaded object."""
         if obj.docstring:
             obj.docstring.value = re.sub(r"\]([ ,]?)\s?\[", r"]\1 \\[", obj.docstring.value)

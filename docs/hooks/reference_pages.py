@@ -1,4 +1,4 @@
-"""Reference pages made from the code: commands, settings, effects, API; and blocks for pages that are written."""
+"""Reference pages generated from the code: commands, settings, effects, API; and blocks for written pages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rows(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Keep what Markdown or HTML would take for its own; code spans stay as they are."""
+    """Escape characters with a meaning in Markdown or HTML; code spans stay as they are."""
     parts = re.split(r"(`[^`]*`)", text)
     return "".join(part if part.startswith("`") else part.replace("<", "&lt;").replace("*", "\\*") for part in parts)
 
@@ -55,7 +55,7 @@ def _usage(name: str, command: Any) -> str:
 
 
 def _plain(text: str | None) -> str:
-    """Take out the escapes that rich asks for."""
+    """Remove the escapes that rich needs."""
     return _escaped((text or "").replace("\\[", "[").replace("\n", " ").strip())
 
 
@@ -88,8 +88,12 @@ def commands_page() -> str:
     root: Any = typer.main.get_command(app)
     others = {n: c for n, c in root.commands.items() if n not in {ref.command.split()[0] for ref in pipeline()}}
     first = next(iter(stages.values()))
-    parts = ["# Commands", "`plop --help` lists them, `plop COMMAND --help` shows every option.", "## Of every stage"]
-    parts += ["Each stage takes these, besides its inputs (below) and its [settings](settings.md).", ""]
+    parts = [
+        "# Commands",
+        "`plop --help` lists them, `plop COMMAND --help` shows every option.",
+        "## Common options of all stages",
+    ]
+    parts += ["Each stage accepts these, besides its inputs (below) and its [settings](settings.md).", ""]
     parts += [_options(first, lambda panel: panel == "Running")]
     for name, command in stages.items():
         parts += [f"## {name}", _plain(command.help), _usage(name, command)]
@@ -137,7 +141,7 @@ def effects_page() -> str:
         "base, E its Young's modulus.",
         "- **physics**: what a diagnosis may name.\n"
         "- **base**: a parameter that every model has; it is refitted beside an effect and named as such.\n"
-        "- **decoy**: a law that slow motion does not show. A method that names one is wrong.",
+        "- **decoy**: a law that slow motion does not show. A method that names a decoy is wrong.",
     ]
     for name, effect in library().items():
         lines = [
@@ -152,8 +156,8 @@ def effects_page() -> str:
             f"{_settings_tried(effect)}Source: {_escaped(effect.source)}.",
         ]
     parts.append(
-        "## Sensor faults\n\nTyped as `--fault NAME[.PARAMETER]=VALUE[@CAMERA]`; without a parameter the first "
-        "is meant, without a camera the first, `@*` is all."
+        "## Sensor faults\n\nWritten as `--fault NAME[.PARAMETER]=VALUE[@CAMERA]`; without a parameter the first "
+        "is used, without a camera the first one; `@*` means all cameras."
     )
     lines = [
         (
@@ -169,13 +173,13 @@ def effects_page() -> str:
 
 
 def _settings_tried(effect: Any) -> str:
-    """Give the settings of shape parameters at which a diagnosis tries a law."""
+    """Return the settings of shape parameters at which a diagnosis tries a law."""
     tried = [", ".join(f"`{key}` {value:g}" for key, value in each.items()) for each in effect.variants if each]
     return f"A diagnosis tries {'; '.join(tried)}.\n\n" if tried else ""
 
 
 def _amounts(parameter: Any) -> str:
-    """Give typical and tried amplitudes; a shape parameter has a default instead."""
+    """Return typical and tried amplitudes; a shape parameter has a default instead."""
     if not parameter.typical:
         return f"else {parameter.default:g}"
     return ", ".join(f"{value:g}" for value in (parameter.typical, *parameter.tried))
@@ -190,8 +194,8 @@ def api_page() -> str:
 
     parts = [
         "# Python API",
-        "`import plop` offers these names, imported when first used; [how they work together](../how-to/python.md). "
-        "Anything else may move between versions.",
+        "`import plop` provides these names, imported on first use; [how they work together](../how-to/python.md). "
+        "Everything else may change between versions.",
     ]
     for name in plop.__all__:
         found = getattr(plop, name)
@@ -202,7 +206,7 @@ def api_page() -> str:
 
 
 def layout(module: str) -> str:
-    """Give a module's docstring, its indented blocks as code."""
+    """Return a module's docstring, its indented blocks as code."""
     text = inspect.getdoc(importlib.import_module(module)) or ""
     blocks, code = [], False
     for line in text.splitlines():

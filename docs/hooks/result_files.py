@@ -1,4 +1,4 @@
-"""Files of results, where they come from, and how their numbers are written."""
+"""Result files, their provenance, and the formatting of their numbers."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ RESULTS = Path(__file__).resolve().parents[1] / "results"
 PROVENANCE = "provenance"
 """File with date, commit and machine of results that do not hold them themselves."""
 Table = tuple[Callable[[], str], tuple[str, ...]]
-"""What makes a table, and the files that it shows."""
+"""The function that makes a table, and the files that it shows."""
 
 
 def read(name: str) -> dict[str, Any]:
-    """Give one file of results."""
+    """Return one file of results."""
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def provenance(name: str) -> dict[str, str]:
-    """Give command, date, commit and machine of a result; what its own file says comes before the common one."""
+    """Return command, date, commit and machine of a result; its own file takes precedence over the common one."""
     facts, kept = read(name), read(PROVENANCE).get(name, {})
     found = {key: facts.get(key, kept.get(key, "")) for key in ("command", "date", "commit", "machine")}
     machine = found["machine"]

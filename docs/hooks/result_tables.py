@@ -12,7 +12,7 @@ TABLES: dict[str, Table] = {**tables_prediction.TABLES, **tables_physics.TABLES,
 
 
 def table(name: str) -> str:
-    """Give a table with its provenance below."""
+    """Return a table with its provenance below."""
     made, sources = TABLES[name]
     notes = []
     for source in sources:

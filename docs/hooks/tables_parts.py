@@ -47,7 +47,7 @@ def _waiting() -> str:
         return ", ".join(f"{way[f'{state}_{size}_ms']['median']:.0f}" for state in ("quiet", "busy"))
 
     lines = [[name, *(cell(way, size) for size in (300, 3000, 10000))] for name, way in read("waiting")["ways"].items()]
-    return rows(["threads", "300 particles: quiet, busy", "3,000", "10,000"], lines)
+    return rows(["threads", "300 particles: idle, busy", "3,000", "10,000"], lines)
 
 
 def _held_out() -> str:

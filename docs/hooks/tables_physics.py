@@ -113,7 +113,7 @@ def _hidden(name: str) -> Callable[[], str]:
 
 
 def _named(found: dict[str, Any]) -> list[str]:
-    """Give the verdict with what it names, and the amplitudes with their intervals."""
+    """Return the verdict with what it names, and the amplitudes with their intervals."""
     amounts = [
         f"{key} {each['value']:.2g} ({each['low']:.2g} to {each['high']:.2g}) {each['unit'].replace('-', '')}".strip()
         for law in found["ranking"]

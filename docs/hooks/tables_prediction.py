@@ -28,7 +28,7 @@ MODELS = {
 
 
 def _models() -> str:
-    """Set the means over environments of networks and engine side by side."""
+    """Compare the means over environments of networks and engine."""
     names = {"cd_mm": "CD [mm]", "emd_mm": "EMD [mm]", "truth_rms_mm": "nodes [mm]", "psnr_db": "PSNR [dB]"}
     lines = []
     for model, source in MODELS.items():

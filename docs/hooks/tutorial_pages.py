@@ -1,4 +1,4 @@
-"""Pages from files that are something else as well: the tutorial that runs as a script, and the list of changes."""
+"""Pages generated from other files: the tutorial that runs as a script, and the changelog."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def script_page(path: Path) -> str:
 
 
 def changes_page() -> str:
-    """Give the list of changes: fragments that no release holds yet, then CHANGELOG.md."""
+    """Return the changelog: unreleased fragments, then CHANGELOG.md."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["towncrier"]
     titles = {kind["directory"]: kind["name"] for kind in settings["type"]}
     fragments = sorted((ROOT / settings["directory"]).glob("*.md"))

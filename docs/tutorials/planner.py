@@ -2,9 +2,9 @@
 # # A model in a planner's loop
 #
 # From nothing to a plan, with one import: simulate a few recordings, fit a model to them, look at its error, and let a
-# planner choose actions by it. Run the cells one after the other (VS Code and Jupytext open this file as a notebook),
+# planner choose actions with it. Run the cells one after the other (VS Code and Jupytext open this file as a notebook),
 # or the whole of it: `python docs/tutorials/planner.py`. It takes some minutes the first time and seconds after that:
-# what is there already is not made again.
+# existing artifacts are reused.
 
 # %%
 import plop
@@ -14,7 +14,7 @@ store = plop.Store("planner")  # a folder; settings in planner/plop.toml are rea
 # %% [markdown]
 # ## Recordings and a model
 # `plop.run` is the command of that name: `plop simulate block.toml --episodes 4 --name block -w planner`. It gives the
-# artifact, and makes what is missing on the way: `identify` needs Gaussians and tracks of the recordings.
+# artifact, and first makes the missing inputs: `identify` needs Gaussians and tracks of the recordings.
 
 # %%
 recordings = plop.run("simulate", store, scene="block.toml", episodes=4, name="block")
@@ -40,7 +40,7 @@ print(f"{held_out}: Chamfer distance {errors['cd_mm'][-1]:.2f} mm in the last fr
 errors.plot().figure.savefig("error.png")
 
 # %% [markdown]
-# ## Plan by it
+# ## Plan with it
 # A step is a pure function, `state = model.step(state, action)`: the state holds everything, and the model nothing. So
 # one state can be stepped by several actions to see which is best, without copying or resetting the model.
 #
@@ -63,7 +63,7 @@ def moved(pose, direction):
 
 
 def followed(state, pose, direction, count):
-    """Step the model along one direction; gives the state and the pose at the end."""
+    """Step the model along one direction; return the state and the pose at the end."""
     for _ in range(count):
         after = moved(pose, direction)
         state = model.step(state, scene.action(pose, after, dt_s))
@@ -87,7 +87,7 @@ before, after = (1000 * distance_m(one) for one in (states[start], state))
 print(f"plan {plan}: {before:.1f} mm from the goal before, {after:.1f} mm after")
 
 # %% [markdown]
-# ## What if the physics were another?
+# ## What if the physics were different?
 # An effect of the library can be added to a model; the model itself stays as it is.
 
 # %%

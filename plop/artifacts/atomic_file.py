@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Atomic writing of files: a file is complete or absent."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import Any
 
 
 def in_the_way(folder: Path) -> Path | None:
-    """Give the file that stands where a folder or one above it would be; None when nothing does."""
+    """Return the file that blocks a folder or one of its parents; None when nothing does."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     return None if there.is_dir() else there
 
 
 def scratch_of(path: Path) -> Path:
-    """Name under which this process writes a file until it is whole; two processes may write the same file."""
+    """Name under which this process writes a file until it is complete; two processes may write the same file."""
     return path.with_name(f"{path.name}.{os.getpid()}.tmp")
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Give a scratch name beside `path` to write to, which takes the final name when the block ends well.
+    """Yield a scratch name beside `path` to write to, which takes the final name when the block ends well.
 
-    A killed run leaves nothing under the final name that looks finished, and what was there before stays; a block
+    A killed run leaves no incomplete file under the final name, and an earlier file stays; a block
     that fails leaves no scratch file either.
 
     Args:
@@ -42,13 +42,13 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text whole."""
+    """Write UTF-8 text atomically."""
     with whole(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any], *, sort_keys: bool = True) -> None:
-    """Write JSON whole.
+    """Write JSON atomically.
 
     Args:
         path: The file.

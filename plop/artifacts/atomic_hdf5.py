@@ -1,8 +1,8 @@
-"""An HDF5 file that is whole or absent, also when the disk is full.
+"""An HDF5 file that is complete or absent, also when the disk is full.
 
-HDF5 itself does not survive a full disk: every object that is closed later fails again, the failures
+HDF5 itself does not handle a full disk: every object that is closed later fails again, the failures
 are printed, and the process may end in a segmentation fault. So it writes through a Python file that
-keeps the first error to itself; the error is raised from here, as one clear message.
+stores the first error; the error is raised from here, as one clear message.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from plop.errors import PlopError
 class AtomicHdf5:
     """Write under a scratch name, rename it on `commit`, leave nothing on `discard`.
 
-    As a context manager it commits where the block ends well, and discards elsewhere.
+    As a context manager it commits when the block succeeds, and discards otherwise.
 
     Args:
         path: Where the file goes; its folder is made.
@@ -53,7 +53,7 @@ class AtomicHdf5:
             self.discard()
 
     def check(self) -> None:
-        """Raise PlopError, leaving nothing, when something could not be written so far."""
+        """Raise PlopError, and discard the file, if a write has failed so far."""
         if self._disk.error is not None:
             error = self._disk.error
             self.discard()
@@ -76,7 +76,7 @@ class AtomicHdf5:
             raise self._explained(error) from error
 
     def discard(self) -> None:
-        """Close the file and delete it, unless it was committed; may be called again."""
+        """Close the file and delete it, unless it was committed; may be called repeatedly."""
         if self.file.id.valid:
             self.file.close()
         self._disk.close()
@@ -86,14 +86,14 @@ class AtomicHdf5:
         return PlopError(
             "The file cannot be written.",
             where=self.path,
-            expected="a writable disk with room",
+            expected="a writable disk with free space",
             found=error.strerror or str(error),
-            fix="Free some space or choose another folder, then run the same again.",
+            fix="Free some space or choose another folder, then run the same command again.",
         )
 
 
 class _PatientFile(io.RawIOBase):
-    """A file that remembers its first failed write instead of raising it, and drops what follows."""
+    """A file that stores its first failed write instead of raising it, and ignores later writes."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w+b", buffering=0)
@@ -139,7 +139,7 @@ class _PatientFile(io.RawIOBase):
             return size or 0
 
     def sync(self) -> None:
-        """Make sure that the disk took everything."""
+        """Check that everything was written to the disk."""
         try:
             os.fsync(self._file.fileno())
         except OSError as error:

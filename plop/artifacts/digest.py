@@ -1,4 +1,4 @@
-"""Content digests of files and folders, and a cache that spares reading them twice."""
+"""Content digests of files and folders, and a cache that avoids reading them twice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SETTLED_AFTER_S = 2.0
 
 
 def file_digest(path: Path) -> str:
-    """Hash one file's content; sha256 in hexadecimal."""
+    """Hash the content of one file; sha256 in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -66,7 +66,7 @@ class DigestCache:
         return known if isinstance(known, dict) else {}
 
     def digest(self, path: Path, *, fresh: bool = False) -> str:
-        """Hash a file, or remember its hash when size and time are unchanged; `fresh` always reads it."""
+        """Hash a file, or return its cached hash when size and time are unchanged; `fresh` always reads it."""
         facts = path.stat()
         key = os.path.relpath(path, self.path.parent)
         entry = self._known.get(key)
@@ -84,7 +84,7 @@ class DigestCache:
         return content_digest({path.relative_to(base).as_posix(): self.digest(path) for path in files})
 
     def save(self) -> None:
-        """Write the cache; a cache that cannot be written is no error."""
+        """Write the cache; a cache that cannot be written is not an error."""
         if not self._changed:
             return
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""The fingerprint: what an artifact is made of, as one short hash."""
+"""The fingerprint: one short hash of everything that determines an artifact."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def plain(value: Any) -> Any:
     """Turn a configuration into JSON types: dataclass -> dict, tuple -> list, enum -> its value.
 
     Raises:
-        TypeError: A value has no fixed spelling (a path, a function, an array).
+        TypeError: A value has no canonical JSON form (a path, a function, an array).
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
@@ -35,7 +35,7 @@ def plain(value: Any) -> Any:
 
 
 def deciding(config: Any) -> dict[str, Any]:
-    """Take the settings that can change the result: all but those annotated with SAME_RESULT, nested ones too."""
+    """Select the settings that can change the result: all but those annotated with SAME_RESULT, nested ones too."""
     kinds, found = kinds_of(type(config)), {}
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)

@@ -22,7 +22,7 @@ class Hdf5Reader:
     """
 
     noun: ClassVar[str]
-    """What such a file is called in errors."""
+    """Name of such a file in errors."""
     schema: ClassVar[int]
     """Its attribute `schema`."""
     maker: ClassVar[str]
@@ -68,7 +68,7 @@ class Hdf5Reader:
             )
 
     def _check(self) -> None:
-        """Raise PlopError when something that every such file holds is missing."""
+        """Raise PlopError when a required part of such a file is missing."""
 
     def __enter__(self) -> Self:
         return self

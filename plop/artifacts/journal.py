@@ -1,4 +1,4 @@
-"""The journal: which artifacts were made or asked for again, in order; what `@latest` and `--dry-run` read."""
+"""The journal: which artifacts were made or requested again, in order; `@latest` and `--dry-run` read it."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ class Journal:
         return found
 
     def order(self) -> dict[tuple[str, str], int]:
-        """Give each (stage, fingerprint) the position of its last event."""
+        """Return each (stage, fingerprint) the position of its last event."""
         return {(event.stage, event.fingerprint): place for place, event in enumerate(self.events())}
 
     def last_seconds(self, stage: str) -> float | None:
-        """Tell how long the stage took the last time it really ran [s]."""
+        """Return how long the stage took the last time it ran and was not skipped [s]."""
         times = [event.seconds for event in self.events() if event.stage == stage and event.seconds is not None]
         return times[-1] if times else None

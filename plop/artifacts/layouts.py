@@ -1,4 +1,4 @@
-"""What lies where in the payload of each stage: names of files and folders, written only here.
+"""Layouts of the payloads: names of the files and folders of each stage, defined only here.
 
 A payload's folder is the artifact's own (`Artifact.path`, `Input.path`, `Output.path`).
 """
@@ -26,7 +26,7 @@ class Recordings(Payload):
 
     @property
     def verdicts(self) -> Path:
-        """What `calibrate` says of each camera."""
+        """Verdict of `calibrate` on each camera."""
         return self.folder / "calibration.json"
 
     def episode(self, name: str) -> Path:
@@ -34,7 +34,7 @@ class Recordings(Payload):
         return self.folder / "episodes" / f"{name}.h5"
 
     def report(self, name: str) -> Path:
-        """What `ingest droid` says of an episode, used or left out."""
+        """Report of `ingest droid` on an episode, used or left out."""
         return self.folder / "reports" / f"{name}.json"
 
 
@@ -119,12 +119,12 @@ class Model(Payload):
 
     @property
     def board(self) -> Path:
-        """The same for TensorBoard; it holds clocks."""
+        """The same for TensorBoard; it contains time stamps."""
         return self.folder / "tensorboard"
 
     @property
     def checkpoint(self) -> Path:
-        """What a stopped training goes on with; gone at its end."""
+        """Checkpoint from which an interrupted training resumes; removed at its end."""
         return self.folder / "checkpoint.safetensors"
 
     @property
@@ -134,12 +134,12 @@ class Model(Payload):
 
     @property
     def made_up(self) -> Tracks:
-        """States of episodes that the engine made up, or why it could not."""
+        """States of simulated episodes, or why the engine could not simulate them."""
         return Tracks(self.folder / "made-up")
 
     @property
     def folds(self) -> Path:
-        """Folder of the models that learned without some of the episodes, by number."""
+        """Folder of the models trained without some of the episodes, by number."""
         return self.folder / "folds"
 
     @property
@@ -163,12 +163,12 @@ class Rollout(Payload):
 
     @property
     def images(self) -> Path:
-        """What each camera would see (`plop.render.view_file`)."""
+        """Predicted images of each camera (`plop.render.view_file`)."""
         return self.folder / "images.h5"
 
     @property
     def video(self) -> Path:
-        """Measured, predicted and their distance beside each other."""
+        """Measured, predicted and their distance side by side."""
         return self.folder / "video.mp4"
 
     @property
@@ -177,7 +177,7 @@ class Rollout(Payload):
         return self.folder / "still.png"
 
     def frame(self, number: int) -> Path:
-        """A frame's Gaussians, where an animation was asked for."""
+        """A frame's Gaussians, if an animation was requested."""
         return self.folder / "animation" / f"frame_{number:05d}.ply"
 
 
@@ -222,7 +222,7 @@ class ScoreFiles(Payload):
 
     @property
     def pictures(self) -> list[Path]:
-        """Those of all episodes."""
+        """The same of all episodes."""
         return sorted(self.folder.glob("pictures/*.png"))
 
 

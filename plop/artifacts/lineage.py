@@ -18,7 +18,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class Stale:
-    """Why an artifact no longer shows the present state of the workspace."""
+    """Why an artifact no longer matches the present state of the workspace."""
 
     text: str
     follows: bool = False
@@ -26,13 +26,13 @@ class Stale:
 
 
 RawDigest = Callable[[Artifact, str, Path], str | None]
-"""(artifact, input name, raw path) -> digest of the content that is there now; None when nobody can tell."""
+"""(artifact, input name, raw path) -> digest of the present content; None when it is unknown."""
 LEFT_OUT = "none"
-"""What stands in place of an optional input that shall not be taken."""
+"""Value of an optional input that must not be used."""
 
 
 def parents(artifact: Artifact) -> dict[str, Key]:
-    """Give the artifacts that were read, by input name; raw inputs are left out."""
+    """Return the artifacts that were read, by input name; raw inputs are left out."""
     return {
         name: (str(facts["stage"]), str(facts["fingerprint"]))
         for name, facts in artifact.manifest.inputs.items()
@@ -41,12 +41,12 @@ def parents(artifact: Artifact) -> dict[str, Key]:
 
 
 def made_from(made: Manifest, name: str, own: Manifest) -> bool:
-    """Tell whether an artifact was made from another, or from one of the same content; True where nobody knows.
+    """Return whether an artifact was made from another, or from one of the same content; True where this is unknown.
 
     Args:
         made: The artifact.
-        name: Of its input.
-        own: What that input should have been.
+        name: Name of the input.
+        own: The expected input.
     """
     source = made.inputs.get(name, {})
     known = "fingerprint" in source and source["fingerprint"] != own.fingerprint
@@ -54,7 +54,7 @@ def made_from(made: Manifest, name: str, own: Manifest) -> bool:
 
 
 def recordings_content(manifest: Manifest | None) -> list[str]:
-    """Give the content digests of recordings and of those they were made from (calibrated ones: as ingested).
+    """Return the content digests of recordings and of those they were made from (calibrated ones: as ingested).
 
     Two sets may have episodes of the same names; sets that share a digest are the same recordings.
 
@@ -70,7 +70,7 @@ def recordings_content(manifest: Manifest | None) -> list[str]:
 
 
 def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:
-    """Give an artifact and all it comes from, as far as it is among the known ones."""
+    """Return an artifact and all its ancestors that are known."""
     seen: set[Key] = set()
     todo = [artifact]
     while todo:
@@ -83,10 +83,10 @@ def closure(known: Mapping[Key, Artifact], artifact: Artifact) -> set[Key]:
 
 
 def check_lineage(known: Mapping[Key, Artifact]) -> None:
-    """Refuse artifacts that come from themselves: no run makes such, so that a manifest was changed by hand.
+    """Reject artifacts that descend from themselves: no run makes such, so a manifest was edited by hand.
 
     Raises:
-        PlopError: One of them does; the manifests that say so are named.
+        PlopError: One of them does; names the manifests of the cycle.
     """
     whole: set[Key] = set()
 
@@ -94,9 +94,9 @@ def check_lineage(known: Mapping[Key, Artifact]) -> None:
         if key in above:
             line = [known[each].address for each in (*above[above.index(key) :], key)]
             raise PlopError(
-                "An artifact comes from itself: a manifest was changed by hand.",
+                "An artifact descends from itself: a manifest was edited by hand.",
                 where=known[key].path / MANIFEST_NAME,
-                expected="inputs that were there before",
+                expected="inputs that are older than the artifact",
                 found=" <- ".join(reversed(line)),
                 fix=f"Remove {known[key].path} and make it again.",
             )
@@ -110,7 +110,7 @@ def check_lineage(known: Mapping[Key, Artifact]) -> None:
 
 
 def raw_path(store: Store, artifact: Artifact, name: str) -> Path | None:
-    """Tell where a raw input was when the artifact was made."""
+    """Return where a raw input was when the artifact was made."""
     where = artifact.manifest.provenance.get("raw_paths", {}).get(name)
     return None if where is None else store.workspace / where
 
@@ -118,9 +118,9 @@ def raw_path(store: Store, artifact: Artifact, name: str) -> Path | None:
 def stale_reasons(
     store: Store, artifacts: list[Artifact], versions: Mapping[str, int], raw_digest: RawDigest
 ) -> dict[Key, Stale]:
-    """Say why artifacts no longer show the present state of the workspace; current ones are left out.
+    """Explain why artifacts no longer match the present state of the workspace; current ones are left out.
 
-    An artifact is stale when its stage has a new version, a raw input has changed or gone, an input is
+    An artifact is stale when its stage has a new version, a raw input has changed or is gone, an input is
     gone, was made again with another content, is stale itself (unless another one that is not holds the same), or was
     replaced by a more recent artifact (see `_Succession`). One of an older version is as good as one of the present
     version with the same content, as after an update that changed nothing there.
@@ -195,7 +195,7 @@ def _input_reason(
 
 
 def replacements(known: Mapping[Key, Artifact], names: Mapping[str, str]) -> dict[Key, Artifact]:
-    """Give what took the place of each artifact: a later one of another content; itself where none did.
+    """Map each artifact to its replacement: a later one with other content; itself where there is none.
 
     Args:
         known: All artifacts, least recently used first.
@@ -210,7 +210,7 @@ def replacements(known: Mapping[Key, Artifact], names: Mapping[str, str]) -> dic
 
 
 def latest_lines(artifacts: list[Artifact], names: Mapping[str, str]) -> list[Artifact]:
-    """Leave out what is neither the latest of its stage, environment and seed, nor named, nor what such are made from.
+    """Keep the latest of each stage, environment and seed, named ones, and the ancestors of these.
 
     Args:
         artifacts: All artifacts, least recently used first.
@@ -224,23 +224,23 @@ def latest_lines(artifacts: list[Artifact], names: Mapping[str, str]) -> list[Ar
 
 
 class _Succession:
-    """Which artifact took the place of which.
+    """Which artifact replaced which.
 
     A more recent artifact of the same stage replaces another one when it was made from the same things: from the same
     environment and raw inputs, and, input by input, from the same artifact or one that replaced it. A name keeps what
-    bears it: sets of recordings, models and verdicts with names of their own stand side by side, and so does all that
-    is made of them, until the name is given to another one.
+    has it: sets of recordings, models and verdicts with names of their own coexist, and so does everything
+    made from them, until the name is given to another one.
     """
 
     def __init__(self, known: Mapping[Key, Artifact], names: Mapping[str, str]) -> None:
-        """Take all artifacts, least recently used first, and name -> "<stage>@<fingerprint>"."""
+        """Index all artifacts, least recently used first; names: name -> "<stage>@<fingerprint>"."""
         self._known = known
         self._age = {key: place for place, key in enumerate(known)}
         self._named = set(names.values())
         self._found: dict[tuple[Key, Key], bool] = {}
 
     def latest(self) -> dict[Key, Artifact]:
-        """Give the most recent one in the place of each."""
+        """Return the most recent replacement of each."""
         alike: dict[tuple[str, frozenset[str]], list[Artifact]] = {}
         for artifact in self._known.values():
             alike.setdefault((artifact.key[0], self._raw(artifact)), []).append(artifact)
@@ -275,7 +275,7 @@ class _Succession:
 
 
 def _differ_in_seed_only(one: Artifact, two: Artifact) -> bool:
-    """Two seeds of the same thing stand side by side; neither replaces the other."""
+    """Two seeds of the same thing coexist; neither replaces the other."""
     a, b = one.manifest, two.manifest
     seedless = [{key: value for key, value in m.config.items() if key != "seed"} for m in (a, b)]
     return a.config != b.config and seedless[0] == seedless[1] and a.inputs == b.inputs
@@ -288,7 +288,7 @@ def _raw_reason(
     if path is None:
         return None
     if not path.exists():
-        return None  # raw data may be unplugged once it has been ingested
+        return None  # raw data may be removed once it has been ingested
     try:
         now = raw_digest(artifact, name, path)
     except (PlopError, OSError) as error:
@@ -297,7 +297,7 @@ def _raw_reason(
 
 
 def first_difference(store: Store, one: Artifact, two: Artifact) -> str | None:
-    """Name the first thing, from the raw data on, in which two artifacts differ; None when they are equal."""
+    """Name the first difference of two artifacts, starting from the raw data; None when they are equal."""
     a, b = one.manifest, two.manifest
     pair = f"{one.address} and {two.address}"
     if a.stage != b.stage:
@@ -325,7 +325,7 @@ def _input_difference(store: Store, one: Artifact, two: Artifact, name: str) -> 
     a, b = one.manifest.inputs.get(name), two.manifest.inputs.get(name)
     pair = f"{one.address} and {two.address}"
     if a is None or b is None:
-        return f"{pair}: only {(two if a is None else one).address} was given an input {name}"
+        return f"{pair}: only {(two if a is None else one).address} has an input {name}"
     if a["content"] == b["content"]:
         return None
     if "fingerprint" not in a or "fingerprint" not in b:

@@ -1,4 +1,4 @@
-"""A lock per fingerprint: of two runs that would make the same artifact, the second waits."""
+"""A lock per fingerprint: when two runs would make the same artifact, the second waits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ POLL_S = 0.2
 
 @contextmanager
 def locked(path: Path, on_wait: Callable[[str], None] | None = None, *, note: Sequence[str] = ()) -> Iterator[None]:
-    """Hold a lock file while the block runs; the system drops it when the process dies.
+    """Hold a lock file while the block runs; the system releases it when the process dies.
 
     Args:
         path: The lock file; made here and removed at the end.
@@ -36,7 +36,7 @@ def locked(path: Path, on_wait: Callable[[str], None] | None = None, *, note: Se
 
 
 def note_of(path: Path) -> list[str] | None:
-    """Read what the holder of a lock wrote; None where nobody holds it."""
+    """Read the note of a lock's holder; None when the lock is free."""
     if not path.is_file():
         return None
     lock = _lock(path)
@@ -49,17 +49,17 @@ def note_of(path: Path) -> list[str] | None:
 
 
 def _lock(path: Path, note: Sequence[str] = ()) -> FileLock:
-    """Prepare a lock of the system's own, which a killed process does not keep: never one of files alone."""
+    """Create a lock of the operating system, which is released when a process is killed; never a file-only lock."""
 
     def write(handle: int) -> None:
-        os.ftruncate(handle, 0)  # what a killed holder left
+        os.ftruncate(handle, 0)  # left by a killed holder
         os.write(handle, "\n".join([str(os.getpid()), *note]).encode())
 
     return FileLock(path, mode=0o644, poll_interval=POLL_S, fallback_to_soft=False, on_acquired=write)
 
 
 def _drop(lock: FileLock, path: Path) -> None:
-    """Remove the file while it is held: who waits for it sees that it is gone, and makes it anew."""
+    """Remove the file while it is held: a waiting process sees that it is gone, and creates a new one."""
     with suppress(OSError):  # Windows keeps a file that is open
         path.unlink()
     lock.release()

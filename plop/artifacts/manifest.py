@@ -10,17 +10,17 @@ from typing import Any
 from plop.errors import PlopError
 
 MANIFEST_SCHEMA = 1
-"""Raised when older code could no longer read the manifest."""
+"""Increased when older code could no longer read the manifest."""
 
 MANIFEST_NAME = "manifest.json"
 
 LOGS = ("tensorboard", "logs")
-"""Folders of a payload, at any depth, that hold clocks and hosts: kept and verified, but no part of the content."""
+"""Folders of a payload, at any depth, with times and host names: kept and verified, but not part of the content."""
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """Everything that is known of one artifact, stored as manifest.json beside its payload."""
+    """Everything that is known about one artifact, stored as manifest.json beside its payload."""
 
     stage: str
     fingerprint: str
@@ -38,9 +38,9 @@ class Manifest:
     """Versions, seconds taken, time of day, raw paths: facts that are not part of the fingerprint."""
     schema: int = MANIFEST_SCHEMA
     sizes: dict[str, int] = field(default_factory=dict)
-    """Payload: relative path -> bytes, the cheap half of a check."""
+    """Payload: relative path -> bytes, for a fast check."""
     environment: str = ""
-    """What the artifact is about, e.g. "prism-jelly"; handed down from the inputs."""
+    """What the artifact is about, e.g. "prism-jelly"; inherited from the inputs."""
 
     @property
     def address(self) -> str:
@@ -49,7 +49,7 @@ class Manifest:
 
 
 def content_files(manifest: Manifest) -> dict[str, str]:
-    """Give the files that make up the content: all but the logs."""
+    """Return the files that make up the content: all but the logs."""
     logs = set(LOGS)
     return {name: digest for name, digest in manifest.files.items() if logs.isdisjoint(PurePosixPath(name).parts[:-1])}
 
@@ -109,4 +109,4 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _make_again(folder: Path) -> str:
-    return f"give --force to the command that made it, or remove {folder} and run the command without."
+    return f"run the command that made it with --force, or remove {folder} and run the command again."

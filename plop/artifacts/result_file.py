@@ -1,7 +1,7 @@
 """A stage's result as a frozen dataclass and as a JSON file with a schema number.
 
-What is written follows from the fields and what is read from their types: nested dataclasses, enums, tuples, mappings
-and what may be None. A class with its own `to_json` and `from_json` is written and read by these.
+The fields and their types define the JSON layout: nested dataclasses, enums, tuples, mappings and optional values. A
+class with its own `to_json` and `from_json` is written and read by these.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from plop.finite import json_ready
 
 
 class SchemaError(PlopError):
-    """A result was written in another layout than this version of plop reads."""
+    """A result has a schema that this version of plop does not read."""
 
 
 class ResultFile:
-    """Base of the results that stages leave for others; a subclass is a frozen dataclass.
+    """Base of the results that stages write for other stages; a subclass is a frozen dataclass.
 
     Class variables: the file's name in the artifact, the command that writes it, and the number of its layout.
     """
@@ -36,7 +36,7 @@ class ResultFile:
     SCHEMA: ClassVar[int]
 
     def to_json(self) -> dict[str, Any]:
-        """Give the content of the file: JSON types, no number that is none."""
+        """Return the content of the file: JSON types, non-finite numbers as null."""
         return {"schema": self.SCHEMA, **fields_to_json(self)}
 
     @classmethod
@@ -48,8 +48,8 @@ class ResultFile:
             where: The file, for messages.
 
         Raises:
-            SchemaError: It has another layout.
-            PlopError: Something is missing or is not what it should be.
+            SchemaError: It has another schema.
+            PlopError: Something is missing or has the wrong type.
         """
         where = where or cls.FILE
         if not isinstance(found, Mapping):
@@ -72,7 +72,7 @@ class ResultFile:
         """Read it from an artifact's folder, or from the file itself.
 
         Raises:
-            SchemaError: It has another layout.
+            SchemaError: It has another schema.
             PlopError: It is missing or damaged.
         """
         path = Path(path)
@@ -89,12 +89,12 @@ class ResultFile:
 
 
 def fields_to_json(value: Any) -> dict[str, Any]:
-    """Give a dataclass's fields as JSON types."""
+    """Return a dataclass's fields as JSON types."""
     return {field.name: to_json(getattr(value, field.name)) for field in fields(value)}
 
 
 def to_json(value: Any) -> Any:
-    """Give a value as JSON types."""
+    """Return a value as JSON types."""
     if hasattr(value, "to_json"):
         return value.to_json()
     if is_dataclass(value):
@@ -107,7 +107,7 @@ def to_json(value: Any) -> Any:
 
 
 class _Unlike(Exception):
-    """A value is not of the type that its field has."""
+    """A value does not have the type of its field."""
 
     def __init__(self, place: str, expected: str, found: Any) -> None:
         super().__init__(place)

@@ -1,36 +1,36 @@
-"""The store: artifacts of one workspace, found by address, added whole or not at all.
+"""The store: artifacts of one workspace, found by address, added atomically.
 
 artifacts/<stage>/<fingerprint>/            manifest.json and the payload
-artifacts/<stage>/.partial-<fingerprint>/   scratch folder of a run that goes on or was killed
+artifacts/<stage>/.partial-<fingerprint>/   scratch folder of a run that is active or was killed
 artifacts/names.json                        names given with --name
-artifacts/journal.jsonl                     what was made or asked for, in order
-artifacts/.cache/, artifacts/.locks/        may be removed when nothing runs
+artifacts/journal.jsonl                     what was made or requested, in order
+artifacts/.cache/, artifacts/.locks/        may be removed while no run is active
 
-By hand, since the tools for it (DVC, MLflow) bind results to a Git checkout or to a server; here a folder that can be
-moved holds everything, and what decides a result names it.
+No library, since the tools for it (DVC, MLflow) bind results to a Git checkout or to a server; here a folder that can
+be moved holds everything, and an address follows from what determines the result.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from plop.artifacts.atomic_file import in_the_way, write_json
-from plop.artifacts.digest import DigestCache, content_digest, file_digest
+from plop.artifacts.commit import committed, restore
+from plop.artifacts.digest import DigestCache, content_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked, note_of
-from plop.artifacts.manifest import MANIFEST_NAME, Manifest, content_files, read_manifest, write_manifest
+from plop.artifacts.manifest import Manifest, content_files, read_manifest
 from plop.artifacts.suggestions import nearest, workspaces_near
 from plop.errors import PlopError
 
-BEGIN = "`plop ingest FOLDER` or `plop simulate SCENE` begins one from data, `plop demo` one to look at"
-"""How a workspace begins."""
+BEGIN = "`plop ingest FOLDER` or `plop simulate SCENE` creates one from data, `plop demo` an example"
+"""How to create a workspace."""
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
@@ -43,7 +43,7 @@ class Artifact:
     manifest: Manifest
 
     def __fspath__(self) -> str:
-        """Stand for the folder wherever a path is taken."""
+        """Return the folder, so that an artifact can be used as a path."""
         return str(self.path)
 
     @property
@@ -58,7 +58,7 @@ class Artifact:
 
     @property
     def made(self) -> str:
-        """When it was made, ISO date and time; "" when the manifest does not tell."""
+        """When it was made, ISO date and time; "" when the manifest does not record it."""
         return str(self.manifest.provenance.get("made", ""))
 
     @property
@@ -75,19 +75,19 @@ class Store:
 
         Args:
             workspace: Its folder.
-            warn: Told of artifacts that `latest` had to pass over.
+            warn: Called with a message for each artifact that `latest` had to skip.
 
         Raises:
-            PlopError: A file stands where the folder would be.
+            PlopError: There is a file at the folder's path.
         """
         self.workspace = Path(workspace).resolve()
         self.root = self.workspace / "artifacts"
         self._warn = warn
         if (file := in_the_way(self.root)) is not None:
             raise PlopError(
-                "This workspace cannot be: a file stands where its folder would be.",
+                "The workspace cannot be created: there is a file at its path.",
                 where=file,
-                expected="a folder, or nothing yet",
+                expected="a folder, or a path that does not exist yet",
                 found="a file",
                 fix="Choose another workspace with -w (--workspace) or PLOP_WORKSPACE.",
             )
@@ -95,10 +95,10 @@ class Store:
         self.journal = Journal(self.root / "journal.jsonl")
 
     def check_begun(self) -> None:
-        """Refuse a folder that is no workspace, for commands that only look at one.
+        """Reject a folder that is not a workspace, for commands that only read one.
 
         Raises:
-            PlopError: It does not exist, or holds no artifacts/; tells how a workspace begins, and which are near.
+            PlopError: It does not exist, or has no artifacts/; says how to create a workspace, and lists nearby ones.
         """
         if self.root.is_dir():
             return
@@ -113,18 +113,18 @@ class Store:
         )
 
     def shared(self, stage: str) -> Path:
-        """Give the folder for pieces that runs of a stage share; it need not exist."""
+        """Return the cache folder that runs of a stage share; it need not exist."""
         return self.root / ".cache" / stage
 
     def lock_path(self, stage: str, fingerprint: str) -> Path:
-        """Give the lock file of one fingerprint."""
+        """Return the lock file of one fingerprint."""
         return self.root / ".locks" / f"{stage}-{fingerprint}"
 
     @contextmanager
     def making(
         self, stage: str, fingerprint: str, reads: Sequence[Artifact], on_wait: Callable[[str], None] | None = None
     ) -> Iterator[None]:
-        """Hold the lock of an artifact while it is made; nobody removes what it reads meanwhile.
+        """Hold the lock of an artifact while it is made; its inputs are protected from removal meanwhile.
 
         Args:
             stage: Its stage.
@@ -133,14 +133,14 @@ class Store:
             on_wait: Called once with the holder's process id when another run is making it.
 
         Raises:
-            PlopError: An input was removed since it was found.
+            PlopError: An input was removed in the meantime.
         """
         with locked(self.lock_path(stage, fingerprint), on_wait, note=["@".join(a.key) for a in reads]):
-            with self.removing():  # from here on the note is seen by whoever removes
+            with self.removing():  # from here on a removing process sees the note
                 gone = [a.address for a in reads if not a.path.is_dir()]
             if gone:
                 raise PlopError(
-                    "An input was removed while the run began.",
+                    "An input was removed while the run started.",
                     where=self.root,
                     found=", ".join(gone),
                     fix="Run the same command again.",
@@ -149,21 +149,21 @@ class Store:
 
     @contextmanager
     def removing(self) -> Iterator[None]:
-        """Hold the lock under which artifacts are taken away; kept for moments only."""
+        """Hold the lock for the removal of artifacts; only for a short time."""
         with locked(self.root / ".locks" / "removing"):
             yield
 
     def read_by_others(self) -> set[tuple[str, str]]:
-        """Give what runs that go on now read, by stage and fingerprint."""
+        """Return the inputs of active runs, by stage and fingerprint."""
         notes = [note_of(path) or [] for path in (self.root / ".locks").glob("*")]
         return {(stage, mark) for note in notes for stage, _, mark in [line.partition("@") for line in note]}
 
     def final_path(self, stage: str, fingerprint: str) -> Path:
-        """Give the folder where an artifact lives once it is whole."""
+        """Return the folder of a finished artifact."""
         return self.root / stage / fingerprint
 
     def get(self, stage: str, fingerprint: str) -> Artifact | None:
-        """Give an artifact by its full fingerprint, None when it is not there."""
+        """Return an artifact by its full fingerprint, None when it is not there."""
         folder = self.final_path(stage, fingerprint)
         return Artifact(folder, read_manifest(folder)) if folder.is_dir() else None
 
@@ -174,7 +174,7 @@ class Store:
             try:
                 found.append(Artifact(folder, read_manifest(folder)))
             except PlopError:
-                continue  # `unreadable` reports it; one bad artifact must not block the others
+                continue  # `unreadable` reports it; one damaged artifact must not block the others
         order = self.journal.order()
         return sorted(found, key=lambda a: (order.get(a.key, -1), str(a.manifest.provenance.get("made", ""))))
 
@@ -190,11 +190,11 @@ class Store:
         return dict(sorted(problems.items(), key=lambda item: order.get(_key_of(item[0]), -1)))
 
     def passed_over(self, *stages: str, taken: Artifact | None = None) -> PlopError | None:
-        """Tell why the latest artifact of some stages cannot be used; None when it can.
+        """Return why the latest artifact of some stages cannot be read; None when it can.
 
         Args:
-            stages: Whose artifacts were looked through.
-            taken: What was taken instead; what is older than that was not passed over.
+            stages: The stages that were searched.
+            taken: The artifact used instead; older ones were not skipped.
         """
         order = self.journal.order()
         after = -2 if taken is None else order.get(taken.key, -1)
@@ -202,11 +202,11 @@ class Store:
         return later[-1] if later else None
 
     def warn_passed_over(self, *stages: str, taken: Artifact | None) -> None:
-        """Warn of an artifact that is later than the one that was taken, but cannot be used."""
+        """Warn of an artifact that is more recent than the one in use, but cannot be read."""
         reason = self.passed_over(*stages, taken=taken)
         if reason is not None and self._warn is not None:
             kept = f"no artifact of {' or '.join(stages)}" if taken is None else taken.address
-            self._warn(f"{kept} is taken; a later one was passed over ({reason.where}): {reason.problem}")
+            self._warn(f"{kept} is used; a later one was skipped ({reason.where}): {reason.problem}")
 
     def _folders(self, stages: tuple[str, ...]) -> list[Path]:
         if not self.root.is_dir():
@@ -224,7 +224,7 @@ class Store:
         """Resolve `train@3f9a1c`, `train@latest` or a name.
 
         Raises:
-            PlopError: Nothing fits, or several do.
+            PlopError: No artifact matches, or several do.
         """
         self.check_begun()
         if "@" not in address:
@@ -244,7 +244,7 @@ class Store:
             return Artifact(fits[0], read_manifest(fits[0]))
         if fits:
             raise PlopError(
-                "The address fits several artifacts.",
+                "The address matches several artifacts.",
                 where=address,
                 expected="a longer prefix",
                 found=", ".join(f"{stage}@{folder.name}" for folder in fits),
@@ -258,11 +258,11 @@ class Store:
             where=self.root,
             expected="stage@prefix, stage@latest or a name given with --name",
             found=f"nothing; perhaps {'; '.join(close)}" if close else "an empty workspace",
-            fix="`plop status` lists what is there; -w chooses another workspace.",
+            fix="`plop status` lists the artifacts; -w chooses another workspace.",
         )
 
     def names(self) -> dict[str, str]:
-        """Give all names: name -> full address."""
+        """Return all names: name -> full address."""
         path = self.root / "names.json"
         if not path.exists():
             return {}
@@ -273,14 +273,14 @@ class Store:
                 "The names of artifacts cannot be read.",
                 where=path,
                 found=str(error),
-                fix="Remove the file; artifacts stay and can be named again.",
+                fix="Remove the file; the artifacts are kept and can be named again.",
             ) from error
 
     def set_name(self, name: str, artifact: Artifact) -> str | None:
         """Name an artifact; a name that was used before moves to the new one.
 
         Returns:
-            Full address of the artifact that bore the name until now; None when there was no other.
+            Full address of the artifact that had the name before; None when there was none.
         """
         check_name(name)
         with locked(self.root / ".locks" / "names"):
@@ -290,52 +290,29 @@ class Store:
         return None if before == address else before
 
     def scratch(self, stage: str, fingerprint: str, *, fresh: bool = False) -> Path:
-        """Give the scratch folder of a fingerprint, with what a killed run left unless `fresh`. Hold its lock."""
+        """Return the scratch folder of a fingerprint, with the files of a killed run unless `fresh`. Hold its lock."""
+        restore(self.final_path(stage, fingerprint))
         folder = self.root / stage / f".partial-{fingerprint}"
-        set_aside = self.root / stage / f".old-{fingerprint}"
-        final = self.final_path(stage, fingerprint)
-        if set_aside.exists():  # killed inside `commit`: either the new one is in place, or the old one goes back
-            if final.exists():
-                shutil.rmtree(set_aside)
-            else:
-                os.replace(set_aside, final)
         if fresh and folder.exists():
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
     def drop_empty(self, scratch: Path) -> None:
-        """Remove the scratch folder of a run that failed, unless it holds a file to go on with. Hold its lock."""
+        """Remove the scratch folder of a failed run, unless it holds a file to resume from. Hold its lock."""
         if not any(path.is_file() for path in scratch.rglob("*")):
             shutil.rmtree(scratch, ignore_errors=True)
 
     def commit(self, scratch: Path, manifest: Manifest) -> Artifact:
-        """Turn a scratch folder into an artifact: hash the payload, write the manifest, rename. Hold its lock.
+        """Convert a scratch folder into an artifact: hash the payload, write the manifest, rename. Hold its lock.
 
-        Hidden entries and `*.tmp` files belong to the run and are dropped.
+        Hidden entries and `*.tmp` files belong to the run and are discarded.
         """
-        _drop_traces(scratch)
-        files, sizes = {}, {}
-        for path in sorted(scratch.rglob("*")):
-            if path.is_symlink():
-                raise PlopError("A stage left a link in its payload.", where=path, expected="files and folders")
-            if path.is_file() and path != scratch / MANIFEST_NAME:
-                name = path.relative_to(scratch).as_posix()
-                _flush(path)
-                files[name], sizes[name] = file_digest(path), path.stat().st_size
-        whole = replace(manifest, files=files, sizes=sizes)
-        write_manifest(scratch, whole)
-        _flush(scratch / MANIFEST_NAME)
         final = self.final_path(manifest.stage, manifest.fingerprint)
-        set_aside = final.with_name(f".old-{manifest.fingerprint}")
-        if final.exists():
-            os.replace(final, set_aside)
-        os.replace(scratch, final)
-        shutil.rmtree(set_aside, ignore_errors=True)
-        return Artifact(final, whole)
+        return Artifact(final, committed(scratch, final, manifest))
 
     def record(self, artifact: Artifact, seconds: float | None) -> None:
-        """Make an artifact the latest of its stage; a journal that cannot be written is no error."""
+        """Make an artifact the latest of its stage; a journal that cannot be written is not an error."""
         try:
             self.journal.append(Event(*artifact.key, seconds))
         except OSError:
@@ -343,14 +320,14 @@ class Store:
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that could be mistaken for an address or a path.
+    """Reject a name that could be mistaken for an address or a path.
 
     Raises:
         PlopError: It could.
     """
     if not NAME_PATTERN.fullmatch(name) or name == "latest":
         raise PlopError(
-            "This cannot be the name of an artifact.",
+            "This is not a valid name of an artifact.",
             where=name,
             expected="letters, digits, '.', '_', '+', '-'; first a letter or digit",
         )
@@ -362,21 +339,3 @@ def _key_of(folder: Path) -> tuple[str, str]:
 
 def _visible_folder(path: Path) -> bool:
     return path.is_dir() and not path.name.startswith(".")
-
-
-def _drop_traces(scratch: Path) -> None:
-    for path in sorted(scratch.rglob("*")):
-        if path.name.startswith(".") or path.suffix == ".tmp":
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-
-
-def _flush(path: Path) -> None:
-    """Wait until a file is on the disk, so that a power cut cannot leave a finished artifact without content."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

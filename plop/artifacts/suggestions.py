@@ -1,4 +1,4 @@
-"""What the user may have meant: artifacts that resemble an address, and workspaces near a folder that is none."""
+"""Suggestions: artifacts that resemble an address, and workspaces near a folder that is not one."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Protocol
 
 _LIKE = 0.6
-"""Least similarity of what is told (difflib's own default)."""
+"""Smallest similarity of a suggestion (difflib's default)."""
 _TOLD, _LATEST = 3, 6
 _STEPS = ((60, "s", 1), (3600, "min", 60), (48 * 3600, "h", 3600), (float("inf"), "days", 86400))
 
 
 class Known(Protocol):
-    """An artifact, as far as it is told here."""
+    """The fields of an artifact that a suggestion shows."""
 
     @property
     def key(self) -> tuple[str, str]: ...  # noqa: D102
@@ -31,7 +31,7 @@ def age(made: str, now: datetime | None = None) -> str:
 
     Args:
         made: ISO date and time.
-        now: Moment to count from; the present without.
+        now: Reference time; the present when absent.
     """
     try:
         seconds = max(0.0, ((now or datetime.now(UTC)) - datetime.fromisoformat(made)).total_seconds())
@@ -60,28 +60,28 @@ def nearest(address: str, artifacts: Sequence[Known], names: Mapping[str, str]) 
     ]
     best = sorted(scored, reverse=True)[:_TOLD]
     chosen = [full for score, _, full in best if score >= _LIKE] or [full for *_, full in scored[: -_LATEST - 1 : -1]]
-    return [told(by_full[full], called.get(full, "")) for full in chosen]
+    return [description(by_full[full], called.get(full, "")) for full in chosen]
 
 
-def told(artifact: Known, name: str = "") -> str:
+def description(artifact: Known, name: str = "") -> str:
     """Write one artifact with its name and age."""
     made = age(artifact.made)
     return (f"{name} = " if name else "") + artifact.address + (f", {made}" if made else "")
 
 
 def _likeness(address: str, artifact: Known, name: str) -> float:
-    """Compare with every way in which an artifact may be addressed, 0 to 1."""
+    """Return the similarity to the closest address of an artifact, 0 to 1."""
     stage, mark = artifact.key
     asked_stage, _, asked = address.partition("@")
     ways = [name, stage, mark[: len(address)], f"{stage}@{mark[: max(len(asked), 4)]}"]
     if asked == "latest" or not asked:
         ways.append(f"{stage}@{asked}")
     score = max(SequenceMatcher(None, address.lower(), way.lower()).ratio() for way in ways if way)
-    return score + (0.2 if asked and asked_stage == stage else 0)  # the stage is a word, seldom the wrong one
+    return score + (0.2 if asked and asked_stage == stage else 0)  # the stage is a word and rarely the wrong one
 
 
 def workspaces_near(folder: Path) -> list[Path]:
-    """Find workspaces above, beside and below a folder that is none, nearest first."""
+    """Find workspaces above, beside and below a folder that is not one, nearest first."""
     there = next(path for path in (folder, *folder.parents) if path.is_dir())
     around = [there, *there.parents[:3]]
     with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Is an artifact's payload what its stage wrote? Sizes always, digests once and whenever a file was touched."""
+"""Verification of a payload: sizes always, digests once and whenever a file was modified."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def verify(artifact: Artifact, cache: DigestCache, *, fresh: bool = False) -> No
 
 
 def obvious_damage(artifact: Artifact) -> PlopError | None:
-    """Tell what is wrong with a payload as far as it is seen without reading: a file is missing or of another size."""
+    """Return what is wrong with a payload without reading it: a file is missing or has another size."""
     try:
         for name in artifact.manifest.files:
             _check_size(artifact, name)
@@ -55,5 +55,5 @@ def _corrupted(artifact: Artifact, name: str, expected: str, found: str) -> Plop
         where=artifact.path / name,
         expected=expected,
         found=found,
-        fix=f"Run `plop {command}` with --force and otherwise as before to make it again.",
+        fix=f"Run `plop {command}` with --force and the same options to make it again.",
     )

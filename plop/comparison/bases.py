@@ -1,4 +1,4 @@
-"""What a model predicts for the followed points of an episode."""
+"""Predictions of a model for the tracked points of an episode."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
         model_folder: Payload of `train`, `identify` or `augment`.
         recording_path: The recording, for the tool's motion.
         splat_path: Gaussians at the first frame.
-        episode: The points to follow.
+        episode: The tracked points.
 
     Returns:
         Their predicted places, [T, M, 3] [m].
@@ -39,7 +39,7 @@ def predict_episode(model_folder: Path, recording_path: Path, splat_path: Path, 
     if engine is not None:
         effects = effects_of(model_folder)
         run = predict_points(engine, episode, start_particles(engine, episode, effects), effects)
-        # a settled object stands a little deeper in the grid than it was seen
+        # a settled object lies a little deeper in the grid than it was measured
         return np.asarray(episode.points[0] + run - run[0])
     model, first = load_model(model_folder), read_splat(splat_path)
     with Recording.open(recording_path) as recording:

@@ -1,8 +1,8 @@
 """The prediction as each camera would have seen it: errors of depth, colour and outline, camera by camera.
 
-The Gaussians of the first frame are carried by the predicted points and rendered through each camera's own model.
-The same is done with the measured points: what is left there is the floor that fit, tracking and noise set; and with
-the two baselines of every table: nothing moves (but the tool), and the best motion as one body, an oracle.
+The Gaussians of the first frame move with the predicted points and are rendered through each camera's own model.
+The same is done with the measured points: their remaining error is the floor set by fit, tracking and noise; and with
+the two baselines of every table: nothing moves (except the tool), and the best rigid motion, an oracle.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from plop.geometry.rigid import kabsch, transform_points
 from plop.geometry.view import MaskLabel, View
 from plop.recordings.recording import Recording
 from plop.render.scene import render_scene, tool_above_table
-from plop.tracking.carrier import Carrier
+from plop.tracking.motion_interpolation import MotionInterpolation
 
 _ENDS = ("", "_floor", "_persistence", "_rigid")
-"""What is rendered: the prediction, and beside it the floor and the two baselines."""
+"""What is rendered: the prediction, the floor and the two baselines."""
 
 
 class CarriedScene:
-    """Object and tool of one episode as Gaussians, moved by followed points and the tool's pose.
+    """Object and tool of one episode as Gaussians, moved by tracked points and the tool's pose.
 
     Args:
         init: Folder with object.ply and tool.ply of `plop fit-init`.
@@ -38,13 +38,13 @@ class CarriedScene:
 
     def __init__(self, init: Path, points: np.ndarray, patch: np.ndarray) -> None:
         self._first, self._tool = read_splat(Fit(init).object_splat), read_splat(Fit(init).tool_splat)
-        self._carrier = Carrier(points, patch, self._first.means.double().numpy())
+        self._motion = MotionInterpolation(points, patch, self._first.means.double().numpy())
 
     def views(self, recording: Recording, frame: int, points: np.ndarray, cameras: Iterable[str]) -> list[View]:
-        """Render what cameras would see at a frame if the followed points were at `points` [M, 3] [m]."""
+        """Render the views of a frame with the tracked points at `points` [M, 3] [m]."""
         placed = tool_above_table(self._tool, recording.world_from_tool[frame], recording.table_z_m)
         seen = [recording.camera(name, frame) for name in cameras]
-        return render_scene(self._carrier.gaussians_at(self._first, points), placed, seen)
+        return render_scene(self._motion.gaussians_at(self._first, points), placed, seen)
 
 
 def camera_rows(recording_path: Path, init: Path, field: ErrorField, frames: Sequence[int]) -> list[dict[str, Any]]:

@@ -1,9 +1,9 @@
-"""The engine as a base: its mean over several discretisations, and how unsure it is where these differ.
+"""The engine as a base: its mean over several discretisations, and its uncertainty from their spread.
 
-Which particles happen to lie at a tool's edge decides how an object slips and turns along it. That is chance of the
-discretisation, not physics: the same engine with its particles closer together or farther apart differs by about as
-much as it misses in motions that nothing is missing from. The mean of several misses less, and where they differ
-their scatter tells how far it may be off, in motions that no reference recording holds, too.
+Which particles happen to lie at a tool's edge affects how an object slips and turns along it. That is an artefact of
+the discretisation, not physics: the same engine with a finer or coarser particle spacing differs by about as much as
+its own error in motions without missing physics. The mean of several discretisations has a smaller error, and their
+spread estimates this error, also in motions that no reference recording contains.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from plop.physics.effects.effect import Effect
 from plop.tracking.episode import Episode
 
 OTHERS = (0.86, 1.16)
-"""Distances of the particles beside the engine's own, in units of it: 3.4 times its cost together."""
+"""Further particle spacings, relative to the engine's own; together they cost 3.4 times as much."""
 
 
 def discretised(base: EngineBase) -> list[EngineBase]:
-    """Give the engine and the same with its particles, and cells, closer together and farther apart."""
+    """Return the engine and the same with its particles, and cells, closer together and farther apart."""
     return [base, *(replace(base, spacing_m=share * base.spacing_m) for share in OTHERS)]
 
 
 def predicted_by_each(base: EngineBase, episode: Episode, effects: Sequence[Effect]) -> list[np.ndarray]:
-    """Run the engine in each discretisation; one of the others that is unstable is left out.
+    """Run the engine in each discretisation; unstable ones other than its own are left out.
 
     Args:
         base: The engine's settings.
         episode: The episode.
-        effects: Laws that act besides the material's own.
+        effects: Laws in addition to the base material.
 
     Returns:
-        The followed points, [T, M, 3] [m] each; those of the engine itself come first.
+        The tracked points, [T, M, 3] [m] each; those of the engine itself come first.
 
     Raises:
         PlopError: The engine itself is unstable.

@@ -1,4 +1,4 @@
-"""The engine in an episode: run it from the first frame and read the followed points off."""
+"""Run the engine through an episode from its first frame and read the tracked points."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def predict_points(base: EngineBase, episode: Episode, start: Particles, effects
         base: The engine's settings.
         episode: The episode.
         start: See `start_particles`.
-        effects: Laws that act besides the material's own.
+        effects: Laws in addition to the base material.
 
     Returns:
-        The followed points, [T, M, 3] [m].
+        The tracked points, [T, M, 3] [m].
 
     Raises:
         PlopError: The run is unstable.

@@ -1,8 +1,8 @@
-"""Where and when a prediction differs from the measured points, before any hypothesis.
+"""Where and when a prediction differs from the measured points, without any hypothesis.
 
-Errors are distances between measured and predicted places of the same point. Beside them stand two baselines:
-*persistence* (nothing moves) and *rigid* (the best motion of the points as one body, fitted to the measurement of
-each frame: an oracle), and the noise floor: the error that the measurement's noise alone would give.
+Errors are distances between measured and predicted positions of the same point. They are compared with two baselines,
+*persistence* (nothing moves) and *rigid* (the best rigid motion of the points, fitted to the measurement of each
+frame: an oracle), and with the noise floor: the error from measurement noise alone.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ErrorField:
     """Height of the measured points above the table, [T, M] [m]."""
     tool: ToolView
     seen: np.ndarray
-    """Whether a point could be seen, bool [T, M]; what a tracker guesses behind the tool counts nowhere."""
+    """Whether a point is visible, bool [T, M]; points hidden by the tool are masked."""
 
     @property
     def name(self) -> str:
@@ -50,11 +50,11 @@ class ErrorField:
 
     @property
     def floor_m(self) -> float:
-        """RMS error that noise alone gives: that of a frame and of the first one, in three coordinates [m]."""
+        """RMS error from noise alone: noise of a frame and of the first one, in three coordinates [m]."""
         return float(np.sqrt(6) * self.episode.noise_m)
 
     def over_time(self, which: str = "error_m") -> np.ndarray:
-        """RMS over the points that are seen, [T] [m]."""
+        """RMS over the visible points, [T] [m]."""
         return rms_seen(getattr(self, which), self.seen)
 
     @property
@@ -69,7 +69,7 @@ def rms(values: np.ndarray, axis: int | None = None) -> np.ndarray:
 
 
 def rms_seen(values: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Root mean square over the points that are seen, [T, M] -> [T]; over all where none is."""
+    """Root mean square over the visible points, [T, M] -> [T]; over all where none is visible."""
     use = np.where(seen.any(1, keepdims=True), seen, True)
     return np.asarray(np.sqrt((np.square(values) * use).sum(1) / use.sum(1)))
 
@@ -82,7 +82,7 @@ def error_field(episode: Episode, predicted: np.ndarray) -> ErrorField:
         predicted: Predicted places, [T, M, 3] [m].
 
     Raises:
-        PlopError: The prediction has another shape, is not finite, or starts somewhere else.
+        PlopError: The prediction has another shape, is not finite, or does not start at the measured points.
     """
     points = episode.points
     if predicted.shape != points.shape or not np.isfinite(predicted).all():
@@ -96,7 +96,7 @@ def error_field(episode: Episode, predicted: np.ndarray) -> ErrorField:
     start = float(np.abs(predicted[0] - points[0]).max())
     if start > 1e-4:
         raise PlopError(
-            "The prediction starts somewhere else.",
+            "The prediction does not start at the measured points.",
             where=episode.name,
             expected="the measured points of the first frame, in metres, world frame",
             found=f"{1000 * start:.2g} mm away",
@@ -125,9 +125,9 @@ def _distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def tables(fields: Sequence[ErrorField]) -> ErrorTables:
-    """Condense the errors by episode, phase, phase of each episode, distance to the tool, and height.
+    """Summarise the errors by episode, phase, phase of each episode, distance to the tool, and height.
 
-    The first frame, which is given, counts nowhere, nor do points that the tool hides. Rows without a point are
+    The first frame, which is given, and points hidden by the tool are masked. Rows without a point are
     left out.
     """
     everywhere = [f.seen for f in fields]
@@ -169,7 +169,7 @@ def _present(rows: Iterable[ErrorRow | None]) -> tuple[ErrorRow, ...]:
 
 
 def row_of(fields: Sequence[ErrorField], chosen: Sequence[np.ndarray], labels: dict[str, str]) -> ErrorRow | None:
-    """Condense the chosen points of several episodes into one row.
+    """Summarise the chosen points of several episodes in one row.
 
     Args:
         fields: Errors of the episodes.
@@ -184,7 +184,7 @@ def row_of(fields: Sequence[ErrorField], chosen: Sequence[np.ndarray], labels: d
     if not count:
         return None
     errors = _chosen(fields, after, "error_m")
-    # The floor of a row is that of its episodes, each as often as it has points.
+    # The floor of a row is the mean over its episodes, weighted by their number of points.
     floor = np.sqrt(np.average([f.floor_m**2 for f in fields], weights=[mask.sum() for mask in after]))
 
     def mm(value: np.ndarray | np.floating) -> float:

@@ -5,7 +5,7 @@ phase [T], see `phases`         tool_distance_m, height_m [T, M]      rigid_erro
 noise_m (one coordinate of a    patch [M]                             floor_m (RMS error from noise alone)
 measured point)                 surface_vertices_m [V, 3], surface_faces [F, 3] (first frame)
 tool_vertices_m [K, 3], tool_faces [G, 3], world_from_tool [T, 4, 4]  table_z_m (NaN: no table)
-seen [T, M] bool: what the tool hides is guessed by the tracker and counts in no mean
+seen [T, M] bool: points hidden by the tool are extrapolated by the tracker and masked
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from plop.artifacts.atomic_file import whole
 from plop.comparison.error_fields import ErrorField
 from plop.errors import PlopError
-from plop.tracking.carrier import fine_surface
+from plop.tracking.motion_interpolation import fine_surface
 
 SURFACE_EDGE_M = 0.007
 """Longest edge of the stored surface [m]."""
@@ -52,7 +52,7 @@ class StoredField:
 
 
 def stored_field(field: ErrorField) -> StoredField:
-    """Give the file's content; the surface is divided finely enough to carry colours."""
+    """Return the file's content; the surface is divided finely enough to carry colours."""
     episode = field.episode
     vertices, faces = fine_surface(episode.vertices, episode.faces, SURFACE_EDGE_M)
     return StoredField(
@@ -80,7 +80,7 @@ def stored_field(field: ErrorField) -> StoredField:
 
 
 def write_field(path: Path, field: StoredField) -> None:
-    """Write one file, whole or not at all; numbers as float32, times as float64."""
+    """Write one file atomically; numbers as float32, times as float64."""
     arrays = {}
     for name, value in vars(field).items():
         array = np.asarray(value)

@@ -9,7 +9,7 @@ from plop.gaussians.state import Gaussians
 
 
 def follow_gaussians(first: Gaussians, now: Gaussians, points: np.ndarray) -> np.ndarray:
-    """Move points along with the Gaussians that were around them at the first frame.
+    """Move points with the Gaussians that surrounded them at the first frame.
 
     Args:
         first: Gaussians at the first frame; their lineage ids are unique.

@@ -1,4 +1,4 @@
-"""What is kept of a comparison: compare.json of `plop compare`."""
+"""Result of a comparison: compare.json of `plop compare`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ UNITS = {"_mm": "mm", "in_noise": "-", "colour": "0..1", "outline": "share of pi
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """Errors over some points of some frames; the words that say which stand before the figures."""
+    """Errors over some points of some frames; labels come before the figures."""
 
     labels: Mapping[str, str]
     """Some of "over", "episode", "phase", "distance_to_tool_mm" and "height_mm"."""
@@ -45,7 +45,7 @@ class ErrorRow:
 
     @property
     def label(self) -> str:
-        """What the row is about, in a table of one kind of label."""
+        """Label of the row, in a table of one kind of label."""
         return next(iter(self.labels.values()))
 
     def error_mm(self, of: str = "rms") -> float:
@@ -53,13 +53,13 @@ class ErrorRow:
         return float(getattr(self, f"{of}_mm"))
 
     def to_json(self) -> dict[str, Any]:
-        """Give labels and figures side by side."""
+        """Return labels and figures side by side."""
         figures = fields_to_json(self)
         return {**figures.pop("labels"), **figures}
 
     @classmethod
     def from_json(cls, found: Mapping[str, Any]) -> Self:
-        """Read what `to_json` wrote; raises KeyError without a figure, ValueError where it is none."""
+        """Read what `to_json` wrote; raises KeyError where a figure is missing, ValueError where it is not a number."""
         _, *keys = cls.__dataclass_fields__
         labels = {key: str(value) for key, value in found.items() if key not in keys}
         return cls(labels, int(found["n"]), int(found["episodes"]), *(float(found[key]) for key in keys[2:]))
@@ -86,12 +86,12 @@ class CameraRow:
         return self.differences.get("depth_mm" if of == "rms" else f"depth_mm_{of}")
 
     def to_json(self) -> dict[str, Any]:
-        """Give all side by side."""
+        """Return all side by side."""
         return {"camera": self.camera, "n": self.n, "images": self.images, **self.differences}
 
     @classmethod
     def from_json(cls, found: Mapping[str, Any]) -> Self:
-        """Read what `to_json` wrote; raises KeyError or ValueError where something is missing or no number."""
+        """Read what `to_json` wrote; raises KeyError or ValueError where something is missing or not a number."""
         own = ("camera", "n", "images")
         rest = {key: None if value is None else float(value) for key, value in found.items() if key not in own}
         return cls(str(found["camera"]), int(found["n"]), int(found["images"]), rest)
@@ -118,7 +118,7 @@ class ErrorTables:
 
 @dataclass(frozen=True)
 class EpisodeErrors:
-    """One episode over time, each list with one number a frame."""
+    """One episode over time, each list with one number per frame."""
 
     points: int
     noise_mm: float

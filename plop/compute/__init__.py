@@ -1,1 +1,1 @@
-"""What the machine gives: compiled kernels, threads, devices, memory."""
+"""Use of the machine: compiled kernels, threads, devices, memory."""

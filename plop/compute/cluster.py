@@ -1,4 +1,4 @@
-"""A Dask cluster that somebody else has started: its address is all that is asked for."""
+"""Connection to a running Dask cluster, given by its address."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def connected(address: str) -> Iterator[Any]:
         The `distributed.Client`, which is the default one meanwhile.
 
     Raises:
-        PlopError: Dask is not installed, or nobody answers there.
+        PlopError: Dask is not installed, or the scheduler does not answer.
     """
     try:
         from distributed import Client

@@ -19,12 +19,12 @@ from plop.compute.plain import plain
 FAST = {"reassoc", "contract", "nsz", "arcp", "afn"}
 """Allowed floating-point freedoms; NaN and infinity keep their meaning."""
 PARTS_PER_THREAD = 4
-"""Shares of work per thread: enough that a thread slowed down by other programs gets fewer of them."""
+"""Shares of work per thread: enough that a thread slowed down by other programs takes fewer of them."""
 
 Step = tuple[Callable[..., None], tuple[Any, ...]]
 """A kernel and its arguments after (part, parts)."""
 CROWDED = 1.5
-"""Programs that want to run, per core, above which a single thread is faster: helpers would wait for their turn."""
+"""Runnable processes per core above which a single thread is faster: further threads would wait for a core."""
 
 _pools: dict[int, ThreadPoolExecutor] = {}
 os.register_at_fork(after_in_child=_pools.clear)
@@ -33,18 +33,18 @@ os.register_at_fork(after_in_child=_pools.clear)
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function to machine code on its first call; cached on disk, runs without the interpreter lock.
 
-    It calls only functions and uses only constants of its own folder: that is what the cache watches.
+    It may use only functions and constants of its own folder: the cache checks only these.
     """
     return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=not plain(), nogil=True)(function))
 
 
 def array_of(tensor: torch.Tensor) -> np.ndarray:
-    """Give a CPU tensor's numbers as kernels take them: without gradient, in one piece."""
+    """Return a CPU tensor as kernels need it: without gradient, contiguous."""
     return np.asarray(tensor.detach().contiguous().numpy())
 
 
 def _threads() -> int:
-    """Give torch's number of threads, or 1 where other programs keep the cores busy; results do not depend on it."""
+    """Return torch's number of threads, or 1 where other programs keep the cores busy; results do not depend on it."""
     crowded = os.getloadavg()[0] > CROWDED * (os.cpu_count() or 1)
     return 1 if crowded or plain() else torch.get_num_threads()
 
@@ -55,12 +55,12 @@ def run_parallel(steps: Sequence[Step], *, parts: int | None = None, lent: bool 
     A thread takes a share, runs every step on it, and takes the next one; so step 2 must need only the same
     share of what step 1 wrote. Plain threads, not numba's `prange`: that needs a threading layer (open3d
     brings a TBB too old for it), its OpenMP layer changes torch's number of threads and forbids forks, and
-    its barriers wait for threads that other programs have pushed aside.
+    its barriers wait for threads that other programs have preempted.
 
     Args:
         steps: Kernels f(part, parts, *args) that release the interpreter lock.
         parts: Number of shares; PARTS_PER_THREAD for each thread when absent.
-        lent: Use torch's own threads where they can be had: for kernels of a millisecond between torch's operations,
+        lent: Use torch's own threads where possible: for kernels of a millisecond between torch's operations,
             after which these threads spin on the cores that plain ones would need.
     """
     threads = _threads()

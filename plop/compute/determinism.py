@@ -10,9 +10,9 @@ import torch
 
 @contextmanager
 def deterministic() -> Iterator[None]:
-    """Let torch use only algorithms whose result does not depend on timing, where it has them.
+    """Make torch use deterministic algorithms where it has them.
 
-    On several threads the gradient of an indexing, above all, adds up in the order in which threads arrive.
+    On several threads the gradient of indexing, in particular, is summed in the order in which threads finish.
     """
     before = torch.are_deterministic_algorithms_enabled()
     warned = torch.is_deterministic_algorithms_warn_only_enabled()

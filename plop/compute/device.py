@@ -10,12 +10,12 @@ from plop.errors import PlopError
 
 
 def jobs_on(wanted: str, jobs: int) -> int:
-    """Give the number of processes that share a device: a GPU, given as in `chosen_device`, is for one at a time."""
+    """Return the number of processes per device: one for a GPU, given as in `chosen_device`, else `jobs`."""
     return jobs if chosen_device(wanted).type == "cpu" else 1
 
 
 def chosen_device(wanted: str) -> torch.device:
-    """Give the device of a setting; under `torchrun` each process of a machine takes a CUDA device of its own.
+    """Return the device of a setting; under `torchrun` each process of a machine takes a CUDA device of its own.
 
     Args:
         wanted: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one.
@@ -37,6 +37,6 @@ def chosen_device(wanted: str) -> torch.device:
             "There is no such CUDA device.",
             expected=f"{wanted}, number {index}",
             found=f"{count} CUDA devices",
-            fix="Give --device cpu, or leave it out; `plop doctor` tells what torch sees.",
+            fix="Use --device cpu, or omit the option; `plop doctor` shows the devices that torch finds.",
         )
     return torch.device("cuda", index)

@@ -1,7 +1,7 @@
-"""Keep numba's machine code on disk from outliving a change in any file that it came from.
+"""Invalidate numba's cache on disk when any source file of a kernel changes.
 
-numba's cache watches only the file that holds a function, not those of the functions and constants that it uses from
-elsewhere: after an update it would go on with old parts.
+numba's cache checks only the file that holds a function, not the files of the functions and constants that it uses:
+after an update it would use outdated code.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ def sources_digest(folder: Path) -> str:
 
 
 def watch_sources(dispatcher: Callable[..., Any], *folders: Path) -> Callable[..., Any]:
-    """Make a cached kernel's stamp cover every source of its own folder and of `folders`.
+    """Make a kernel's cache key depend on every source file of its own folder and of `folders`.
 
-    A kernel may use what these hold, and nothing from other folders.
+    A kernel may use functions and constants of these, and of no other folder.
 
     Args:
-        dispatcher: What `numba.njit(cache=True)` gives.
+        dispatcher: Result of `numba.njit(cache=True)`.
         folders: Further folders.
 
     Returns:

@@ -1,4 +1,4 @@
-"""How much memory a process may still take."""
+"""How much memory is still available to a process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _GROUP = Path("/sys/fs/cgroup")
 
 
 def available_bytes() -> int | None:
-    """Give the memory that is free, or can be freed, within the limits of machine and container; None if unknown."""
+    """Return the memory that is free, or can be freed, within the limits of machine and container; None if unknown."""
     known = [each for each in (_of_machine(), _of_group()) if each is not None]
     return min(known, default=None)
 
@@ -27,6 +27,6 @@ def _of_group() -> int | None:
     try:
         limit, used = ((_GROUP / name).read_text() for name in ("memory.max", "memory.current"))
         stat = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())
-        return int(limit) - int(used) + int(stat["inactive_file"])  # pages of files go when memory is wanted
+        return int(limit) - int(used) + int(stat["inactive_file"])  # the page cache is freed on demand
     except (OSError, ValueError, KeyError):
         return None  # no group, or one without a limit: "max"

@@ -2,7 +2,7 @@
 
 After each of its operations torch's threads wait for the next one by spinning. A second pool of threads shares the
 cores with these: its kernels run hardly faster than on one thread. Where torch's OpenMP is GNU's, its threads can be
-asked to work: they are there at once.
+used for other work: they start immediately.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _forked = [False]
 
 
 def _after_fork() -> None:
-    # The threads of GNU OpenMP do not live on in a forked process, and it would wait for them for ever.
+    # The threads of GNU OpenMP do not exist in a forked process, which would wait for them forever.
     _forked[0] = True
 
 
@@ -31,14 +31,14 @@ def run_on_torch_threads(work: Callable[[], None], threads: int) -> bool:
     """Call a function once on each of so many threads of torch, the calling one among them; wait for all.
 
     Args:
-        work: Must let go of the interpreter lock for threads to gain anything.
+        work: Must release the interpreter lock; otherwise threads bring no gain.
         threads: At most torch's number of threads, so that none is started for this.
 
     Returns:
-        False, with nothing done, where torch's threads cannot be had: another OpenMP than GNU's, a forked process.
+        False, with nothing done, where torch's threads cannot be used: another OpenMP than GNU's, a forked process.
 
     Raises:
-        BaseException: The first that a call has raised, after all calls have ended.
+        BaseException: The first exception of a call, raised after all calls have ended.
     """
     parallel = None if _forked[0] else _gnu_parallel()
     if parallel is None:

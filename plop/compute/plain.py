@@ -1,9 +1,9 @@
-"""One switch, PLOP_PLAIN_THREADS=1, for everything that plop does to threads, to memory and to compiled code.
+"""One switch, PLOP_PLAIN_THREADS=1, that disables all tuning of threads, memory and compiled code.
 
-With it OpenMP threads wait as their library has them wait, freed memory goes back as the C library has it, kernels run
-on the calling thread and are compiled anew in every process, and numba chooses how its own threads are started. The
-numbers are the same. What decides numbers or places is no part of it: `plop.compute.determinism`, `plop.compute.device`
-and the number of threads of an engine run.
+With it OpenMP threads wait by their library's default, the C library frees memory by its default, kernels run
+on the calling thread and are compiled again in every process, and numba chooses its own threading layer. The
+results are the same. Settings that affect results or devices are not part of it: `plop.compute.determinism`,
+`plop.compute.device` and the number of threads of an engine run.
 """
 
 from __future__ import annotations
@@ -15,5 +15,5 @@ PLAIN = "PLOP_PLAIN_THREADS"
 
 
 def plain() -> bool:
-    """Tell whether plop leaves threads, memory and compiled code alone."""
+    """Return whether the tuning of threads, memory and compiled code is disabled."""
     return os.environ.get(PLAIN) == "1"

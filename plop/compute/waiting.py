@@ -1,14 +1,14 @@
 """How threads wait for one another: spinning for as long as falling asleep costs, and no longer.
 
 Between two parallel sections the threads of GNU OpenMP, which torch uses, spin for up to 15 ms before they sleep.
-Where another program keeps a core busy, a thread that spins holds the core that the thread it waits for needs, and each
-of the hundreds of sections of a step costs a time slice of the scheduler. Who never spins pays for falling asleep and
-waking up in each section. Spinning for about as long as that costs loses at most as much again, whatever happens
-(Karlin et al., Empirical studies of competitive spinning, 1991). docs/results/speed.md has the three beside each other.
+Where another program keeps a core busy, a spinning thread occupies the core that the thread it waits for needs, and
+each of the hundreds of sections of a step costs a time slice of the scheduler. A thread that never spins pays for
+sleeping and waking up in each section. Spinning for about as long as that takes costs at most twice the optimum
+(Karlin et al., Empirical studies of competitive spinning, 1991). docs/results/speed.md compares the three.
 
 An OpenMP library reads its environment when it is loaded, so this has to happen before torch is imported: `plop` does
-it when it is imported itself, in every command and every worker process. A program that imports torch first sets the
-variables on its own.
+it when it is imported, in every command and every worker process. A program that imports torch first must set the
+variables itself.
 """
 
 from __future__ import annotations
@@ -25,6 +25,6 @@ SPIN = {"GOMP_SPINCOUNT": "1000", "KMP_BLOCKTIME": "1"}
 
 
 def wait_briefly() -> None:
-    """Let OpenMP threads of this process and of those it starts spin briefly; what the user has set stays."""
+    """Let OpenMP threads of this process and of those it starts spin briefly; values set by the user are kept."""
     if not plain() and not any(name in os.environ for name in POLICY):
         os.environ.update(SPIN)

@@ -1,23 +1,19 @@
-"""What was found: scores, findings, shams and limits on the way from evidence to a verdict."""
+"""The decision: from scores, chances and shares to a verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
+from plop.diagnosis.finding import Finding, finding_of, worse
+from plop.diagnosis.limits import Limit, detection_limits, unseen
+from plop.diagnosis.rule import RULE, DecisionRule
+from plop.diagnosis.search import Score, Search, one_per_law, one_per_setting
+from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
+from plop.diagnosis.verdict_text import verdict_text
 
-from plop.diagnosis.error_size import ErrorSize
-from plop.diagnosis.evidence import Evidence, MisfitModel
-from plop.diagnosis.finding import Finding
-from plop.diagnosis.findings import base_finding, beyond, finding_of
-from plop.diagnosis.judge import first_of, judge
-from plop.diagnosis.limits import Limit, detection_limits
-from plop.diagnosis.screen import Score, confounded
-from plop.diagnosis.shams import sham_gains
-from plop.diagnosis.state import State
-from plop.diagnosis.verdict import Verdict
-from plop.parameters import Estimate
+_TURNS = 4
+"""Rounds in which two laws are fitted to what the other leaves."""
 
 
 @dataclass(frozen=True)
@@ -25,60 +21,183 @@ class Conclusion:
     """All that was found, with the arrays behind it; a `Diagnosis` is what is kept of it."""
 
     verdict: Verdict
-    scores: list[Score]
-    """Best first, one for each effect; the best were refitted."""
     findings: list[Finding]
-    """The same with parameters, p and contrast; the base's own parameters come last."""
-    shams: np.ndarray
-    """Best gain over the library under each sham."""
+    """One for each law, best first; what is named comes first."""
     limits: dict[str, Limit]
-    """Effect -> smallest detectable amplitude and displacement."""
-    size: ErrorSize
-    """How large the base's error is, here and in the reference."""
+    """Law -> smallest amplitude that would have been named."""
+    search: Search
+    rivals: list[Score]
+    """What the best law cannot be distinguished from: other laws, else other settings of the same law."""
     dropped: dict[str, str]
-    """Episodes and columns left out, with the reason."""
-    evidence: list[Evidence]
-    control: list[Evidence]
-    misfit: MisfitModel
-    settings: list[tuple[Score, dict[str, Estimate]]]
-    """Other settings of the best law that do as well, with their amplitudes."""
-    screen_s: float = 0.0
-    """Seconds until every law had been tried and ranked, before any was fitted again."""
+    """Episodes and laws left out, with the reason."""
 
 
-def conclusion(state: State, sensors: Sequence[str], shams: int, seed: int) -> Conclusion:
+def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = RULE, whole: bool = True) -> Conclusion:
     """Judge by what has been computed.
 
     Args:
-        state: It.
+        search: It.
         sensors: Significant sensor faults, in words.
-        shams: Number of shams.
-        seed: Draws them.
+        rule: Error rates and margins.
+        whole: The whole library was tried.
     """
-    scores = state.judged()
-    sham = sham_gains(state.screen, seed=seed, count=shams, alone=not state.control)
-    findings = [finding_of(state, score, sham) for score in scores]
-    base = base_finding(state, sham)
-    first = scores[first_of(findings) or 0] if scores else None
-    left = None if first is None else state.left(first)
-    alike = [] if first is None else [s.candidate.effect for s in confounded(state.screen, first, scores)]
-    second = None if first is None else beyond(state, first, sham)
-    verdict = judge(findings, alike, base, list(sensors), state.size, left=left, second=second)
-    contrasts = {f.name: f.contrast for f in findings if f.contrast is not None}
-    limits = detection_limits(state.screen, scores, sham, state.response_rms_m, contrasts, state.would_stand_out)
-    where = ("", "reference ")  # both sets may have an episode of the same name
-    dropped = {f"{where[k]}{key}": why for k, table in enumerate(state.tables) for key, why in table.dropped.items()}
-    settings = [] if first is None else [(score, state.amplitudes(score)) for score in state.settings(first)]
-    return Conclusion(
-        verdict,
-        scores,
-        [*findings, base],
-        sham,
-        limits,
-        state.size,
-        dropped,
-        state.evidence,
-        state.control,
-        state.misfit,
-        settings,
+    scores = search.scores()
+    findings = _findings(search, scores, rule)
+    facts = _grounds(search, sensors)
+    first = next((f for f in findings if f.stands), None)
+    rivals = [] if first is None else _rivals(first, scores, rule)
+    chosen, verdict = ([], None) if first is None else _named(search, first, findings, scores, rivals, facts, rule)
+    if verdict is None:
+        missing = facts.change_p is not None and facts.change_p <= rule.alarm
+        decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
+        kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
+        verdict = Verdict(kind, (), "", replace(facts, decoys=decoys))
+    if sensors:
+        verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)
+    ranked = [*chosen, *(f for f in findings if f.name not in {c.name for c in chosen})]
+    failed = search.failed()
+    tried = [c.effect for c in search.candidates if c.effect not in failed]
+    named = None if whole and not failed else list(dict.fromkeys(tried))
+    verdict = replace(verdict, text=verdict_text(verdict, ranked, named))
+    limits = detection_limits(search, one_per_law(scores), rule)
+    limits |= {c.effect: unseen(c.columns[0]) for c in search.candidates if c.effect not in limits}
+    return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores))
+
+
+def _findings(search: Search, scores: list[Score], rule: DecisionRule) -> list[Finding]:
+    """Judge every law by its best setting."""
+    sizes = search.sizes()[: int(search.here.sum())]
+    found = []
+    for best in one_per_law(scores):
+        found.append(finding_of(best, _settings(best, scores, rule), sizes, rule))
+    return found
+
+
+def _settings(best: Score, scores: Sequence[Score], rule: DecisionRule) -> list[Score]:
+    """Find the other settings of a law that do as well, but for chance between episodes."""
+    own = best.hypothesis
+    same = [s for s in one_per_setting(scores) if s.hypothesis.effect == own.effect]
+    return [s for s in same if s.hypothesis.candidate.key != own.candidate.key and not worse(best, s, rule)]
+
+
+def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: DecisionRule) -> tuple[Search, Finding]:
+    """Give the first law with the amplitude, and the weights of patches, that belong to each other."""
+    found, score = search.settled(first.score)
+    others = [search.settled(s)[1] for s in _settings(first.score, scores, rule)]
+    saturated = search.saturated(score)
+    return found, finding_of(score, others, found.sizes()[: int(found.here.sum())], rule, saturated)
+
+
+def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:
+    sizes, here = search.sizes(), search.here
+    floor = None if here.all() else float(sizes[~here].mean())
+    least = None if here.all() else 1 / len(search.ways)
+    return Grounds(tuple(sensors), float(sizes[here].mean()), floor, change_p=search.unknown_p, least_p=least)
+
+
+def _rivals(first: Finding, scores: Sequence[Score], rule: DecisionRule) -> list[Score]:
+    """Find the laws that do as well as the best one, but for chance between episodes; if none, its other settings."""
+    laws = [s for s in one_per_law(scores) if s.hypothesis.effect != first.name]
+    alike = [
+        s
+        for s in laws
+        if s.p <= rule.alarm and s.hypothesis.candidate.kind != "decoy" and not worse(first.score, s, rule)
+    ]
+    return alike or _settings(first.score, scores, rule)
+
+
+def _named(
+    search: Search,
+    first: Finding,
+    findings: list[Finding],
+    scores: Sequence[Score],
+    rivals: list[Score],
+    facts: Grounds,
+    rule: DecisionRule,
+) -> tuple[list[Finding], Verdict | None]:
+    """Name the best law: alone, with a second one, as a part, or with those that cannot be distinguished from it.
+
+    Returns:
+        What is named with its amplitudes, and the verdict; None where naming it would explain too little.
+    """
+    if first.kind == "decoy":
+        return [], None
+    search, first = _settled(search, first, scores, rule)
+    others = [s.hypothesis.effect for s in rivals if s.hypothesis.effect != first.name]
+    rest = search.beside(first.score)
+    chosen, gain = [first], first.gain
+    closed, left = closed_by(search, rest), search.sizes(first.score)
+    second = None if others or not stands_out(rest, rule) else _second(rest, first, rule)
+    if second is not None:
+        first, second, rest = _together(search, first, second, rule)
+        chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()
+        gain = 1 - float(left[search.here].sum() / search.sizes()[search.here].sum())
+    part = stands_out(rest, rule) and closed is not None and closed < rule.part
+    if part and closed is not None and closed < rule.nothing:
+        return [], None
+    facts = replace(
+        facts,
+        error=float(search.sizes()[search.here].mean()),
+        floor=None if facts.floor is None else float(search.sizes()[~search.here].mean()),
+        left=float(left[search.here].mean()),
+        rest_p=rest.unknown_p,
+        closed=closed,
+        alternatives=tuple(others),
+        share=gain,
     )
+    kinds = {f.kind for f in findings if f.name in {first.name, *others}}
+    if part or any(f.at_bound for f in chosen):
+        kind = VerdictKind.PARTLY
+    elif kinds == {"base"} and second is None:
+        kind = VerdictKind.BASE_PARAMETER
+    else:
+        kind = VerdictKind.CONFOUNDED if others else VerdictKind.EFFECT
+    names = tuple(f.name for f in chosen)
+    return chosen, Verdict(kind, names if kind == VerdictKind.BASE_PARAMETER else (*names, *others), "", facts)
+
+
+def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:
+    """Find a law in what the first one leaves: one that does more than what may be wrong with the first's response."""
+    scores = rest.scores()
+    sizes = rest.sizes()[: int(rest.here.sum())]
+    found = [finding_of(score, [], sizes, rule) for score in one_per_law(scores)]
+    second = next((f for f in found if f.stands and f.kind == "physics"), None)
+    if second is None:
+        return None
+    least = rule.response_error**2 * float(first.score.removed.sum())
+    return second if float(second.score.removed.sum()) > least else None
+
+
+def _together(search: Search, first: Finding, second: Finding, rule: DecisionRule) -> tuple[Finding, Finding, Search]:
+    """Fit two laws to what the other leaves, in turn (Gauss and Seidel); the last gives what both leave."""
+    found = [first, second]
+    rest = search
+    for turn in range(2 * _TURNS):
+        k = turn % 2
+        rest = search.beside(found[1 - k].score)
+        score = rest.score_of(found[k].score.hypothesis)
+        found[k] = finding_of(score, [], rest.sizes()[: int(rest.here.sum())], rule)
+    return found[0], found[1], rest.beside(found[1].score)
+
+
+def stands_out(search: Search, rule: DecisionRule = RULE) -> bool:
+    """Tell whether something else is in the recordings than in the reference, whatever it is."""
+    return search.unknown_p is not None and search.unknown_p <= rule.alarm
+
+
+def closed_by(before: Search, after: Search) -> float | None:
+    """Share of the difference to the reference that goes away, held out; None where there is none to speak of."""
+    if before.unknown_p is None or before.unknown_gain <= 0:
+        return None
+    return float(1 - max(after.unknown_gain, 0.0) / before.unknown_gain)
+
+
+def _dropped(search: Search, scores: Sequence[Score]) -> dict[str, str]:
+    """Episodes that could not be followed, and laws that could not be judged, with the reason."""
+    where = ("", "reference ")  # both sets may have an episode of the same name
+    found = {f"{where[k]}{name}": why for k, table in enumerate(search.tables) for name, why in table.dropped.items()}
+    found |= {f"{where[k]}{key}": why for k, table in enumerate(search.tables) for key, why in table.failed.items()}
+    ranked, failed = {score.hypothesis.effect for score in scores}, search.failed()
+    silent = "it moves nothing that was followed in these recordings"
+    laws = dict.fromkeys(c.effect for c in search.candidates if c.effect not in ranked)
+    return found | {law: failed.get(law, silent) for law in laws}

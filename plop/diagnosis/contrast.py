@@ -1,189 +1,116 @@
-"""Does an effect have another amplitude here than in the reference recordings, where nothing is missing?"""
+"""Is there more of a law in the recordings than in the reference? Asked for any way of dealing the episodes out.
+
+In episode e a hypothesis changes residuals by R_e times an amount. With the inverse covariance P of the discrepancy
+model, everything that can be asked of it stands in the products
+
+    G[e, f] = R_e' P_ef R_f        g[e] = sum_f R_e' P_ef r_f
+
+of E by E and E numbers. Amounts are s in all episodes (what the base lacks there, too) and s + a in those to explain,
+z = 1; without a reference s is 0. Amounts are in units of the amplitude at which the response was computed, so that a
+law that is there at that amplitude has a = 1; only a > 0 counts, since the other way is another hypothesis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
-from plop.diagnosis.regression import Grams, fit, solve
-from plop.diagnosis.strata import strata_of, told_apart
-from plop.statistics.cluster_robust import Clusters, clusters, loudness, root, steadied, together, whitened
+_SINGULAR = 1e-9
 
-P_LARGEST = 0.02
-"""Family-wise chance of a false alarm up to which an effect is named."""
-MOSTLY = float(norm.ppf(0.9))
-"""Standard errors by which an effect must exceed what is asked for, to be seen nine times in ten."""
-_SHRINK = 0.1
-"""Episodes' worth of the reference's overall amplitude that is mixed into that of each kind of motion."""
+
+def roots(gains: np.ndarray) -> np.ndarray:
+    """Signed square roots: a gain of log density grows with the square of an effect, and one episode may hold most."""
+    return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))
+
+
+@dataclass(frozen=True)
+class Products:
+    """What the evidence says of one hypothesis."""
+
+    gram: np.ndarray
+    """[E, E]."""
+    onto: np.ndarray
+    """[E]."""
+
+    def contrast(self, here: np.ndarray) -> Contrast:
+        """Fit a and, where some episodes are a reference, s by generalised least squares.
+
+        Args:
+            here: Which episodes are to be explained, bool [E].
+        """
+        count, z = len(here), here.astype(float)
+        design = z[:, None] if here.all() else np.stack([z, np.ones(count)], 1)
+        hessian = design.T @ self.gram @ design
+        if not _regular(hessian):
+            return Contrast(0.0, np.inf, 1)
+        inverse = np.linalg.inv(hessian)
+        fitted = inverse @ design.T @ self.onto
+        left = self.onto - self.gram @ design @ fitted
+        pulls = (design @ inverse[0]) * left
+        freedom = max(count - design.shape[1], 1)
+        variance = inverse[0, 0] + (pulls**2).sum() * count / freedom
+        return Contrast(float(fitted[0]), float(np.sqrt(variance)), freedom)
+
+    def held_out(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Predict each episode to explain with the amounts that all others show.
+
+        The hypothesis stands against the same without a, so that what is in the reference, too, is no gain.
+
+        Args:
+            labels: Which episodes are to be explained, 0 or 1, [N, E]; N ways of dealing them out.
+
+        Returns:
+            Gain of log density [nats], and the a that the others show, 0 where it is negative; [N, E] each, 0 in the
+            reference.
+        """
+        z, alone = labels, bool((labels > 0).all())
+        row, pulled, own = self.gram.sum(1), labels @ self.gram, np.diag(self.gram)
+        # sums over all episodes but one, [N, E]: of s with s, s with a, a with a, and both with the residuals
+        ss = row.sum() - 2 * row + own
+        sa = (z @ row)[:, None] - z * row - pulled + z * own
+        aa = (pulled * z).sum(1)[:, None] - 2 * z * pulled + z * own
+        s, a = self.onto.sum() - self.onto, (z @ self.onto)[:, None] - z * self.onto
+        if alone:
+            volume, pull = aa, a
+        else:
+            safe = np.where(ss > 0, ss, np.inf)
+            volume, pull = aa - sa**2 / safe, a - sa * s / safe
+        usable = volume > _SINGULAR * max(float(own.sum()), 1e-300)
+        amount = np.where(usable, np.maximum(pull / np.where(usable, volume, 1.0), 0.0), 0.0)
+        plain = np.zeros(z.shape[1]) if alone else s / np.where(ss > 0, ss, np.inf)
+        shared = plain if alone else (s - sa * amount) / np.where(ss > 0, ss, np.inf)
+
+        def density(s: np.ndarray, a: np.ndarray) -> np.ndarray:
+            """Log density over that without any amount, all other episodes given."""
+            total = s + a * z
+            left = self.onto - s * (row - own) - a * (pulled - z * own)
+            return np.asarray(total * left - 0.5 * total**2 * own)
+
+        gains = np.where(amount > 0, density(shared, amount) - density(plain, 0.0 * amount), 0.0)
+        return gains * z, amount * z
+
+    def strength(self, labels: np.ndarray) -> np.ndarray:
+        """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks and is tested."""
+        return np.asarray(roots(self.held_out(labels)[0]).sum(1))
+
+    def with_amount(self, change: float, here: np.ndarray) -> Products:
+        """Give what the evidence would say with so much more of the law in the episodes to explain."""
+        return Products(self.gram, self.onto + change * self.gram @ here.astype(float))
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """An amplitude against that in the reference; episodes are what counts as independent."""
+    """A fitted amount."""
 
-    errors: float
-    """Distance in standard errors."""
-    p: float
-    """Chance of such a distance for any effect of the library when none has changed."""
-    least: np.ndarray
-    """Smallest change of each amplitude that would be clear, and would come out so nine times in ten, [own]."""
-    least_alone: np.ndarray
-    """The same where the error by itself shows that something is missing: the law is then the only hypothesis."""
+    amount: float
+    """a."""
+    error: float
+    """Its standard error: that of the discrepancy model and that by the scatter of episodes (sandwich) together."""
+    freedom: int
+    """Degrees of freedom of the scatter."""
 
 
-@dataclass(frozen=True)
-class _Test:
-    """One way of comparing amplitudes."""
-
-    errors: float
-    """Distance in standard errors."""
-    p: float
-    """Chance of it when nothing has changed, for one hypothesis."""
-    unit: np.ndarray
-    """Standard error of each amplitude's difference, [own]."""
-    freedom: np.ndarray
-    """[own]."""
-
-    def least(self, p: float) -> np.ndarray:
-        """Give the change of each amplitude that has such a chance, and comes out so nine times in ten, [own]."""
-        return np.asarray((student.isf(p / 2 / len(self.unit), self.freedom) + MOSTLY) * self.unit)
-
-
-def contrast_of(
-    here: Grams, reference: Grams, rows: np.ndarray, own: int, family: int, kinds: tuple[Sequence[str], Sequence[str]]
-) -> Contrast:
-    """Compare the last `own` amplitudes of a set of columns between two sets of episodes.
-
-    Two tests: over all episodes, each weighing as much as its data say, and within kinds of motion. What the base
-    misses by itself depends on the kind, and so does the amplitude that this resembles; which test sees more depends
-    on where an effect shows. The smaller p counts, times the number of tests and of hypotheses (Bonferroni).
-
-    Args:
-        here: The episodes to explain.
-        reference: The reference.
-        rows: Columns, the base's own parameters first.
-        own: Number of amplitudes to compare, the last ones.
-        family: Hypotheses among which the best is looked for.
-        kinds: Kind of motion of every episode, here and in the reference.
-    """
-    fits = fit(here, rows), fit(reference, rows)
-    last = np.eye(len(rows))[-own:]
-    tests = [_judged([fits[0].mapped(last), fits[1].mapped(-last)])]
-    strata = strata_of(*kinds)
-    if told_apart(strata):
-        tests.append(_within_kinds(_profiled((here, reference), fits, rows, own), strata))
-    times = family * len(tests)
-    best = min(tests, key=lambda test: (test.p, -test.errors))
-    least, least_alone = (
-        np.min([test.least(P_LARGEST / number) for test in tests], 0) for number in (times, len(tests))
-    )
-    return Contrast(best.errors, min(1.0, times * best.p), least, least_alone)
-
-
-def _judged(parts: Sequence[Clusters]) -> _Test:
-    """Test whether differences are zero, each by a t test along axes that do not depend on each other (Bonferroni).
-
-    Args:
-        parts: What the differences are the sum of, each told by other episodes.
-    """
-    difference = together(parts)
-    own = len(difference.values)
-    apart = _inverse_root(difference.whole)
-    variances, freedom = _steadied([part.mapped(apart) for part in parts])
-    errors = np.abs(apart @ difference.values) / np.sqrt(np.maximum(variances, 1e-300))
-    p = own * 2 * student.sf(errors, freedom)
-    best = int(np.argmin(p))
-    variances, freedom = _steadied(parts)
-    return _Test(float(errors[best]), min(1.0, float(p[best])), np.sqrt(variances), freedom)
-
-
-def _steadied(parts: Sequence[Clusters]) -> tuple[np.ndarray, np.ndarray]:
-    """Give variances of a sum [C] and their degrees of freedom [C], see `Clusters.steadied`.
-
-    The sum's own degrees of freedom are counted by what episodes hold, or by how they scatter if that gives fewer
-    (Welch, Biometrika 34, 1947).
-    """
-    whole = together(parts)
-    spreads = np.stack([np.diag(part.pulls.T @ part.pulls) for part in parts])
-    each = np.stack([part.freedom for part in parts])
-    welch = spreads.sum(0) ** 2 / np.maximum((spreads**2 / each).sum(0), 1e-300)
-    expected = np.sum([part.scatter * np.diag(part.likely) for part in parts], 0)
-    return steadied(np.diag(whole.spread), np.maximum(np.minimum(whole.freedom, welch), 1.0), expected)
-
-
-def _inverse_root(matrix: np.ndarray) -> np.ndarray:
-    sizes, axes = np.linalg.eigh(matrix)
-    return np.asarray(axes / np.sqrt(np.maximum(sizes, 1e-12 * max(float(sizes[-1]), 1e-300))) @ axes.T)
-
-
-def _within_kinds(sides: tuple[_Side, _Side], strata: tuple[list[str], list[str]]) -> _Test:
-    """Compare each episode with the reference episodes of its kind; only the scatter within kinds counts.
-
-    An episode that is the only one of its kind does not tell how such episodes scatter: it is taken to scatter as the
-    others do within theirs, as far as it is sensitive.
-    """
-    total = sides[0].hessian.sum(0)
-    prior = _SHRINK * sides[1].hessian.mean(0), solve(sides[1].hessian.sum(0), sides[1].gradient.sum(0))
-    loud = np.split(loudness(np.concatenate([side.hessian for side in sides])), [len(sides[0].hessian)])
-    parts, lone, tellers = [], [], []
-    for label in dict.fromkeys(strata[0]):
-        chosen = [np.flatnonzero([k == label for k in names]) for names in strata]
-        mine, other = (side.chosen(which) for side, which in zip(sides, chosen, strict=True))
-        weight = np.linalg.solve(_ridged(total), mine.hessian.sum(0))
-        theirs = [each[which] for each, which in zip(loud, chosen, strict=True)]
-        for side, known, share, own in ((mine, None, weight, theirs[0]), (other, prior, -weight, theirs[1])):
-            fitted = clusters(side.hessian, side.gradient, known, own)
-            parts.append(fitted.mapped(share))
-            if len(side.hessian) > 1:
-                tellers.append(whitened(fitted, side.hessian))
-            else:
-                lone.append((len(parts) - 1, share @ fitted.inverse @ root(side.hessian[0]), float(own[0])))
-    told = together(tellers)
-    for place, carried, loud_alone in lone:
-        parts[place] = replace(told.averaged(carried, loud_alone), values=parts[place].values)
-    return _judged([replace(part, scatter=told.scatter) for part in parts])
-
-
-@dataclass(frozen=True)
-class _Side:
-    """Own amplitudes of one set of episodes, free of what the base's parameters explain."""
-
-    hessian: np.ndarray
-    """[E, own, own]."""
-    gradient: np.ndarray
-    """[E, own]."""
-
-    def chosen(self, which: np.ndarray) -> _Side:
-        return _Side(self.hessian[which], self.gradient[which])
-
-
-def _profiled(
-    grams: tuple[Grams, Grams], fits: tuple[Clusters, Clusters], rows: np.ndarray, own: int
-) -> tuple[_Side, _Side]:
-    """Take out of the own columns what the base's columns explain, and of the residuals what they fit."""
-    base, last = rows[:-own], rows[-own:]
-    pooled = sum((each.hessian.sum(0) for each in grams), np.zeros(()))
-    shared = np.zeros((len(base), own))
-    if len(base):
-        stacked = np.broadcast_to(pooled[np.ix_(base, base)], (own, len(base), len(base)))
-        shared = solve(stacked, pooled[np.ix_(base, last)].T).T
-
-    def side(part: Grams, fitted: Clusters) -> _Side:
-        cross = part.hessian[:, last][:, :, base] - shared.T @ part.hessian[:, base][:, :, base]
-        gradient = part.gradient[:, last] - part.gradient[:, base] @ shared - cross @ fitted.values[: len(base)]
-        hessian = part.hessian[:, last][:, :, last] - 2 * _symmetric(part.hessian[:, last][:, :, base] @ shared)
-        return _Side(hessian + shared.T @ part.hessian[:, base][:, :, base] @ shared, gradient)
-
-    return side(grams[0], fits[0]), side(grams[1], fits[1])
-
-
-def _ridged(matrix: np.ndarray) -> np.ndarray:
-    return np.asarray(matrix + (1e-9 * float(np.trace(matrix)) / len(matrix) + 1e-30) * np.eye(len(matrix)))
-
-
-def _symmetric(matrices: np.ndarray) -> np.ndarray:
-    return (matrices + matrices.swapaxes(-1, -2)) / 2
+def _regular(hessian: np.ndarray) -> bool:
+    values = np.linalg.eigvalsh(hessian)
+    return bool(values[-1] > 0 and values[0] > _SINGULAR * values[-1])

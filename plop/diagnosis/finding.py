@@ -1,33 +1,21 @@
-"""One thing that may be named, with its evidence, and the conditions under which it is."""
+"""One law with its evidence, as it may be named: parameters with units and intervals, and why it is not named."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from plop.diagnosis.contrast import P_LARGEST, Contrast
+import numpy as np
+from scipy.stats import t as student
+
+from plop.diagnosis.contrast import roots
+from plop.diagnosis.rule import RULE, DecisionRule
+from plop.diagnosis.search import Score
 from plop.diagnosis.verdict import Reason
 from plop.parameters import Estimate
 
-GAIN_LEAST = 0.05
-"""Least share of the held-out error that a named effect takes away."""
-STEADY_LEAST = GAIN_LEAST / 2
-"""Least share that it takes away of the error of the episodes but for the one that it helps most."""
-ERRORS_LEAST = 2.0
-"""Least gain in standard errors over episodes."""
-PARTLY_SHARE = 0.6
-"""Share of the explainable gap below which an effect is named only as a part: most of what a law that is not in the
-library does, a neighbour can do as well."""
-LONE_SHARE = 0.8
-"""Share of what a law explains from which on one episode alone is said to show it."""
-
-
 NO_HELP = "does not help"
-"""What is said of a law that takes nothing of the held-out error away.
-
-A gain is a share of the error without the law, and has no least value: fitted to some episodes, a law (or the stiffness
-that is fitted along) may make the others many times worse. By how much says nothing about the law, only that it is not
-what is missing."""
+"""What is said of a law that takes nothing of the held-out error away."""
 
 
 def explained_text(gain: float, error: float) -> str:
@@ -39,68 +27,111 @@ def explained_text(gain: float, error: float) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """One named thing with its evidence."""
+    """One law with its evidence."""
 
     name: str
     kind: str
-    """physics, decoy, base or sensor."""
+    """physics, decoy or base."""
     parameters: Mapping[str, Estimate]
+    score: Score
     gain: float
+    """Share of the held-out squared error that it takes away [-]."""
     gain_error: float
-    p: float | None
-    contrast: Contrast | None
-    """Its amplitude against that in the reference recordings; None without reference."""
-    steady: float | None = None
-    """Its gain over the episodes without the one that it helps most [-]; None when that is not known."""
-    alone: float = 0.0
-    """Share of the held-out error that it takes away with the base's own parameters left as they are [-]."""
-    alone_error: float = 0.0
-    """Standard error of the difference between `alone` and what the base's own parameters take away [-]."""
-    helps: str = ""
-    """The episode that it helps most."""
-    shown: float = 0.0
-    """Share of the error that it takes away where no episode is held out [-]: all that can be known of a law that
-    acts in one motion only."""
-    shown_by: str = ""
-    """The episode that shows nearly all of it; "" where there are several."""
+    """Its standard error over episodes."""
+    reasons: tuple[Reason, ...]
+    """Why it is not named."""
 
     @property
     def at_bound(self) -> bool:
         """Tell whether a parameter ran into its range."""
-        return any(p.at_bound for p in self.parameters.values())
+        return Reason.AT_BOUND in self.reasons
 
     @property
-    def differs(self) -> bool:
-        """Tell whether its amplitude is another than in the reference."""
-        return self.contrast is None or self.contrast.p <= P_LARGEST
+    def stands(self) -> bool:
+        """Tell whether it is there, if only as a part."""
+        return {*self.reasons} <= {Reason.AT_BOUND}
 
-    @property
-    def carried(self) -> bool:
-        """Tell whether one episode alone carries it."""
-        return self.steady is not None and self.steady <= STEADY_LEAST
 
-    def passes(self) -> bool:
-        """Tell whether all conditions for being named hold."""
-        return not self.reasons()
+def finding_of(
+    score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE, saturated: float = 1.0
+) -> Finding:
+    """Judge the best score of a law.
 
-    def hardly_differs(self) -> bool:
-        """Tell whether only the reference is against it: its amplitude is not surely another than there."""
-        return not self.differs and len(self.reasons()) == 1
+    Args:
+        score: It.
+        as_good: The same law's other settings that do as well.
+        sizes: Squared error of each episode to explain without it, [H].
+        rule: Margins.
+        saturated: How many times larger the amplitude may be with the same response.
+    """
+    columns = score.hypothesis.candidate.columns
+    parameters = amplitudes_of(score, rule, saturated)
+    for other in as_good:
+        for name, found in amplitudes_of(other, rule).items():
+            own = parameters[name]
+            parameters[name] = Estimate(
+                own.value, min(own.low, found.low), max(own.high, found.high), own.unit, own.at_bound
+            )
+    units = dict(score.hypothesis.candidate.shape_units)
+    for name, value in columns[0].shapes:
+        also = sorted({dict(other.hypothesis.candidate.columns[0].shapes)[name] for other in as_good} - {value})
+        parameters[name] = Estimate(value, unit=units.get(name, ""), alternatives=tuple(also), fitted=False)
+    share, error = _share(score.removed, sizes)
+    return Finding(
+        score.hypothesis.effect,
+        score.hypothesis.candidate.kind,
+        parameters,
+        score,
+        share,
+        error,
+        reasons_of(score, rule),
+    )
 
-    def ends(self) -> bool:
-        """Tell whether only the end of its range is against it."""
-        return self.reasons() == [Reason.AT_BOUND]
 
-    def reasons(self) -> list[Reason]:
-        """Say which conditions fail."""
-        failed = {
-            Reason.NO_SHAMS: self.p is None,
-            Reason.CHANCE: self.p is not None and self.p > P_LARGEST,
-            Reason.NO_HELP: self.gain <= 0,
-            Reason.SMALL_GAIN: 0 < self.gain <= GAIN_LEAST,
-            Reason.UNSURE_GAIN: self.gain <= ERRORS_LEAST * self.gain_error,
-            Reason.AT_BOUND: self.at_bound,
-            Reason.ONE_EPISODE: self.carried,
-            Reason.SAME_IN_REFERENCE: not self.differs,
-        }
-        return [reason for reason, holds in failed.items() if holds]
+def amplitudes_of(score: Score, rule: DecisionRule = RULE, saturated: float = 1.0) -> dict[str, Estimate]:
+    """Give amplitudes with their 95 % intervals, kept inside their ranges."""
+    found = {}
+    at_bound = score.amount >= score.hypothesis.most * (1 - 1e-9)
+    for column, value in zip(score.hypothesis.candidate.columns, score.values, strict=True):
+        chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
+        width = float(np.hypot(chance, rule.response_width)) * max(abs(value), 1e-12)
+        outward = np.copysign(width, value)
+        ends = sorted((value - outward, saturated * value + outward))
+        low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
+        found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
+    return found
+
+
+def reasons_of(score: Score, rule: DecisionRule = RULE) -> tuple[Reason, ...]:
+    """Say which conditions for being named fail."""
+    helps = score.strength > 0
+    failed = {
+        Reason.CHANCE: score.p > rule.alarm,
+        Reason.NO_HELP: not helps,
+        Reason.ONE_EPISODE: helps and score.strength <= float(roots(score.gains).max()),
+        Reason.AT_BOUND: helps and score.amount >= score.hypothesis.most * (1 - 1e-9),
+    }
+    return tuple(reason for reason, holds in failed.items() if holds)
+
+
+def worse(best: Score, other: Score, rule: DecisionRule = RULE) -> bool:
+    """Tell whether a law explains episodes less well than the best one.
+
+    It does where it gains less by more than chance between episodes, and by more than a response that is right in shape
+    loses by being too strong or too weak. Compared are signed roots of the gains, so that the one episode that shows
+    most does not decide alone (t test over episodes, one-sided).
+    """
+    if other.gain > (1 - rule.response_error**2) * best.gain:
+        return False
+    apart = roots(best.gains) - roots(other.gains)
+    error = apart.std(ddof=1) / np.sqrt(len(apart))
+    return bool(apart.mean() > student.ppf(1 - rule.alike, len(apart) - 1) * error + 1e-9)
+
+
+def _share(removed: np.ndarray, sizes: np.ndarray) -> tuple[float, float]:
+    """Share of the squared error that goes away, and its standard error (ratio estimator over episodes)."""
+    total, count = float(sizes.sum()), len(sizes)
+    share = float(removed.sum()) / max(total, 1e-300)
+    apart = removed - share * sizes
+    error = np.sqrt(count / max(count - 1, 1) * float((apart**2).sum())) / max(total, 1e-300)
+    return share, float(error)

@@ -1,20 +1,20 @@
-"""Which motion to record next: judged by the motions that were recorded.
+"""Which motion to record next, judged by the motions that were recorded.
 
-Confounded effects, and settings of one effect, are told apart by the motion in which their responses differ most; an
-effect that one episode alone shows, by more of its kind.
+Laws that cannot be distinguished, or settings of one law, are distinguished by the motion in which their responses
+differ most.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from plop.diagnosis.conclusion import Conclusion
-from plop.diagnosis.evidence import Evidence
-from plop.diagnosis.screen import Score
-from plop.parameters import Estimate, short_number, with_unit
+from plop.diagnosis.search import Score
+from plop.diagnosis.verdict import VerdictKind
+from plop.parameters import short_number, with_unit
 
 
 @dataclass(frozen=True)
@@ -29,91 +29,67 @@ class NextMotion:
 
 
 def next_motion(found: Conclusion) -> NextMotion | None:
-    """Choose the motion to record next; None where no motion would help."""
-    lone = found.verdict.evidence.lone
-    if lone is not None:
-        text = (
-            f"Only {lone.episode} shows {lone.effect}: record more motions like it, at other speeds and "
-            "places, so that it can be told from chance."
-        )
-        return NextMotion(lone.episode, {}, text)
-    return _apart(found) if found.verdict.evidence.alternatives else None
-
-
-def settling_motion(found: Conclusion) -> NextMotion | None:
-    """Choose the motion that would tell the settings of a law, a time or a direction, that do as well now.
-
-    Returns:
-        None where one effect is not all that is named, or its setting is known.
-    """
-    best = next((s for s in found.scores if (s.candidate.effect,) == found.verdict.named), None)
-    if best is None or {score.candidate.effect for score, _ in found.settings} != {best.candidate.effect}:
+    """Choose the motion that distinguishes the best law from its rivals; None where there are none."""
+    if not found.rivals or found.verdict.kind in (VerdictKind.SENSOR, VerdictKind.NOTHING_DETECTABLE):
         return None
-    own = next(f.parameters for f in found.findings if f.name == best.candidate.effect)
-    rivals = {_setting(score): score for score, _ in found.settings}
-    _, episode, pairs = _most_apart(found, best, rivals)
-    either = ", or ".join(
-        f"{_setting(score)} with {_amplitudes(score, parameters)}"
-        for score, parameters in ((best, own), *found.settings)
-    )
-    text = (
-        f"These motions do not tell its setting: {either}. They differ most in that of {episode}; "
-        "record more like it, slower and faster."
-    )
+    best = found.findings[0].score
+    laws = any(rival.hypothesis.effect != best.hypothesis.effect for rival in found.rivals)
+    rivals = {(rival.hypothesis.effect if laws else _setting(rival)): rival for rival in found.rivals}
+    separation, episode, pairs = _most_apart(found, best, rivals)
+    if laws:
+        text = (
+            f"The motion of {episode} distinguishes {best.hypothesis.effect} from {', '.join(pairs)} best "
+            f"({separation:.1f} standard deviations); record more like it, larger or slower and faster."
+        )
+    else:
+        either = ", or ".join(f"{_setting(score)} with {_amplitudes(score)}" for score in (best, *found.rivals))
+        text = (
+            f"These motions do not determine its setting: {either}. The predictions differ most in the motion of "
+            f"{episode}; record more like it, slower and faster."
+        )
     return NextMotion(episode, pairs, text)
 
 
 def _setting(score: Score) -> str:
-    units = dict(score.candidate.shape_units)
-    return _listed((name, value, units.get(name)) for name, value in score.candidate.columns[0].shapes)
+    candidate = score.hypothesis.candidate
+    units = dict(candidate.shape_units)
+    shapes = candidate.columns[0].shapes
+    return ", ".join(with_unit(f"{name} = {short_number(value)}", units.get(name)) for name, value in shapes)
 
 
-def _amplitudes(score: Score, parameters: Mapping[str, Estimate]) -> str:
-    return _listed((c.amplitude, parameters[c.amplitude].value, c.unit) for c in score.candidate.columns)
-
-
-def _listed(numbers: Iterable[tuple[str, float, str | None]]) -> str:
-    return ", ".join(with_unit(f"{name} = {short_number(value)}", unit) for name, value, unit in numbers)
-
-
-def _apart(found: Conclusion) -> NextMotion | None:
-    """Choose the motion that tells the best effect from its rivals."""
-    named = [s for s in found.scores if s.candidate.effect in found.verdict.named]
-    if len(named) < 2:
-        return None
-    best, rivals = named[0], {s.candidate.effect: s for s in named[1:]}
-    separation, episode, pairs = _most_apart(found, best, rivals)
-    text = (
-        f"The motion of {episode} tells {best.candidate.effect} from {', '.join(pairs)} best "
-        f"({separation:.1f} standard deviations); record more like it, larger or slower and faster."
+def _amplitudes(score: Score) -> str:
+    columns = score.hypothesis.candidate.columns
+    return ", ".join(
+        with_unit(f"{column.amplitude} = {short_number(value)}", column.unit)
+        for column, value in zip(columns, score.values, strict=True)
     )
-    return NextMotion(episode, pairs, text)
 
 
 def _most_apart(found: Conclusion, best: Score, rivals: Mapping[str, Score]) -> tuple[float, str, dict[str, float]]:
     """Compare a response with those of its rivals, by label, episode by episode.
 
-    In an episode two effects are told apart by what is left of one response when the other's multiple is taken
-    off, in units of the expected error. The episode with the most left shows the motion to repeat, larger.
+    In an episode two laws are distinguished by what is left of one response when the other's multiple is taken off, in
+    units of the expected error. The episode with the most left shows the motion to repeat, larger.
 
     Returns:
         Separation from the nearest rival, the episode, and the separation from each rival.
     """
+    search = found.search
+    own, others = _whitened(found, best), {label: _whitened(found, rival) for label, rival in rivals.items()}
     rows = []
-    for evidence in found.evidence:
-        sigma = found.misfit.sigma(evidence)
-        a = (_response(evidence, best) / sigma).ravel()
-        apart = {}
-        for label, rival in rivals.items():
-            b = (_response(evidence, rival) / sigma).ravel()
-            apart[label] = float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-30) * b))
-        rows.append((min(apart.values()), evidence.name, apart))
+    for k in np.flatnonzero(search.here).tolist():
+        apart = {label: _left(own[k], other[k]) for label, other in others.items()}
+        rows.append((min(apart.values()), search.evidence[k].name, apart))
     return max(rows, key=lambda row: row[:2])
 
 
-def _response(evidence: Evidence, score: Score) -> np.ndarray:
-    """Response of a fitted effect in one episode, [F, K, 3] [m]."""
-    total = np.zeros_like(evidence.residual)
-    for column, value in zip(score.candidate.columns, score.values, strict=True):
-        total = total + value * evidence.responses[column.key]
-    return total
+def _whitened(found: Conclusion, score: Score) -> Sequence[np.ndarray]:
+    response = found.search.response(score.hypothesis)
+    weights = found.search.field.weights
+    return [
+        (score.amount * np.sqrt(w)[:, None] * r.reshape(-1, 3)).ravel() for r, w in zip(response, weights, strict=True)
+    ]
+
+
+def _left(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-30) * b))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from plop.diagnosis.conclusion import Conclusion
-from plop.diagnosis.next_motion import next_motion, settling_motion
+from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.parameters import short_number, with_unit
 
 _EASIEST = 3
-"""Effects whose limits are told where nothing was found."""
+"""Laws whose limits are given where nothing was found."""
+_REPEAT = "repeat the motions of the reference recordings: what the model misses anyway then cancels"
 
 
 def next_step(found: Conclusion) -> str:
@@ -16,11 +17,9 @@ def next_step(found: Conclusion) -> str:
     verdict, motion = found.verdict, next_motion(found)
     if verdict.kind == VerdictKind.SENSOR:
         return (
-            "`plop calibrate` checks the cameras again and says how to mend them; to go on without one: "
+            "`plop calibrate` checks the cameras again and says how to repair them; to go on without one: "
             "`plop diagnose --exclude CAMERA`."
         )
-    if motion is not None:
-        return motion.text
     if verdict.kind == VerdictKind.NOTHING_DETECTABLE:
         return _limits(found)
     if verdict.kind == VerdictKind.NONE_OF_THESE:
@@ -28,10 +27,9 @@ def next_step(found: Conclusion) -> str:
             "`plop compare` shows where and when the model fails; write the law that you suspect as a file "
             "(docs/how-to/write-an-effect.md) and try it: `plop diagnose --effect-file FILE`."
         )
-    if verdict.kind == VerdictKind.CONFOUNDED:
-        return f"Record motions that tell {' and '.join(verdict.named)} apart."
-    settling = settling_motion(found)
-    return _added(verdict) + (f" {settling.text}" if settling else "")
+    if verdict.evidence.alternatives:
+        return motion.text if motion else f"Record motions that distinguish {' and '.join(verdict.named)}."
+    return _added(verdict) + (f" {motion.text}" if motion else "")
 
 
 def _added(verdict: Verdict) -> str:
@@ -45,8 +43,11 @@ def _added(verdict: Verdict) -> str:
 
 
 def _limits(found: Conclusion) -> str:
-    """Say from where on effects would have been named, those that are seen most easily first."""
-    laws = {score.candidate.effect for score in found.scores if score.candidate.kind == "physics"}
+    """Say from where on laws would have been named, those that are seen most easily first."""
+    least = found.verdict.evidence.least_p
+    if least is None:
+        return f"Give reference recordings (--reference), in which nothing is missing; best {_REPEAT}."
+    laws = {f.name for f in found.findings if f.kind == "physics"}
     known = [
         (limit.displacement_m, name, limit)
         for name, limit in found.limits.items()
@@ -54,13 +55,13 @@ def _limits(found: Conclusion) -> str:
     ]
     ease = sorted(known, key=lambda entry: entry[:2])[:_EASIEST]
     if not ease:
-        return "These motions show no effect of the library; record larger or faster ones."
+        return f"These motions show no law of the library; record larger or faster ones, or {_REPEAT}."
     seen = ", ".join(
         f"{name} from {with_unit(short_number(abs(limit.amplitude or 0.0)), limit.unit)} on "
         f"({short_number(1000 * size)} mm)"
         for size, name, limit in ease
     )
     return (
-        f"What would have been named: {seen}; all limits are in the diagnosis. Larger or faster motions, or more "
-        "episodes, show weaker effects."
+        f"What would have been named nine times in ten: {seen}; all limits are in the diagnosis. To see weaker "
+        f"effects, record more episodes, or {_REPEAT}."
     )

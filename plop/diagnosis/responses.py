@@ -1,4 +1,4 @@
-"""Predictions and responses of one episode: the jobs that fill the cores, one (episode, column) each."""
+"""One engine run: the jobs that fill the cores, an episode with some laws each."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.diagnosis.candidates import Column
+from plop.diagnosis.hypotheses import Settings, run_key
 from plop.errors import PlopError, UserCodeError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
 from plop.tracking.episode import Episode
-
-Settings = tuple[tuple[Column, float], ...]
-"""Columns and their amplitudes."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +27,7 @@ class Job:
     @property
     def key(self) -> str:
         """What is added to the engine, e.g. "viscosity().viscosity_pa_s=12"."""
-        return " + ".join(f"{column.key}={value:.6g}" for column, value in self.settings)
+        return run_key(self.settings)
 
 
 @dataclass(frozen=True)

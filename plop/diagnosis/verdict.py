@@ -18,7 +18,7 @@ class VerdictKind(StrEnum):
     BASE_PARAMETER = "BASE PARAMETER"
     """No law is missing: a parameter that the base has is another one."""
     CONFOUNDED = "CONFOUNDED"
-    """One of several, which these motions cannot tell apart."""
+    """One of several, which these motions cannot distinguish."""
     PARTLY = "PARTLY"
     """What is named explains a part only."""
     NONE_OF_THESE = "NONE OF THESE"
@@ -33,36 +33,14 @@ class VerdictKind(StrEnum):
 class Reason(StrEnum):
     """Why a law is not named."""
 
-    NO_SHAMS = "no_shams"
     CHANCE = "chance"
-    """Too likely by chance."""
+    """Too likely where nothing is hidden."""
     NO_HELP = "no_help"
     """Fitted to the other episodes, it does not make the held-out ones better."""
-    SMALL_GAIN = "small_gain"
-    UNSURE_GAIN = "unsure_gain"
-    """The gain is within its standard errors."""
+    ONE_EPISODE = "one_episode"
+    """Only one episode shows it, so that it says nothing about the others."""
     AT_BOUND = "at_bound"
     """A fitted amplitude is at the end of its range: it is named only as a part."""
-    ONE_EPISODE = "one_episode"
-    """One episode alone shows it, so that it says nothing about the others."""
-    SAME_IN_REFERENCE = "same_in_reference"
-    """Its amplitude is that in the reference recordings."""
-
-
-@dataclass(frozen=True)
-class Lone:
-    """A law that one episode alone shows."""
-
-    effect: str
-    episode: str
-
-
-@dataclass(frozen=True)
-class Earlier:
-    """The verdict before two laws were fitted together."""
-
-    kind: VerdictKind
-    named: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -72,28 +50,25 @@ class Grounds:
     sensors: tuple[str, ...] = ()
     """Significant sensor faults, in words."""
     error: float | None = None
-    """Of the base."""
+    """Of the base, its own parameters refitted to all episodes together."""
     floor: float | None = None
-    """In the reference recordings."""
+    """The same in the reference recordings."""
     left: float | None = None
     """With what is named, or else with the best law."""
-    excess: float | None = None
-    """How much larger the error is than in the reference, in standard errors."""
-    excess_p: float | None = None
-    """The same as a chance."""
+    change_p: float | None = None
+    """Chance that recordings and reference differ by as much, in whatever way, where nothing is hidden."""
+    rest_p: float | None = None
+    """The same for what is left with what is named."""
+    closed: float | None = None
+    """Share of that difference which goes away with what is named."""
     decoys: tuple[str, ...] = ()
     """The decoy that explains most, where one does."""
     alternatives: tuple[str, ...] = ()
-    """What cannot be told from the first that is named."""
+    """What cannot be distinguished from the first that is named."""
     share: float | None = None
-    """Share of the held-out error that goes away with what is named."""
-    rest: bool | None = None
-    """Of a base parameter: whether what it leaves is still beyond the reference's error."""
-    lone: Lone | None = None
-    """Would have been named had another episode shown it."""
-    unsure: str | None = None
-    """Explains most, but too few episodes tell whether its amplitude is another than in the reference."""
-    alone: Earlier | None = None
+    """Share of the held-out squared error that goes away with what is named."""
+    least_p: float | None = None
+    """The smallest chance that so few episodes can show."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The networks' activation, with the same digits on any number of threads."""
+"""The networks' activation, bitwise reproducible on any number of threads."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import torch
 from torch import Tensor, nn
 
 _PART = 16_384
-"""Elements that are worked on at once: torch shares out only more than 32,768 among its threads, and whole vectors of
-any processor fill it."""
+"""Elements per call: torch distributes only more than 32,768 over its threads, and this is a multiple of the vector
+length of any processor."""
 
 
 class SiLU(nn.Module):
     """Multiply by the sigmoid, as `torch.nn.SiLU` does on one thread.
 
-    On several threads torch cuts the elements into as many parts, and works on those that fill no whole vector at the
-    end of each by another formula: the last digit of a few hangs on the number of threads. Fixed parts do not.
+    On several threads torch splits the elements into as many parts, and computes the remainder of each part, which
+    fills no whole vector, by another formula: the last digit of a few depends on the number of threads. Parts of
+    fixed size avoid this.
     """
 
     def forward(self, x: Tensor) -> Tensor:

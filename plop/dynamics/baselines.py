@@ -1,4 +1,4 @@
-"""Models that know nothing: what every learned model must beat, and what the filter starts from."""
+"""Trivial models: baselines that every learned model must beat, and the filter's initial model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Persistence(DynamicsModel):
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
-        """Keep the state; only the blade's mark on the particles advances."""
+        """Keep the state; only the sides of the cut are updated."""
         zeros = torch.zeros_like(state.last_translation)
         side = advance_sides(state.side, state.gaussians.means, action)
         return replace(state, last_translation=zeros, last_rotation=zeros, side=side, has_history=True)
@@ -25,7 +25,7 @@ class Persistence(DynamicsModel):
 
 @dataclass(frozen=True)
 class ConstantVelocity(DynamicsModel):
-    """Everything goes on as in the last step, more slowly."""
+    """The last motion continues, damped."""
 
     keep: float = 0.8
     """Share of the last motion that is repeated [-]."""

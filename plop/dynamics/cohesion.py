@@ -1,13 +1,13 @@
-"""What no blade has parted holds together: a Gaussian stays where its neighbours put it.
+"""Cohesion: material that no blade has divided stays together, and a Gaussian stays with its neighbours.
 
-The network moves every Gaussian by itself. Of those beside a blade a few go with it that should rest, or rest that
-should go; once they have left their half nothing brings them back, and they bridge the gap of the cut. A body that
-is not torn moves almost rigidly within some millimetres. So the prediction is bounded: each Gaussian lies no farther
-from where its neighbours on its side would put it than Gaussians of the training tracks do. The loss of the paper
-(Eq. 15) asks for the same by its rigidity and isometry terms, but only in training and only in the mean.
+The network moves every Gaussian independently. Beside a blade, a few move with it that should rest, or rest when
+they should move; once they have left their half nothing returns them, and they bridge the gap of the cut. A body that
+is not torn moves almost rigidly within some millimetres. Therefore the prediction is limited: the distance of each
+Gaussian from the position predicted by its neighbours on its side is at most that of Gaussians in the training tracks.
+The loss of the paper (Eq. 15) has rigidity and isometry terms for this, but only in training and only in the mean.
 
-The place comes from the best rigid motion of the neighbours since the first frame, fitted by iteratively reweighted
-least squares with Cauchy's weights, so that the strays among them do not count; rotations after Mueller et al., "A
+The position comes from the best rigid motion of the neighbours since the first frame, fitted by iteratively reweighted
+least squares with Cauchy's weights, so that outliers have little weight; rotations after Mueller et al., "A
 robust method to extract the rotational part of deformations" (MIG 2016).
 """
 
@@ -24,15 +24,15 @@ from plop.dynamics.interface import ParticleState
 from plop.dynamics.rest import RestPlaces
 
 _ROUNDS = 3
-"""Fits, each with the weights that the one before gives."""
+"""Iterations of the reweighted fit."""
 _SOFT = 0.05
 """Distance from the fit at which a neighbour counts half, in units of the distance to the farthest neighbour [-]."""
 _LEAST = 4
-"""Fewer neighbours tell nothing about a rotation."""
+"""Fewer neighbours do not determine a rotation."""
 _TURNS = 30
 """Most iterations of a rotation; a few degrees need three."""
 _NATURAL = 0.99
-"""Share of the Gaussians of a track that count as being where they belong."""
+"""Share of the Gaussians of a track that count as inliers."""
 
 
 @kernel
@@ -89,7 +89,7 @@ def _expected(
     neighbours: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write for each of `rows` the place where its neighbours put it; its own where it has too few of them."""
+    """Write for each of `rows` the position predicted by its neighbours; its own where it has too few of them."""
     weight = np.empty(neighbours.shape[1])
     then, here, spread, turn, q = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(4)
     for r in range(part * len(rows) // parts, (part + 1) * len(rows) // parts):
@@ -143,7 +143,7 @@ def _expected(
 
 
 def expected_places(rest: RestPlaces, means: Tensor, side: Tensor, rows: Tensor | None = None) -> Tensor:
-    """Say where the neighbours of Gaussians put them.
+    """Return the positions of Gaussians predicted by their neighbours.
 
     Computed on the CPU, wherever the tensors live.
 
@@ -151,7 +151,7 @@ def expected_places(rest: RestPlaces, means: Tensor, side: Tensor, rows: Tensor 
         rest: The first frame.
         means: Now, shape [N, 3] [m].
         side: Side of the cut, shape [N]; neighbours across it do not count.
-        rows: Which Gaussians are asked for, shape [M], int64; all when absent.
+        rows: Indices of the Gaussians, shape [M], int64; all when absent.
 
     Returns:
         Shape [M, 3] [m], without gradient.
@@ -164,16 +164,16 @@ def expected_places(rest: RestPlaces, means: Tensor, side: Tensor, rows: Tensor 
 
 
 def held_together(before: ParticleState, after: ParticleState, stray_m: float | None) -> ParticleState:
-    """Bring back Gaussians that have left their neighbours in a step.
+    """Limit the distance of Gaussians from their neighbours after a step.
 
     Args:
         before: State at the start of the step.
         after: Prediction for its end, the same Gaussians in the same order.
-        stray_m: Farthest that a Gaussian may lie from where its neighbours put it [m]. One that lay farther off before
-            (a filter has put it there) may lie as far as that. None: anywhere.
+        stray_m: Largest distance of a Gaussian from the position predicted by its neighbours [m]. One that was
+            farther away before (after an update of the filter) may stay as far. None: no limit.
 
     Returns:
-        The prediction, strays moved straight towards their place until they are near enough.
+        The prediction, with outliers moved straight towards their predicted position until within the limit.
     """
     rest = after.rest
     if stray_m is None or rest is None:
@@ -194,7 +194,7 @@ def held_together(before: ParticleState, after: ParticleState, stray_m: float | 
 
 
 def natural_strays_m(rest: RestPlaces, means: Tensor, sides: Tensor) -> float:
-    """Measure how far Gaussians of an episode lie from where their neighbours put them.
+    """Measure the distance of Gaussians in an episode from the positions predicted by their neighbours.
 
     Args:
         rest: The first frame.
@@ -202,7 +202,7 @@ def natural_strays_m(rest: RestPlaces, means: Tensor, sides: Tensor) -> float:
         sides: Sides of the cut, shape [T, N].
 
     Returns:
-        99 of 100 lie nearer in each of these frames [m].
+        99th percentile of the distance in each of these frames [m].
     """
     offsets = [now - expected_places(rest, now, side) for now, side in zip(means, sides, strict=True)]
     return max(float(torch.quantile(offset.norm(dim=-1), _NATURAL)) for offset in offsets)

@@ -1,9 +1,9 @@
-"""The cut: on which side of it a particle lies, and its faces, through which no Gaussian reaches.
+"""The cut: on which side of it a particle lies, and its faces, which no Gaussian crosses.
 
 A blade that has passed a particle's place divides the material there. The side is fixed the first time
 the blade's outline covers the particle, seen along the blade's normal, and stays with it afterwards.
-Gaussians inside an object are wide, for nothing has shown what is there. When a blade parts two halves, those beside
-it would stick out of the fresh faces by several millimetres, and from both sides into the gap.
+Gaussians inside an object are wide, because no image constrains them. When a blade separates two halves, those beside
+it would extend from the new faces by several millimetres, from both sides into the gap.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ BLADE_RATIO = 5.0
 _REACH = 1.0
 """Largest standard deviation across the cut, in distances of the Gaussian's centre from the blade's mid-plane [-]."""
 _THINNEST_M = 2e-4
-"""None gets thinner than this [m]: thinner ones would be split into ever smaller ones."""
+"""Smallest standard deviation [m]: thinner ones would be split into ever smaller ones."""
 
 
 def is_blade(tool: ToolGeometry) -> bool:
-    """Tell whether the tool is thin enough to divide material."""
+    """Return whether the tool is thin enough to divide material."""
     return bool(tool.half_extent[1] > BLADE_RATIO * tool.half_extent[0])
 
 
 def advance_sides(side: Tensor, means: Tensor, action: ToolStep) -> Tensor:
-    """Mark the particles that the blade has reached.
+    """Set the sides of the particles that the blade has reached.
 
     Args:
         side: Shape [N], -1, 0 or 1.
         means: Positions at the end of the step, shape [N, 3] [m].
-        action: The step; its end pose counts.
+        action: The step; its end pose is used.
 
     Returns:
-        New sides, shape [N]. Marked particles keep theirs.
+        New sides, shape [N]. Particles with a side keep it.
     """
     if not is_blade(action.tool):
         return side
@@ -58,7 +58,7 @@ def narrowed_at_cut(side: Tensor, after: ParticleState, action: ToolStep) -> Par
         action: The step; its end pose counts.
 
     Returns:
-        The state; shapes of Gaussians whose side has just been found are changed, nothing else.
+        The state; only shapes of Gaussians whose side was set in this step are changed.
     """
     rows = torch.nonzero((side == 0) & (after.side != 0)).squeeze(1)
     if len(rows) == 0:

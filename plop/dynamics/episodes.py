@@ -1,4 +1,4 @@
-"""What dynamics needs of a recording: the tool's steps and the measured views."""
+"""Parts of a recording that dynamics needs: the tool's steps and the measured views."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ class Actions:
         return cls(tool, poses, recording.time_s, recording.table_z_m)
 
     def __len__(self) -> int:
-        """Number of frames; there is one step less."""
+        """Number of frames; the number of steps is one less."""
         return len(self.time_s)
 
     def step(self, frame: int) -> ToolStep:
-        """Give the step from one frame to the next."""
+        """Return the step from one frame to the next."""
         dt = float(self.time_s[frame + 1] - self.time_s[frame])
         return ToolStep(self.tool, self.world_from_tool[frame], self.world_from_tool[frame + 1], dt, self.table_z_m)
 
     def steps(self) -> list[ToolStep]:
-        """Give all steps, one between each two frames."""
+        """Return all steps, one between each pair of consecutive frames."""
         return [self.step(frame) for frame in range(len(self) - 1)]
 
 

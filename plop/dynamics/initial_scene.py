@@ -1,4 +1,4 @@
-"""Where a prediction starts: the object and the tool of an episode's first frame."""
+"""Initial scene of a prediction: the object and the tool of an episode's first frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from plop.recordings.recording import Recording
 
 @dataclass(frozen=True)
 class InitialScene:
-    """Object, tool and table at the first frame; a planner's start, and the frame of its actions."""
+    """Object, tool and table at the first frame; the start of a planner, and the reference of its actions."""
 
     gaussians: Gaussians
     """The object, world frame."""
@@ -31,7 +31,7 @@ class InitialScene:
     """Height of the table [m]; None when there is none."""
     surface: tuple[np.ndarray, np.ndarray] | None = None
     """The object's closed surface where it was measured, vertices [V, 3] [m] and triangles [F, 3]; without it the
-    convex hull of the Gaussians stands in."""
+    convex hull of the Gaussians is used."""
     tool_gaussians: Gaussians | None = None
     """How the tool looks, in its own frame; None where nothing is rendered."""
 
@@ -44,7 +44,7 @@ class InitialScene:
         Args:
             recording: The episode.
             fitted: Artifact of `fit-init`, or its folder.
-            device: Where the Gaussians live; a learned model expects them where it is itself.
+            device: Device of the Gaussians; a learned model expects them on its own device.
 
         Raises:
             PlopError: The episode was not fitted, or a file is damaged.
@@ -63,7 +63,7 @@ class InitialScene:
     def action(
         self, world_from_tool: np.ndarray | Tensor, next_world_from_tool: np.ndarray | Tensor, dt_s: float
     ) -> ToolStep:
-        """Give the action that moves the tool from one pose to another.
+        """Return the action that moves the tool from one pose to another.
 
         Args:
             world_from_tool: Pose at the start of the step, shape [4, 4].

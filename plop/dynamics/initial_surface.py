@@ -1,4 +1,4 @@
-"""The object's closed surface in the first frame: its shape from fitted Gaussians, its place from measured depth."""
+"""The object's closed surface in the first frame: its shape from fitted Gaussians, its position from measured depth."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from plop.recordings.recording import Recording
 ON_SURFACE_M = 0.0015
 """Largest distance from a Gaussian on the surface to the measured points [m]."""
 LEAST_POINTS = 40
-"""Points and Gaussians below which there is no surface."""
+"""Smallest number of points and of Gaussians for a surface."""
 _OPAQUE = 0.5
 _ENOUGH = 20_000
-"""About as many measured points tell where the faces lie; large images have fifty times more."""
+"""Number of measured points to use: enough to locate the faces; large images have fifty times more."""
 _STRAY = 0.005
-"""Share of the measured points farthest out that are taken for stray pixels."""
+"""Share of the outermost measured points that is discarded as outliers."""
 
 
 @dataclass(frozen=True)
 class FirstFrame:
-    """What the cameras measured of the object at the start."""
+    """Measurement of the object at the first frame."""
 
     views: list[View]
     points: np.ndarray
-    """Measured places on the object, world, [K, 3] [m]; stray pixels left out."""
+    """Measured positions on the object, world, [K, 3] [m]; outliers discarded."""
     table_z_m: float | None
 
     @classmethod
@@ -56,15 +56,15 @@ class FirstFrame:
         return cls(views, cloud.points[distance <= np.quantile(distance, 1 - _STRAY)], recording.table_z_m)
 
     def shown(self, gaussians: Gaussians) -> np.ndarray:
-        """Tell which Gaussians are opaque and lie on the measured surface, bool [N]."""
+        """Return which Gaussians are opaque and lie on the measured surface, bool [N]."""
         near = cKDTree(self.points).query(gaussians.means.detach().cpu().numpy())[0] < ON_SURFACE_M
         return np.asarray(near & (gaussians.opacities.detach().cpu().numpy() > _OPAQUE))
 
     def surface(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Wrap the object.
 
-        A fit has averaged the noise of depth: the centres of its Gaussians show the shape; but all together they lie
-        beside the surface, by half a millimetre where the fit is coarse, while the pixels do not, in the mean.
+        A fit averages the noise of depth, so the centres of its Gaussians give the shape; but they have a common offset
+        from the surface, half a millimetre for a coarse fit, while the pixels have none on average.
 
         Args:
             places: Centres of Gaussians on the surface, [M, 3] [m].
@@ -73,7 +73,7 @@ class FirstFrame:
             Vertices [V, 3] [m] and outward triangles [F, 3].
 
         Raises:
-            PlopError: The places enclose nothing.
+            PlopError: The points enclose no volume.
         """
         rim = None
         if self.table_z_m is not None:
@@ -82,7 +82,7 @@ class FirstFrame:
 
 
 def initial_surface(recording: Recording, gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray] | None:
-    """Wrap the object that fitted Gaussians and the first frame show; None where too little of it was measured."""
+    """Return the surface of the object from fitted Gaussians and the first frame; None if too little was measured."""
     try:
         frame = FirstFrame.of(recording)
         places = gaussians.means.detach().cpu().double().numpy()[frame.shown(gaussians)]

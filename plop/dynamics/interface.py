@@ -1,4 +1,4 @@
-"""One way to predict, whatever predicts: the learned model, a baseline, the physics engine."""
+"""The common interface of all dynamics models: learned model, baseline, physics engine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from plop.geometry.meshes.tool import ToolGeometry
 
 @dataclass(frozen=True)
 class ParticleState:
-    """What a dynamics model carries from frame to frame: everything, so that a step depends on nothing else."""
+    """Complete state of a dynamics model between frames; a step depends on nothing else."""
 
     gaussians: Gaussians
     last_translation: Tensor
@@ -26,18 +26,18 @@ class ParticleState:
     side: Tensor
     """Side of the cut on which a Gaussian lies, shape [N], -1, 0 (no blade has passed yet) or 1."""
     has_history: bool
-    """False at the first frame, where the motion of the last step means nothing."""
+    """False at the first frame, where the motion of the last step is undefined."""
     surface: tuple[np.ndarray, np.ndarray] | None = None
     """At the first frame, if it was measured: the object's closed surface, vertices [V, 3] [m] and triangles [F, 3],
     for models that fill it themselves (`plop.dynamics.initial_surface`)."""
     rest: RestPlaces | None = None
-    """Where the Gaussians lay at the first frame, if anything needs to know it (`plop.dynamics.cohesion`)."""
+    """Positions of the Gaussians at the first frame, if needed (`plop.dynamics.cohesion`)."""
     inner: object | None = None
-    """What the model that made this state knows besides the Gaussians (the engine's particles, say); never changed in
-    place. Others hand it on untouched, also where they move or choose Gaussians."""
+    """Private state of the model besides the Gaussians (e.g. the engine's particles); never changed in place. Other
+    code passes it on unchanged, also where it moves or selects Gaussians."""
 
     def select(self, index: Tensor) -> ParticleState:
-        """Take a subset of the Gaussians with everything that belongs to them."""
+        """Select a subset of the Gaussians with all their fields."""
         return replace(
             self,
             gaussians=self.gaussians.select(index),
@@ -88,7 +88,7 @@ class DynamicsModel(Protocol):
     """Predict the next state: prediction, opacity update, merging and splitting (PLOP, Eq. 13)."""
 
     def init(self, scene: Start) -> ParticleState:
-        """Give the state at the first frame, at rest."""
+        """Return the state at the first frame, at rest."""
         return at_rest(scene.gaussians, scene.surface)
 
     def step(
@@ -96,8 +96,8 @@ class DynamicsModel(Protocol):
     ) -> ParticleState:
         """Advance one frame; the number of Gaussians may change.
 
-        The result depends on the arguments alone and the state is not changed: a model may follow several episodes in
-        turn, and step one state by several actions. `generator` draws whatever is random (the displacement of a split).
+        The result depends on the arguments only and the state is not changed: a model may predict several episodes
+        alternately, and step one state by several actions. `generator` draws random numbers (displacements of splits).
         """
         ...
 

@@ -16,7 +16,7 @@ from plop.setting_kinds import Formerly, Range, Settings, Share, Unit
 
 @dataclass(frozen=True)
 class ResamplingConfig(Settings):
-    """When Gaussians merge and split; the defaults are written only here."""
+    """When Gaussians merge and split; the defaults are defined only here."""
 
     enabled: Annotated[bool, Formerly("resample")] = True
     """Merge and split; off, the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
@@ -27,13 +27,13 @@ class ResamplingConfig(Settings):
     form: Literal["moments", "paper"] = "moments"
     """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28 as printed."""
     max_count: Annotated[int, Range(1), Unit("Gaussians")] = 20000
-    """No split beyond this many."""
+    """Largest number of Gaussians after splitting."""
 
 
 def resample(
     state: ParticleState, config: ResamplingConfig, *, generator: torch.Generator | None = None
 ) -> ParticleState:
-    """Apply R^m, then R^s; motion, side and place of rest follow the lineage.
+    """Apply R^m, then R^s; motion, side and rest position follow the lineage.
 
     Args:
         state: Predicted state with updated opacities.

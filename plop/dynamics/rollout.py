@@ -23,11 +23,11 @@ def rollout(
     Args:
         model: Predicts.
         scene: The first frame.
-        actions: The steps of the tool, or a recording whose tool is followed; none of its images is read.
-        seed: Seed of whatever the model draws.
+        actions: The steps of the tool, or a recording whose tool motion is used; its images are not read.
+        seed: Seed of the model's random numbers.
 
     Returns:
-        The state of every frame, the first one included: one more than there are steps.
+        The state of every frame, including the first one: one more than the number of steps.
 
     Raises:
         PlopError: A state is empty or not finite; names the frame.
@@ -68,7 +68,9 @@ def predict(
 def _check_state(gaussians: Gaussians, name: str, frame: int) -> None:
     where = f"{name}, frame {frame}"
     if len(gaussians) == 0:
-        raise PlopError("The model removed every Gaussian.", where=where, fix="Train longer, or merge less.")
+        raise PlopError(
+            "The model removed every Gaussian.", where=where, fix="Train longer, or lower the merge threshold."
+        )
     for field in ("means", "quats", "scales", "opacities"):
         bad = ~torch.isfinite(getattr(gaussians, field)).reshape(len(gaussians), -1).all(1)
         if bad.any():

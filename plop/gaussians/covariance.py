@@ -1,4 +1,4 @@
-"""Between covariance matrices and the scales and rotations that stand for them."""
+"""Conversion of covariance matrices to scales and rotations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def scales_quats_from_covariance(covariances: Tensor) -> tuple[Tensor, Tensor]:
 
     The gradient reaches the scales through lambda_k = e_k^T Sigma e_k with the
     eigenvectors e_k held fixed, which is the exact derivative of an eigenvalue and
-    stays finite when two of them meet. The rotation carries no gradient: that of an
+    stays finite when two of them meet. The rotation has no gradient: that of an
     eigenvector grows without bound there.
 
     Args:
@@ -28,7 +28,7 @@ def scales_quats_from_covariance(covariances: Tensor) -> tuple[Tensor, Tensor]:
     if covariances.shape[0] == 0:
         return covariances.new_zeros(0, 3), covariances.new_zeros(0, 4)
     with torch.no_grad():
-        # In float64 and at unit size: 1e-6 m^2 is too near to nothing for a float32 decomposition.
+        # In float64 and at unit size: 1e-6 m^2 is too close to zero for a float32 decomposition.
         exact = covariances.double()
         size = exact.diagonal(dim1=-2, dim2=-1).amax(-1).clamp_min(MIN_SCALE_M**2)[:, None, None]
         axes = torch.linalg.eigh(exact / size).eigenvectors

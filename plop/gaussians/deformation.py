@@ -12,12 +12,12 @@ from plop.geometry.rigid import matrix_to_quat, rotation_vector_from_quat
 
 
 def deformed(gaussians: Gaussians, positions: np.ndarray, turned: np.ndarray) -> tuple[Gaussians, Tensor]:
-    """Move Gaussians to new places and deform their covariances.
+    """Move Gaussians to new positions and deform their covariances.
 
     Args:
         gaussians: N Gaussians.
         positions: New means, [N, 3] [m].
-        turned: Deformation gradient since then, [N, 3, 3].
+        turned: Deformation gradient since the old positions, [N, 3, 3].
 
     Returns:
         The Gaussians, and the rotation vector of each deformation, [N, 3] [rad].

@@ -1,6 +1,6 @@
 """Fill the inside of a shell of Gaussians: a cut exposes it, and dynamics need its mass.
 
-An opacity grid around the Gaussians tells shell from empty space. `paper` places one Gaussian
+An opacity grid around the Gaussians separates shell and empty space. `paper` places one Gaussian
 wherever a ray along one of the six axes passes from low to high opacity (PLOP, Sec. III-C, after
 PhysGaussian). `solid` finds the empty cells that are enclosed on all six axes and fills them evenly.
 """
@@ -39,7 +39,7 @@ class OpacityGrid:
         Args:
             gaussians: N >= 1 Gaussians.
             cells: Number of cells along the longest side of the bounding box.
-            floor_z_m: A table, which the grid reaches down to [m].
+            floor_z_m: Height of a table, down to which the grid extends [m].
         """
         means = gaussians.means.detach()
         low, high = means.amin(0), means.amax(0)
@@ -55,14 +55,14 @@ class OpacityGrid:
         return cls(opacity.reshape(*size.tolist()), origin, cell)
 
     def centers(self, cells: Tensor) -> Tensor:
-        """Give the middles of cells, [M, 3] int64 -> [M, 3] m."""
+        """Return the middles of cells, [M, 3] int64 -> [M, 3] m."""
         return self.origin + (cells + 0.5) * self.cell_m
 
     def enclosed(self, threshold: float, *, floor_z_m: float | None = None) -> Tensor:
         """Find the cells of low opacity that meet high opacity in all six directions.
 
         Args:
-            threshold: What counts as high.
+            threshold: Smallest high opacity.
             floor_z_m: A table below which nothing is empty: it closes the grid downwards [m].
 
         Returns:
@@ -76,7 +76,7 @@ class OpacityGrid:
             closed &= above
         if floor_z_m is None:
             return closed
-        # A table closes the bottom, which no camera sees, and cells under it are not part of the object.
+        # A table closes the bottom, which no camera sees; cells under it are not part of the object.
         height = self.origin[2] + (torch.arange(solid.shape[2], device=solid.device) + 1) * self.cell_m
         over = ~solid & _seen_before(solid.flip(2), 2).flip(2) & (height > floor_z_m)
         for axis in range(2):
@@ -96,7 +96,7 @@ def _samples(gaussians: Gaussians) -> tuple[Tensor, Tensor]:
 
 
 def _seen_before(solid: Tensor, axis: int) -> Tensor:
-    """Tell for every cell whether a solid one lies at a lower index along an axis."""
+    """Return for every cell whether a solid one lies at a lower index along an axis."""
     return (solid.cumsum(axis) - solid.long()) > 0
 
 
@@ -109,8 +109,8 @@ def fill_paper(gaussians: Gaussians, *, cells: int = 16, threshold: float = 0.1)
         threshold: Opacity between low and high.
 
     Returns:
-        The new Gaussians alone, in the middles of the high cells, every other property that of the
-        nearest existing Gaussian, ids included.
+        The new Gaussians alone, in the middles of the high cells, all other properties copied from
+        the nearest existing Gaussian, including ids.
 
     Source: PLOP, Sec. III-C.
     """
@@ -120,7 +120,7 @@ def fill_paper(gaussians: Gaussians, *, cells: int = 16, threshold: float = 0.1)
     for axis in range(3):
         before = torch.roll(high, 1, axis)
         after = torch.roll(high, -1, axis)
-        entered |= high & (~before | ~after)  # the rim of the grid is empty, so the roll wraps onto emptiness
+        entered |= high & (~before | ~after)  # the rim of the grid is empty, so the roll wraps empty cells
     points = grid.centers(torch.nonzero(entered))
     return gaussians.select(nearest_index(points, gaussians.means)).with_(means=points)
 
@@ -137,7 +137,7 @@ def solid_points(
 ) -> Tensor:
     """Spread points evenly over the space that a shell encloses.
 
-    Points lie on a body-centred cubic lattice, moved by a random share of the spacing.
+    Points lie on a body-centred cubic lattice, displaced randomly by a fraction of the spacing.
 
     Args:
         gaussians: The shell, N >= 1 Gaussians.

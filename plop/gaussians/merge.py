@@ -13,17 +13,17 @@ from plop.geometry.clouds.neighbours import nearest_index
 
 MergeForm = Literal["moments", "paper"]
 MAX_OPACITY = 0.999
-"""Largest opacity that `moments` gives: light always passes a Gaussian."""
+"""Largest opacity that `moments` returns: a Gaussian is never fully opaque."""
 _MIN_WEIGHT = 1e-8
 
 
 def merge(gaussians: Gaussians, below: float, *, form: MergeForm = "moments") -> tuple[Gaussians, Tensor]:
     """Remove Gaussians with opacity under `below`, each one absorbed by the nearest that stays.
 
-    Any number may go into one survivor; the result is that of merging them one after
+    Any number may merge into one survivor; the result is that of merging them one after
     the other. With opacities as weights both forms keep the mean of survivor and
     absorbed; `moments` also keeps their covariance, adding the spread of the means that
-    Eq. 27 leaves out, averages their colours, and stops the opacity below 1. `paper` is
+    Eq. 27 leaves out, averages their colours, and limits the opacity below 1. `paper` is
     Eq. 27 as printed: opacities add up, beyond 1 too, and the survivor keeps its colour.
     A survivor that absorbs nothing keeps its numbers and its gradients untouched. If no
     Gaussian would survive, all stay.
@@ -54,7 +54,7 @@ def merge(gaussians: Gaussians, below: float, *, form: MergeForm = "moments") ->
 
 
 def _join(members: Gaussians, group: Tensor, count: int, form: MergeForm) -> dict[str, Tensor]:
-    """Join the members of each group, given with the survivors as the first `count` rows."""
+    """Merge the members of each group; the survivors are the first `count` rows."""
     weight = members.opacities.clamp_min(_MIN_WEIGHT)
     mass = weight.new_zeros(count).index_add(0, group, weight)
     share = weight / mass[group]
@@ -79,5 +79,5 @@ def _join(members: Gaussians, group: Tensor, count: int, form: MergeForm) -> dic
 
 
 def _replace_rows(gaussians: Gaussians, rows: Tensor, values: dict[str, Tensor]) -> Gaussians:
-    """Put new values into some rows, without touching the gradients of the others."""
+    """Replace some rows, without affecting the gradients of the others."""
     return gaussians.with_(**{name: getattr(gaussians, name).index_copy(0, rows, new) for name, new in values.items()})

@@ -23,7 +23,7 @@ _SH_C0 = 0.28209479177387814
 def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     """Write Gaussians as a standard splat PLY that public viewers open.
 
-    The file appears whole or not at all. Ids are not part of the format.
+    The file is written atomically. Ids are not part of the format.
 
     Args:
         path: File to write.
@@ -49,10 +49,10 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
 
 
 def write_splat_sequence(folder: str | Path, frames: Iterable[Gaussians], *, prefix: str = "frame_") -> list[Path]:
-    """Write an animation, one splat PLY a frame: `<prefix>00000.ply`, `<prefix>00001.ply`, ...
+    """Write an animation, one splat PLY per frame: `<prefix>00000.ply`, `<prefix>00001.ply`, ...
 
     Args:
-        folder: Made when absent.
+        folder: Created when absent.
         frames: Gaussians of each frame, any number in each.
         prefix: Start of the files' names.
 
@@ -69,7 +69,7 @@ def write_splat_sequence(folder: str | Path, frames: Iterable[Gaussians], *, pre
 
 
 def _columns(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """Lay the fields out as the file's columns, each [N, k]."""
+    """Arrange the fields as the file's columns, each [N, k]."""
     gaussians, count = gaussians.detach().to("cpu"), len(gaussians)
     opacity = gaussians.opacities.double().clamp(_OPACITY_MARGIN, 1 - _OPACITY_MARGIN)
     rest = gaussians.sh[:, 1:].transpose(1, 2).flatten(1)
@@ -123,7 +123,7 @@ def read_splat(path: str | Path) -> Gaussians:
             where=path,
             expected=", ".join(needed),
             found=f"no {', '.join(missing)}",
-            fix="Give a splat PLY, not a point cloud.",
+            fix="Use a splat PLY, not a point cloud.",
         )
     rest = sorted((n for n in names if n.startswith("f_rest_")), key=lambda n: int(n.removeprefix("f_rest_")))
     terms = 1 + len(rest) // 3
@@ -163,7 +163,7 @@ def read_splat(path: str | Path) -> Gaussians:
 
 
 def read_dot_splat(path: str | Path) -> Gaussians:
-    """Read a `.splat` file of the web viewer: 32 bytes a Gaussian, colours in 8 bits.
+    """Read a `.splat` file of the web viewer: 32 bytes per Gaussian, colours in 8 bits.
 
     Args:
         path: Records of position (3 float32), scale (3 float32, linear), rgba (4 uint8) and

@@ -13,7 +13,7 @@ from plop.geometry.rigid import quat_to_matrix
 
 SplitForm = Literal["moments", "paper"]
 DISPLACEMENT_RANGE = (0.6, 0.9)
-"""Displacement in standard deviations that `moments` draws: near 0 are two copies, near 1 are two flat discs."""
+"""Displacement in standard deviations that `moments` draws: near 0 gives two copies, near 1 two flat discs."""
 
 
 def split(
@@ -64,7 +64,7 @@ def split(
 def split_at(
     gaussians: Gaussians, rows: Tensor, displacement: Tensor, *, form: SplitForm = "moments"
 ) -> tuple[Gaussians, Tensor]:
-    """Split given Gaussians; `split` says how.
+    """Split the given Gaussians; see `split`.
 
     Args:
         gaussians: N Gaussians.

@@ -7,7 +7,7 @@ Layout (schema 1; metres, world frame):
     /<group>/<frame>/ids            [N] int64, lineage: the ancestor at frame 0
     /<group>/<frame>/sh             [N, K, 3] float32, only where it differs from the frame before;
                                     elsewhere the attribute sh_frame names the frame that holds it
-    /<group>/<frame>/extra/<name>   whatever else was given for this frame
+    /<group>/<frame>/extra/<name>   further arrays of this frame
 
 Groups are kinds of states, e.g. "states" of a rollout, "predicted" and "updated" of a filter.
 """
@@ -43,7 +43,7 @@ class TrajectoryWriter(AtomicHdf5):
 
         Args:
             group: Kind of state, e.g. "states".
-            frame: Index of the recording's frame; each may be written once a group.
+            frame: Index of the recording's frame; each may be written once per group.
             gaussians: N Gaussians.
             extra: Further arrays of this frame, any shape.
 
@@ -103,10 +103,10 @@ class Trajectory(Hdf5Reader):
         return Gaussians(sh=torch.from_numpy(self._array(holder, "sh")), **arrays)
 
     def extra(self, group: str, frame: int, name: str) -> Tensor:
-        """Read what was stored beside one frame's Gaussians.
+        """Read an extra array of one frame.
 
         Raises:
-            PlopError: There is nothing of this name.
+            PlopError: There is no array of this name.
         """
         return torch.from_numpy(self._array(self._node(group, frame), f"extra/{name}"))
 

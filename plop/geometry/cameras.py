@@ -40,7 +40,7 @@ class Camera:
 
         Returns:
             Image coordinates [N, 2] in px and depth along the optical axis [N] in metres.
-            Points with depth <= 0 are behind the camera; their coordinates mean nothing.
+            Points with depth <= 0 are behind the camera; their coordinates are meaningless.
         """
         points = transform_points(self.cam_from_world, points_world)
         depth = points[:, 2]
@@ -49,14 +49,14 @@ class Camera:
         return pixels + self.intrinsics[:2, 2], depth
 
     def pixels_of(self, points_world: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Find the pixel of each point [N, 3] [m]: whether there is one, row, column (0 where not), depth [m]."""
+        """Find the pixel of each point [N, 3] [m]: whether it is in the image, row, column (0 where not), depth [m]."""
         pixel, depth = self.project(points_world)
         column, row = np.floor(np.clip(pixel.T, -1e6, 1e6)).astype(int)
         inside = (depth > 1e-6) & (column >= 0) & (column < self.width) & (row >= 0) & (row < self.height)
         return inside, np.where(inside, row, 0), np.where(inside, column, 0), depth
 
     def directions(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Give directions through image coordinates [px], any shape [...] -> [..., 3], in the camera's axes.
+        """Return directions through image coordinates [px], any shape [...] -> [..., 3], in the camera's axes.
 
         They have length 1 along the optical axis: times the depth they are points.
         """
@@ -64,7 +64,7 @@ class Camera:
         return np.stack([(columns - k[0, 2]) / k[0, 0], (rows - k[1, 2]) / k[1, 1], np.ones_like(rows)], axis=-1)
 
     def pixel_directions(self) -> np.ndarray:
-        """Give the directions through the middles of all pixels, shape [H, W, 3], see `directions`."""
+        """Return the directions through the middles of all pixels, shape [H, W, 3], see `directions`."""
         return self.directions(*np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5))
 
     def back_project(self, depth_m: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
@@ -86,13 +86,13 @@ class Camera:
         return transform_points(self.world_from_cam, points)
 
     def resized(self, width: int, height: int) -> Camera:
-        """Give the same camera at another resolution, intrinsics scaled to match."""
+        """Return the same camera at another resolution, intrinsics scaled to match."""
         scale = np.array([width / self.width, height / self.height, 1.0])
         return Camera(self.name, width, height, self.intrinsics * scale[:, None], self.world_from_cam)
 
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Build `world_from_cam` of a camera at `eye` that looks at `target`.
+    """Build `world_from_cam` of a camera at `eye` looking at `target`.
 
     Args:
         eye: Position, shape [3], metres.

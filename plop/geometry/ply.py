@@ -1,4 +1,4 @@
-"""The vertices of PLY files, read and written by plyfile; what they mean is up to the caller."""
+"""Vertices of PLY files, read and written by plyfile; the caller interprets them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from plop.errors import PlopError
 
 
 def write_vertices(path: str | Path, table: np.ndarray) -> None:
-    """Write a binary little-endian PLY, whole or not at all.
+    """Write a binary little-endian PLY atomically.
 
     Args:
         path: File to write.
-        table: One record a vertex, shape [N]; its fields become the properties, in their order.
+        table: One record per vertex, shape [N]; its fields become the properties, in their order.
     """
     with whole(Path(path)) as scratch:
         PlyData([PlyElement.describe(table, "vertex")], byte_order="<").write(str(scratch))
@@ -51,7 +51,7 @@ def read_vertices(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _unreadable(path: Path, error: Exception) -> PlopError:
-    """Explain why a PLY cannot be read: its header, or fewer data than it announces."""
+    """Explain why a PLY cannot be read: its header, or missing data."""
     if isinstance(error, PlyElementParseError) or "mmap length" in str(error):
         return PlopError(
             "The PLY file is truncated, or holds something that is not a number.",
@@ -61,7 +61,7 @@ def _unreadable(path: Path, error: Exception) -> PlopError:
             fix="Copy or write the file again.",
         )
     return PlopError(
-        "The header of this PLY cannot be understood.",
+        "The header of this PLY cannot be parsed.",
         where=path,
         expected="a vertex element with number properties",
         found=str(error),

@@ -1,4 +1,4 @@
-"""Ways in which other programs write a camera's pose, to find the one in which a pose was really written."""
+"""Conventions of camera poses in other programs, to find the one in which a pose was written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a 4x4 matrix that should be a rotation and a translation, and matrices written by columns."""
+"""Checks of 4x4 matrices that should be rigid transforms, and of transposed ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def rigid_error(poses: np.ndarray) -> np.ndarray:
-    """Give how far matrices are from rigid ones (mirrored ones apart): largest entry of R Rt - 1 and of the last row.
+    """Return how far matrices are from rigid ones (mirrored ones apart): largest entry of R Rt - 1 and of the last row.
 
     Args:
         poses: Finite, shape [N, 4, 4].
@@ -24,16 +24,16 @@ def rigid_error(poses: np.ndarray) -> np.ndarray:
 
 
 def is_transposed(poses: np.ndarray) -> bool:
-    """Tell whether matrices are rigid only when read by columns: as libfranka, OpenGL and USD write them.
+    """Return whether matrices are rigid only when read by columns, as libfranka, OpenGL and USD write them.
 
-    The 3x3 part of a transposed pose is a rotation, too: the translation in the last row tells, in one of them at
-    least; where all translations are zero nothing does, and they are taken as given.
+    The 3x3 part of a transposed pose is a rotation, too: the translation in the last row of at least one of them
+    decides; where all translations are zero, they are used as given.
     """
     return bool((rigid_error(poses) > TOLERANCE).any() and (rigid_error(np.swapaxes(poses, 1, 2)) <= TOLERANCE).all())
 
 
 def matrix_fault(pose: np.ndarray) -> str:
-    """Name what keeps one matrix from being a rotation and a translation; "" when nothing does.
+    """Describe why a matrix is not a rigid transform; "" when it is one.
 
     Args:
         pose: Finite, shape [4, 4].

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 
 def poses_at(time_s: np.ndarray, poses: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Interpolate rigid poses (linear, slerp); before the first and after the last they stay.
+    """Interpolate rigid poses (linear, slerp); constant before the first and after the last.
 
     Args:
         time_s: Shape [T], increasing [s].

@@ -8,10 +8,10 @@ from plop.geometry.cameras import Camera
 
 
 def pixel_rays(camera: Camera, side: int) -> np.ndarray:
-    """Give origins and directions, [H, W, side * side, 6], float32; a direction has length 1 along the optical axis.
+    """Return origins and directions, [H, W, side * side, 6], float32; a direction has length 1 along the optical axis.
 
-    So is t the depth where such a ray hits. Directions are spread evenly over each pixel; with an odd `side` the one
-    in the middle goes through the pixel's centre.
+    The ray parameter t of a hit is then its depth. Directions are spread evenly over each pixel; with an odd `side`
+    the one in the middle goes through the pixel's centre.
     """
     offset = (np.arange(side) + 0.5) / side
     axes = (np.arange(camera.height), np.arange(camera.width), offset, offset)
@@ -24,7 +24,7 @@ def pixel_rays(camera: Camera, side: int) -> np.ndarray:
 
 
 def window(camera: Camera, points: np.ndarray) -> tuple[slice, slice]:
-    """Give the rows and columns of the box around projected points [N, 3], a pixel wider; all if one is behind."""
+    """Return the rows and columns of the box around projected points [N, 3], a pixel wider; all if one is behind."""
     pixels, depth = camera.project(points)
     if (depth < 1e-3).any():
         return slice(0, camera.height), slice(0, camera.width)

@@ -33,7 +33,7 @@ def invert_rigid(transform: np.ndarray) -> np.ndarray:
 
 
 def check_rigid(poses: np.ndarray, where: str, *, what: str) -> None:
-    """Refuse poses that are not a rotation and a translation.
+    """Reject poses that are not a rotation and a translation.
 
     Args:
         poses: One pose, or one a frame, shape [4, 4] or [T, 4, 4].
@@ -47,7 +47,7 @@ def check_rigid(poses: np.ndarray, where: str, *, what: str) -> None:
     broken = ~np.isfinite(stack).all((1, 2))
     if broken.any():
         raise PlopError(
-            f"A {what}'s pose has values that are no numbers.",
+            f"A {what}'s pose has values that are not finite.",
             where=where,
             expected="finite poses",
             found=f"NaN or infinity{_of_frames(broken)}",
@@ -85,7 +85,7 @@ def transform_points(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def kabsch(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Give the rigid transform with the least squared distance between paired points.
+    """Return the rigid transform with the least squared distance between paired points.
 
     Args:
         source: Shape [N, 3], metres.

@@ -11,7 +11,7 @@ from plop.geometry.cameras import Camera
 
 
 class MaskLabel(IntEnum):
-    """What a pixel of a mask shows."""
+    """Label of a pixel of a mask."""
 
     BACKGROUND = 0
     OBJECT = 1
@@ -44,5 +44,5 @@ class View:
 
     @property
     def depth_without_tool_m(self) -> np.ndarray:
-        """Depth of what stands still, float32 [H, W] [m]; 0 where tool or something undecided (a hand) is seen."""
+        """Depth of the static scene, float32 [H, W] [m]; 0 at pixels of the tool or labelled undecided (a hand)."""
         return np.where(self.tool_mask | (self.mask == MaskLabel.UNKNOWN), np.float32(0), self.depth_m)

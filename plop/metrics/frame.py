@@ -31,7 +31,7 @@ CONVENTIONS = {
     "f_score": "boundary F-measure of the object's masks [-], tolerance 0.8 % of the image diagonal, mean over cameras",
     "truth_rms_mm": "root mean square distance [mm] of the simulator's true nodes to where the prediction carries them",
 }
-"""What each score means; kept inside every file of scores."""
+"""Definition of each score; stored in every file of scores."""
 
 HIGHER_IS_BETTER = frozenset({"ssim", "psnr_db", "j_score", "f_score"})
 
@@ -62,7 +62,7 @@ def score_frame(predicted: Sequence[View], measured: Sequence[View], options: Fr
         options: What to compute.
 
     Returns:
-        Every score of `CONVENTIONS` but truth_rms_mm.
+        Every score of `CONVENTIONS` except truth_rms_mm.
     """
     known = [view.mask != MaskLabel.UNKNOWN for view in measured]
     scores = _cloud_scores(predicted, measured, known, options)
@@ -89,7 +89,7 @@ def composite_over_black(view: View, known: np.ndarray | None = None) -> np.ndar
 
 
 def mean_defined(values: Sequence[float | None]) -> float | None:
-    """Average what is defined; None when nothing is."""
+    """Average the defined values; None when there is none."""
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if known else None
 

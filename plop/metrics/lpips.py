@@ -1,8 +1,8 @@
 """Learned perceptual image patch similarity (Zhang et al., 2018; version 0.1), lower is better.
 
 Convention: images in [0, 1] are mapped to [-1, 1]; a shorter side below 64 px is enlarged
-to 64 px (bilinear), because deep layers see nothing of a small crop. The network stacks are
-written here in plain torch. The head weights come from the installed `lpips` or
+to 64 px (bilinear), because deep layers need more pixels than a small crop has. The network stacks are
+written in plain torch. The head weights come from the installed `lpips` or
 `torchmetrics` package (extra `lpips`); the ImageNet backbone is a file the user provides. Without either the
 score is unavailable, with the reason, and never a number.
 """
@@ -120,7 +120,7 @@ def vgg16_features() -> tuple[nn.Sequential, tuple[int, ...]]:
 
 
 def load_lpips(backbone: Backbone = "alex", backbone_file: str = "") -> Lpips | Unavailable:
-    """Load the score, or say why it is unavailable.
+    """Load the score, or return why it is unavailable.
 
     Args:
         backbone: "alex" or "vgg".
@@ -160,7 +160,7 @@ def _tensors(path: Path, backbone: Backbone, fix: str) -> dict[str, Tensor]:
     """Read a file of weights; they are published as .pth only.
 
     Raises:
-        PlopError: The file holds anything but tensors; nothing in it is run.
+        PlopError: The file holds anything but tensors; no code in it is run.
     """
     try:
         return torch.load(path, map_location="cpu", weights_only=True)  # type: ignore[no-any-return]
@@ -179,14 +179,14 @@ def _unfit(path: Path, backbone: Backbone, error: Exception, fix: str) -> PlopEr
 
 
 def _found(error: Exception) -> str:
-    """Say in one line what a file is that cannot be loaded; torch's own advice, to trust any pickle, is left out."""
+    """Describe in one line a file that cannot be loaded; torch's own advice, to trust any pickle, is left out."""
     if isinstance(error, UnpicklingError):
-        return "something else than a file of tensors"
-    return next(iter(str(error).splitlines()), "") or "an empty file, or one that is cut short"
+        return "not a file of tensors"
+    return next(iter(str(error).splitlines()), "") or "an empty or truncated file"
 
 
 def hub_folder() -> Path:
-    """Give the folder in which torch's model hub keeps weights."""
+    """Return the folder in which torch's model hub keeps weights."""
     cache = os.environ.get("XDG_CACHE_HOME", "~/.cache")
     return Path(os.environ.get("TORCH_HOME", f"{cache}/torch")).expanduser() / "hub" / "checkpoints"
 

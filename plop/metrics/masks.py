@@ -5,7 +5,7 @@ boundary F-measure of DAVIS (Perazzi et al., 2016): precision and recall of the 
 contour, a contour pixel being right when the other contour passes within a tolerance of
 0.8 % of the image diagonal, rounded up (2 px at 128x128).
 Pixels to ignore count as background in both masks. A mask that is empty in the measurement
-leaves nothing to compare with: both scores are undefined. An empty prediction of a measured
+has no reference: both scores are undefined. An empty prediction of a measured
 object scores 0.
 """
 

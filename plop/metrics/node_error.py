@@ -1,10 +1,10 @@
 """Error of material points against a simulator's truth, in millimetres.
 
-Images cannot tell whether the right material is where the surface is. A simulator can:
-`truth_rms_mm` carries its true nodes along with the predicted Gaussians and compares them
-with where they really went. Root mean square of the 3D distance over nodes.
+Images do not show whether the right material is where the surface is. A simulator does:
+`truth_rms_mm` moves its true nodes with the predicted Gaussians and compares the result
+with the true motion. Root mean square of the 3D distance over nodes.
 
-Nodes follow Gaussians by lineage: the descendants of a frame-0 Gaussian stand for it by
+Nodes follow Gaussians by lineage: the descendants of a frame-0 Gaussian represent it by
 their opacity-weighted mean. Each node moves rigidly with its eight nearest surviving
 ancestors (weighted Kabsch fit, weights 1 / squared distance at frame 0). Orientations are
 taken from positions and not from the Gaussians' quaternions, which split and merge renumber.
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 NEIGHBOURS = 8
-"""Ancestors that carry one node."""
+"""Number of ancestors that move one node."""
 
 
 def ancestor_means(ids: np.ndarray, means: np.ndarray, opacities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -37,13 +37,13 @@ def ancestor_means(ids: np.ndarray, means: np.ndarray, opacities: np.ndarray) ->
     return ancestors, np.stack(columns, axis=1)
 
 
-def carry_nodes(nodes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Move nodes with the carriers around them.
+def move_nodes(nodes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Move nodes with the points around them.
 
     Args:
         nodes: Positions at frame 0, shape [V, 3], metres.
-        before: Carriers at frame 0, shape [A, 3], metres.
-        after: The same carriers later, shape [A, 3], metres.
+        before: Surrounding points at frame 0, shape [A, 3], metres.
+        after: The same points later, shape [A, 3], metres.
 
     Returns:
         Positions of the nodes later, shape [V, 3], metres.
@@ -63,5 +63,5 @@ def carry_nodes(nodes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.
 
 
 def rms_mm(nodes: np.ndarray, true_nodes: np.ndarray) -> float:
-    """Give the root mean square of the distance between corresponding points, both [V, 3] in metres [mm]."""
+    """Return the root mean square of the distance between corresponding points, both [V, 3] in metres [mm]."""
     return float(np.sqrt(np.square(nodes - true_nodes).sum(1).mean()) * 1000)

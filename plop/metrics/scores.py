@@ -1,4 +1,4 @@
-"""What is kept of an evaluation: scores.json of `plop eval`."""
+"""Result of an evaluation: scores.json of `plop eval`."""
 
 from __future__ import annotations
 

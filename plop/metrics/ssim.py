@@ -4,8 +4,8 @@ Convention: floats in [0, 1], Gaussian window of 11x11 px with sigma 1.5 px, K1 
 K2 = 0.03, population covariance; per channel, then the mean over channels and over the
 pixels whose window lies inside the image.
 
-By hand, since the libraries that have it as a metric (scikit-image, torchmetrics) bring more than they save, for these
-twenty lines; tests/metrics/test_image_scores.py holds it against scikit-image's.
+No library, since those that have it as a metric (scikit-image, torchmetrics) are large dependencies for twenty
+lines; tests/metrics/test_image_scores.py compares it with scikit-image's.
 """
 
 from __future__ import annotations

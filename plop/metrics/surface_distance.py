@@ -1,4 +1,4 @@
-"""How far the predicted surface lies from the measured one, at every pixel of one camera, for people to look at.
+"""Distance of the predicted surface from the measured one, at every pixel of one camera, for pictures.
 
 As in the scores (CD), distance goes from a measured point to the nearest predicted one that any camera sees, so
 that a step in depth at an outline is not an error of its own. Where only the prediction shows the object the
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from plop.geometry.view import MaskLabel, View
 
 MOST_POINTS = 40_000
-"""Points of a cloud that are searched; of larger images only every second, third, ... row and column is taken."""
+"""Largest number of points of a cloud; larger images are subsampled to every second, third, ... row and column."""
 
 
 def distance_map_mm(
@@ -32,7 +32,7 @@ def distance_map_mm(
 
     Returns:
         Distance [mm], float32, shape [h, w]; NaN where neither shows the object, where the measurement shows the tool
-        or something undecided, where depth was not measured, or where the other surface is nowhere.
+        or an undecided label, where depth was not measured, or where the other surface is absent.
     """
     picked = np.ix_(rows, columns)
     seen, drawn = measured[place], predicted[place]
@@ -57,11 +57,11 @@ def scale_end_mm(maps: Iterable[np.ndarray], footprint_mm: float) -> float:
 
     Args:
         maps: Distances [mm], NaN where there is none.
-        footprint_mm: What a pixel covers on the object [mm]: less cannot be told, so the scale is no finer.
+        footprint_mm: Size of a pixel on the object [mm]: smaller distances are not resolved, so the scale is no finer.
 
     Returns:
         The least of ..., 1, 2, 5, 10, ... that is not below all but 2 % of the distances: a few pixels at outlines
-        shall not pale all others [mm].
+        must not compress the scale for all others [mm].
     """
     known = [found[np.isfinite(found)] for found in maps]
     values = np.concatenate(known) if known else np.zeros(0)
@@ -75,7 +75,7 @@ def _is_depth(depth_m: np.ndarray) -> np.ndarray:
 
 
 def _points(view: View, rows: np.ndarray, columns: np.ndarray, where: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Back-project chosen pixels; gives points [N, 3] and where on the grid they are, bool [h, w]."""
+    """Back-project chosen pixels; return points [N, 3] and their pixels on the grid, bool [h, w]."""
     known = where & _is_depth(view.depth_m[np.ix_(rows, columns)])
     full = np.zeros(view.depth_m.shape, bool)
     full[np.ix_(rows, columns)] = known

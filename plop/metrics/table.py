@@ -5,8 +5,8 @@
                                                "start": {...}},
                                       "persistence": ..., "rigid": ...}, ...}, ...}
 
-The scores right under a method are means over the predicted frames of the test episodes;
-"end" holds the last frame, "start" the given frame 0, which is the floor.
+The scores directly under a method are means over the predicted frames of the test episodes;
+"end" is the last frame, "start" the given frame 0, which is the floor.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def collect(
     versions: Mapping[str, str] | None = None,
     seeds: Sequence[int] = (),
 ) -> dict[str, Any]:
-    """Gather the scores of several environments.
+    """Collect the scores of several environments.
 
     Args:
         scores: Per environment its scores.json, or one per training seed; seeds are averaged

@@ -1,4 +1,4 @@
-"""Say which line of a user's file of laws a mistake is in."""
+"""Locate errors in a user's effect file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from plop.errors import PlopError, UserCodeError
 
 
 def user_error(path: Path, error: BaseException) -> PlopError:
-    """Say which line of a user's file an error came from."""
+    """Return a PlopError with the line of the user's file that raised an error."""
     line = next(
         (
             frame.lineno
@@ -36,7 +36,7 @@ def line_of(kind: type, name: str, path: Path) -> int:
         path: The file.
 
     Returns:
-        The line, counted from 1; where the class begins, if nothing sets it.
+        The line, counted from 1; the first line of the class, if nothing sets it.
     """
     bases = [base.__name__ for base in kind.__mro__ if base.__module__ == kind.__module__]
     classes = {node.name: node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ClassDef)}

@@ -1,1 +1,1 @@
-"""The runner: what a stage is, which there are, what a run needs first, and running it. It prints nothing."""
+"""The runner: definition and registry of stages, planning and execution of runs. It prints nothing."""

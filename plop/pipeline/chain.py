@@ -28,19 +28,19 @@ class Profile:
 
     name: str
     seeds: list[int]
-    """One training each."""
+    """Seeds, one training run per seed."""
     settings: dict[str, dict[str, Any]]
     """By command."""
     also: tuple[str, ...] = ()
-    """Optional inputs that are made, too, e.g. "train.engine"."""
+    """Optional inputs to make as well, e.g. "train.engine"."""
 
 
 def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
-    """Read a profile: a TOML file with a table a command, `seeds`, `also`, and `based_on`, another profile.
+    """Read a profile: a TOML file with one table per command, `seeds`, `also`, and `based_on`, another profile.
 
     Args:
-        name: What it is called.
-        among: Only these can be meant; empty for all that ship with plop.
+        name: Name of the profile.
+        among: The allowed profiles; empty for all that ship with plop.
 
     Raises:
         PlopError: There is no such profile.
@@ -60,7 +60,7 @@ def read_profile(name: str, among: Sequence[str] = ()) -> Profile:
 
 
 def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
-    """Stack the sources of settings: profile, plop.toml of the workspace, --set."""
+    """Combine the sources of settings: profile, plop.toml of the workspace, --set."""
     return [
         (f"profile {profile.name}", profile.settings),
         (SETTINGS_FILE, read_settings_file(store.workspace / SETTINGS_FILE, commands())),
@@ -69,7 +69,7 @@ def layers_of(store: Store, profile: Profile, assignments: list[str]) -> Layers:
 
 
 def check_layers(layers: Layers, chain: Collection[str]) -> None:
-    """Refuse settings that no stage of a chain takes, before any of them runs.
+    """Reject settings that no stage of a chain has, before any of them runs.
 
     Args:
         layers: From `layers_of`.
@@ -85,7 +85,7 @@ def check_layers(layers: Layers, chain: Collection[str]) -> None:
             where=f"--set {command.replace(' ', '.')}...",
             expected=", ".join(name.replace(" ", ".") for name in chain),
             found=", ".join(given[command]),
-            fix="Correct the stage, or leave it out.",
+            fix="Correct the stage, or remove the option.",
         )
     for command in chain:
         stage = stage_ref(command).load()
@@ -110,7 +110,7 @@ def chain(
     extra: Mapping[str, Mapping[str, Any]] | None = None,
     about: str = "",
 ) -> dict[str, Task]:
-    """Plan everything from raw data to a target; what two chains have in common is planned once.
+    """Plan everything from raw data to a target; common parts of two chains are planned once.
 
     Args:
         planner: Plans the runs.
@@ -118,15 +118,15 @@ def chain(
         target: Command of the last stage.
         begin: Command that reads the raw data.
         raw: The raw data.
-        also: Optional inputs that are made, too, e.g. "train.engine".
-        extra: Settings by command that win over the layers.
+        also: Optional inputs to make as well, e.g. "train.engine".
+        extra: Settings by command that override the layers.
         about: What the chain is for, e.g. an environment.
 
     Returns:
-        By command, each after those that it needs.
+        Tasks by command, each after those that it needs.
 
     Raises:
-        PlopError: The raw data cannot be read, or what an earlier run made is damaged.
+        PlopError: The raw data cannot be read, or an earlier artifact is damaged.
     """
     tasks: dict[str, Task] = {}
     for command, sources in planner.graph.chain(target, begin=begin, also=also).items():

@@ -1,28 +1,23 @@
-"""Carry out tasks on a Dask cluster: each stage run is one piece, and what does not wait for another runs beside it.
+"""Run tasks on a Dask cluster: each stage run is one job, and independent runs are parallel.
 
-Workers see the workspace under the same path, and have the same plop. What a run makes is the same as without a
-cluster: an artifact is written whole, by whoever makes it. A worker that is lost costs the runs that it was at: these
-begin again elsewhere, and go on from the pieces that are finished.
+Workers see the workspace under the same path, and have the same version of plop. Results are the same as without a
+cluster: an artifact is written atomically by the process that makes it. When a worker is lost, its active runs start
+again elsewhere and resume from the finished pieces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
-from functools import partial
-from importlib import metadata
-from pathlib import Path
-from threading import Event
 from typing import Any
 
 from plop.artifacts.store import Store
 from plop.compute.cluster import connected
 from plop.errors import PlopError
-from plop.physics.effects.trust import trusting
-from plop.pipeline.execute import Outcome, execute
+from plop.pipeline.cluster_worker import Made, make, plop_version
+from plop.pipeline.execute import Outcome
 from plop.pipeline.listener import Listener
-from plop.pipeline.registry import StageRef
 from plop.pipeline.tasks import Finished, Runner, Task, addresses, given, in_order
 
 
@@ -35,17 +30,17 @@ def runner(
     keep_going: bool = False,
     trust_effects: bool = False,
 ) -> Iterator[Runner]:
-    """Give what carries out tasks: this process, or the workers of a Dask scheduler.
+    """Yield a runner of tasks: this process, or the workers of a Dask scheduler.
 
     Args:
         store: The workspace.
-        listener: Gives who is told what a task does.
+        listener: Returns the listener of a task.
         scheduler: Address of the scheduler.
         keep_going: Whether a failure stops only what needs it.
         trust_effects: Whether workers run the effect files that came inside a model.
 
     Raises:
-        PlopError: Nobody answers at the address.
+        PlopError: The scheduler does not answer.
     """
     if not scheduler:
         yield Runner(store, listener, keep_going)
@@ -55,26 +50,16 @@ def runner(
         yield ClusterRunner(store, listener, keep_going, client=client, trust_effects=trust_effects)
 
 
-@dataclass(frozen=True)
-class Made:
-    """What a worker tells of a run."""
-
-    key: tuple[str, str]
-    skipped: bool
-    seconds: float
-    warnings: list[str]
-
-
 @dataclass
 class ClusterRunner(Runner):
-    """Carries out tasks on the workers of a Dask scheduler."""
+    """Runs tasks on the workers of a Dask scheduler."""
 
     client: Any = None
     """The `distributed.Client`."""
     trust_effects: bool = False
 
     def run(self, tasks: Iterable[Task]) -> Finished:
-        """Carry out tasks and all that they need; give each as it finishes.
+        """Run tasks and all that they need; yield each as it finishes.
 
         Raises:
             PlopError: One fails, unless `keep_going`; or workers or the scheduler are lost.
@@ -94,19 +79,19 @@ class ClusterRunner(Runner):
                     made[task] = self._submitted(task, addresses(task, made))
                     running[made[task]] = task
             if running and not self.client.scheduler_info()["workers"]:
-                self.listener(next(iter(running.values()))).warn("the scheduler has no workers yet; waiting for some")
+                self.listener(next(iter(running.values()))).warn("the scheduler has no workers yet; waiting for one")
             for future in as_completed(list(running)):
                 yield running[future], self._outcome(running[future], future)
         finally:
-            with suppress(Exception):  # whatever ends this, a lost scheduler included: nobody waits for the rest
+            with suppress(Exception):  # however this ends, a lost scheduler included: do not wait for the rest
                 self.client.cancel([future for future in running if not future.done()], force=True)
 
     def _runs_here(self, task: Task) -> bool:
-        """Tell whether a task is there already, or hands out its own work to the scheduler."""
+        """Return whether a task is done already, or sends its own work to the scheduler."""
         return (task.there is not None and not task.force) or _hands_out(task.config)
 
     def _here(self, task: Task, made: Mapping[Task, Any]) -> Outcome | PlopError:
-        """Carry out a task in this process, once what it needs is made."""
+        """Run a task in this process, once its inputs are made."""
         try:
             keys = {}
             for other in task.before:
@@ -124,7 +109,7 @@ class ClusterRunner(Runner):
             return error
 
     def _submitted(self, task: Task, inputs: Mapping[str, Any]) -> Any:
-        facts = (task.ref, str(self.store.workspace), task.config, task.force, self.trust_effects, _version())
+        facts = (task.ref, str(self.store.workspace), task.config, task.force, self.trust_effects, plop_version())
         command = task.ref.command.replace(" ", "-")
         return self.client.submit(make, *facts, dict(inputs), key=f"{command}-{task.about}-{id(task):x}", pure=False)
 
@@ -141,7 +126,7 @@ class ClusterRunner(Runner):
                 "A worker made an artifact that is not in the workspace here.",
                 where=self.store.workspace,
                 expected="@".join(result.key),
-                fix="Give a folder that this machine and all workers share, under one path.",
+                fix="Use a folder that this machine and all workers share under the same path.",
             )
         moved = None if task.name is None else self.store.set_name(task.name, artifact)
         outcome = Outcome(artifact, result.skipped, result.seconds, result.warnings, moved)
@@ -149,10 +134,10 @@ class ClusterRunner(Runner):
         return outcome
 
     def _result(self, future: Any) -> Made | PlopError:
-        """Wait for what a worker tells.
+        """Wait for the reports of workers.
 
         Raises:
-            Exception: What went wrong there is no error for people.
+            Exception: An error of a worker that is not a PlopError.
         """
         if isinstance(future, Made):
             return future
@@ -167,101 +152,11 @@ class ClusterRunner(Runner):
                 "Workers, or the scheduler, were lost while a stage ran.",
                 where=self.client.scheduler.address,
                 found=str(error) or type(error).__name__,
-                fix="Their logs say why (memory?). Run the same command again: what is finished is kept.",
+                fix="See their logs for the reason (memory?). Run the same command again: finished work is kept.",
             )
         raise error
 
 
-def make(
-    ref: StageRef,
-    workspace: str,
-    config: Any,
-    force: bool,
-    trust_effects: bool,
-    version: str,
-    inputs: Mapping[str, Any],
-) -> Made:
-    """Carry out one run in a worker; `inputs` as `addresses` spells them, with what other workers told.
-
-    Raises:
-        PlopError: The worker does not see the workspace, has another plop, or whatever the stage reports.
-    """
-    if not (Path(workspace) / "artifacts").is_dir():
-        raise PlopError(
-            "A worker does not see the workspace.",
-            where=workspace,
-            expected="a folder that this machine and all workers share, under one path",
-            found="no such folder on the worker",
-            fix="Put the workspace there (-w), see docs/how-to/cluster.md.",
-        )
-    if _version() != version:
-        raise PlopError(
-            "A worker has another plop.",
-            expected=version,
-            found=_version(),
-            fix="Start the workers from the environment that `plop` is started from.",
-        )
-
-    def spelt(value: Any) -> Any:
-        return [spelt(one) for one in value] if isinstance(value, list) else _address(value)
-
-    _unobserved()
-    sources = given({name: spelt(value) for name, value in inputs.items()})
-    with trusting(trust_effects):
-        outcome = execute(
-            ref.load(),
-            store=Store(workspace),
-            config=config,
-            inputs=sources,
-            command=ref.command,
-            force=force,
-            mapper=spread,
-        )
-    return Made(outcome.artifact.key, outcome.skipped, outcome.seconds, outcome.warnings)
-
-
-def spread(task: Callable[[str], Any], names: Sequence[str], jobs: int, /) -> Iterator[Any]:
-    """Carry out the pieces of a stage on all workers, from within one: the mapper of `Output.map` there.
-
-    The worker takes other work while this run waits for its pieces.
-    """
-    from distributed import as_completed, worker_client
-
-    with worker_client() as client:
-        for future in as_completed(client.map(partial(_piece, task), names, pure=False)):
-            yield future.result()
-
-
-def _piece(task: Callable[[str], Any], name: str) -> Any:
-    _unobserved()
-    return task(name)
-
-
-def _unobserved() -> None:
-    """Stop the worker's sampling profiler, which keeps alive what a stack holds at the moment that it looks.
-
-    An HDF5 dataset that is let go later writes its chunks later: the file would have the same content in another order
-    of bytes, and so another digest than without a cluster.
-    """
-    from distributed import get_worker
-
-    worker = get_worker()
-    profiler = worker.periodic_callbacks.get("profile")
-    if profiler is not None and profiler.is_running():
-        stopped = Event()
-        worker.loop.add_callback(profiler.stop)
-        worker.loop.add_callback(stopped.set)
-        stopped.wait(timeout=60)
-
-
-def _address(value: Any) -> Any:
-    return "@".join(value.key) if isinstance(value, Made) else value
-
-
 def _hands_out(config: Any) -> bool:
-    """Tell whether a stage hands its own work to a scheduler that its settings name."""
+    """Return whether a stage sends its own work to a scheduler that its settings name."""
     return any(field.name == "scheduler" for field in fields(config))
-
-
-def _version() -> str:
-    return metadata.version("plop")

@@ -12,7 +12,7 @@ from plop.pipeline.run import run
 
 
 def diagnose(store: Store | str | Path, /, **options: Any) -> Verdict:
-    """Run `plop diagnose`, unless its artifact is there already, and give its verdict.
+    """Run `plop diagnose`, unless its artifact exists already, and return its verdict.
 
     Args:
         store: The workspace.

@@ -23,12 +23,12 @@ from plop.pipeline.inputs import Resolved, resolve_inputs
 from plop.pipeline.mapping import Mapper, Progress
 from plop.pipeline.registry import command_of
 from plop.pipeline.stage import Input, Output, Stage, Summary, silent
-from plop.recordings.opened_once import opened_once
+from plop.recordings.open_recordings import share_open_recordings
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run would do."""
+    """Plan of a run."""
 
     stage: Stage
     config: Any
@@ -40,21 +40,21 @@ class Plan:
     command: str
     """The command of the stage, e.g. "ingest disect"."""
     existing: Artifact | None
-    """The artifact, when it is already there."""
+    """The artifact, when it exists already."""
     last_seconds: float | None
     """Time the stage took when it last ran in this workspace [s]."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run did."""
+    """Outcome of a run."""
 
     artifact: Artifact
     skipped: bool
     seconds: float
     warnings: list[str] = field(default_factory=list)
     name_from: str | None = None
-    """Full address of another artifact that bore the name until now."""
+    """Full address of another artifact that had the name before."""
 
 
 def execute(
@@ -72,21 +72,21 @@ def execute(
     on_start: Callable[[Plan], None] | None = None,
     mapper: Mapper | None = None,
 ) -> Outcome:
-    """Run a stage unless its artifact is already there.
+    """Run a stage unless its artifact exists already.
 
     Args:
         stage: The stage.
         store: The workspace.
-        config: Its configuration; None takes the defaults.
+        config: Its configuration; None uses the defaults.
         inputs: Addresses and raw paths by input name; the rest is found.
-        command: The stage's command; looked up without.
-        environment: Choose inputs of this environment where none is given.
+        command: The stage's command; looked up when absent.
+        environment: Environment of inputs that are not given.
         name: Name for the artifact.
-        force: Make it again although it is there.
-        progress: Called as the work goes on.
+        force: Make it again although it exists.
+        progress: Called as the work advances.
         on_wait: Called with a process id when another run is making the same artifact.
-        on_start: Called with what is going to run, when it is not there already.
-        mapper: Carries out the stage's pieces (`Output.map`), on a cluster say; processes of this machine when None.
+        on_start: Called with the plan, when the artifact does not exist already.
+        mapper: Runs the stage's pieces (`Output.map`), e.g. on a cluster; processes of this machine when None.
 
     Raises:
         PlopError: Bad input, a full disk, or whatever the stage reports.
@@ -129,7 +129,7 @@ def plan(
 ) -> Plan:
     """Find the inputs, check them and compute the fingerprint, without running anything.
 
-    With `force` an artifact that is there already is not looked at: it may be one that this version cannot read.
+    With `force` an existing artifact is not opened: this version may not be able to read it.
     """
     resolved = resolve_inputs(store, stage, inputs, environment)
     contents = {}
@@ -196,9 +196,9 @@ def _run_beside(store: Store, planned: Plan, progress: Progress) -> Outcome:
 
 
 def _summary(store: Store, planned: Plan, out: Output) -> Summary:
-    """Run the stage itself; a run that is refused before it wrote anything leaves nothing to go on with."""
+    """Run the stage itself; a run that is rejected before it wrote anything leaves no scratch folder."""
     try:
-        with opened_once():
+        with share_open_recordings():
             return planned.stage.run(_stage_inputs(planned), planned.config, out)
     except BaseException:
         store.drop_empty(out.path)
@@ -206,7 +206,7 @@ def _summary(store: Store, planned: Plan, out: Output) -> Summary:
 
 
 def is_first_process() -> bool:
-    """Tell whether this process commits and reports: the only one, or the first of those torchrun started."""
+    """Return whether this process commits and reports: the only one, or the first one started by torchrun."""
     return os.environ.get("RANK", "0") == "0"
 
 
@@ -242,7 +242,7 @@ def _manifest(store: Store, planned: Plan, summary: Summary, seconds: float) -> 
 
 
 def _own_environment(planned: Plan, summary: Summary) -> str:
-    """Name what a first stage's artifact is about: its figure, its setting, or its raw folder's name."""
+    """Name the environment of a first stage's artifact: its figure, its setting, or its raw folder's name."""
     named = summary.figures.get("environment") or getattr(planned.config, "environment", None)
     if isinstance(named, str) and named:
         return named
@@ -255,7 +255,7 @@ def _portable(path: Path, workspace: Path) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Give the versions of what computes: Python and the main packages, without importing them."""
+    """Return the versions of Python and the main packages, without importing them."""
     found = {"python": platform.python_version()}
     for package in ("plop", "numpy", "torch", "numba", "open3d", "open3d-cpu"):
         try:
@@ -266,7 +266,7 @@ def versions() -> dict[str, str]:
 
 
 def _explained(error: OSError | RuntimeError, store: Store) -> PlopError | None:
-    """Turn errors of the machine into errors for people; None for a stage's own mistakes."""
+    """Convert system errors to PlopErrors; None for errors of the stage's code."""
     code = getattr(error, "errno", None)
     text = str(error)
     if code in (errno.ENOSPC, errno.EDQUOT) or "No space left on device" in text or "errno = 28" in text:

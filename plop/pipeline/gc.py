@@ -1,4 +1,4 @@
-"""What can go from a workspace: superseded artifacts that nothing needs, and what killed runs left."""
+"""Garbage collection of a workspace: superseded artifacts that nothing needs, and remains of killed runs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from plop.artifacts.store import Artifact, Store
 LEFTOVERS = {
     ".partial-": "left by a run that was stopped",
     ".old-": "replaced by a run that was killed",
-    ".gone-": "half removed",
+    ".gone-": "partly removed",
 }
-"""Beginnings of hidden folders beside the artifacts of a stage, and where such come from."""
+"""Prefixes of hidden folders beside the artifacts of a stage, and their origin."""
 
 
 @dataclass(frozen=True)
 class Removable:
-    """One thing that can go."""
+    """One item that can be removed."""
 
     path: Path
     stage: str
@@ -38,14 +38,14 @@ class Removable:
 
 
 def removable(store: Store) -> list[Removable]:
-    """List what can go, in the order of the workspace.
+    """List the items that can be removed, in the order of the workspace.
 
-    What has a name stays, and the latest of each stage, environment and seed, each with all that it was made from;
-    what a run that goes on makes or reads stays, too. Where a manifest cannot be read nobody knows what its artifact
-    was made from: then all artifacts stay.
+    Kept are named artifacts, and the latest of each stage, environment and seed, each with all its ancestors, and
+    outputs and inputs of active runs. If a manifest cannot be read, the ancestors of its artifact are unknown, and all
+    artifacts are kept.
 
     Raises:
-        PlopError: An artifact comes from itself.
+        PlopError: An artifact descends from itself.
     """
     artifacts = store.artifacts()
     known = {artifact.key: artifact for artifact in artifacts}
@@ -58,8 +58,8 @@ def removable(store: Store) -> list[Removable]:
 
 
 def remove(store: Store, wanted: list[Removable]) -> list[Removable]:
-    """Remove what can still go; give what was removed."""
-    with store.removing():  # no run begins to read while it is looked for and taken away
+    """Remove the items that can still be removed; return them."""
+    with store.removing():  # no run starts to read during search and removal
         still = {one.path for one in removable(store)}
         gone = [one for one in wanted if one.path in still]
         aside = [one.path.with_name(f".gone-{one.path.name.lstrip('.')}") for one in gone]
@@ -71,7 +71,7 @@ def remove(store: Store, wanted: list[Removable]) -> list[Removable]:
 
 
 def _superseded(artifact: Artifact) -> Removable:
-    return Removable(artifact.path, *artifact.key, "not the latest, and not needed by what is", _size(artifact.path))
+    return Removable(artifact.path, *artifact.key, "neither the latest nor needed by it", _size(artifact.path))
 
 
 def _leftovers(store: Store) -> Iterator[Removable]:
@@ -80,7 +80,7 @@ def _leftovers(store: Store) -> Iterator[Removable]:
         if prefix is None or not folder.is_dir():
             continue
         stage, mark = folder.parent.name, folder.name.removeprefix(prefix)
-        lost = prefix == ".old-" and not store.final_path(stage, mark).is_dir()  # it goes back when the run goes on
+        lost = prefix == ".old-" and not store.final_path(stage, mark).is_dir()  # it is restored when the run continues
         if not lost and not _in_use(store, stage, mark):
             yield Removable(folder, stage, mark, LEFTOVERS[prefix], _size(folder))
 

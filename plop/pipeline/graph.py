@@ -1,4 +1,4 @@
-"""The graph of the pipeline, read from the inputs that the stages declare; written down nowhere else."""
+"""The graph of the pipeline, derived from the declared inputs of the stages; defined nowhere else."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from plop.pipeline.stage import InputSpec
 
 
 class Graph:
-    """Which stage makes what another one needs."""
+    """The producers of the stages' inputs."""
 
     def __init__(self, refs: Sequence[StageRef] | None = None) -> None:
-        """Take stages in the order of the pipeline; all that there are without."""
+        """Create the graph of stages in the order of the pipeline; of all stages when absent."""
         self.refs = tuple(pipeline() if refs is None else refs)
 
     def maker(self, spec: InputSpec) -> StageRef:
-        """Give the stage by which an input is made on the way: the first of those that can."""
+        """Return the default producer of a missing input: the first stage that can make it."""
         return next(ref for ref in self.refs if ref.name == spec.stages[0])
 
     def chain(self, target: str, *, begin: str, also: Collection[str] = ()) -> dict[str, dict[str, str]]:
-        """Give what makes an artifact from raw data, each stage once, each after those that it needs.
+        """Return the chain of stages from raw data to an artifact, each once, each after those that it needs.
 
         Args:
             target: Command of the last stage, e.g. "eval".
             begin: Command that reads the raw data, e.g. "ingest mesh".
-            also: Optional inputs that are made although no recipe does it, e.g. "train.engine".
+            also: Optional inputs to make although they have no recipe, e.g. "train.engine".
 
         Returns:
             Command -> {input: command that makes it}.
 
         Raises:
-            ValueError: The declarations go in a circle.
+            ValueError: The declarations form a cycle.
         """
         commands = {ref.command: ref for ref in self.refs}
         found: dict[str, dict[str, str]] = {}
 
         def visit(command: str, above: tuple[str, ...]) -> None:
             if command in above:
-                raise ValueError(f"the stages' inputs go in a circle: {' -> '.join((*above, command))}")
+                raise ValueError(f"the stages' inputs form a cycle: {' -> '.join((*above, command))}")
             if command in found:
                 return
             sources = {}
@@ -53,7 +53,7 @@ class Graph:
         return found
 
     def _beginning_with(self, begin: StageRef, spec: InputSpec) -> str:
-        """Choose the usual stage of an input; of those that read raw data only the one that a chain begins with."""
+        """Choose the default producer of an input; of those that read raw data only the first of the chain."""
         for name in spec.stages:
             if name == begin.name:
                 return begin.command

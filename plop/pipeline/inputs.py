@@ -1,9 +1,9 @@
-"""Inputs of a stage that are there: those the user names, and for the rest the latest that fit together.
+"""Existing inputs of a stage: those named by the user, and for the rest the latest that are consistent.
 
-Without an address an input is taken from one line of descent: the most recent artifact of the most
-advanced stage is chosen first, and the other inputs from what it was made of. When artifacts of several
-environments would fit, none is guessed. An optional input is taken when one fits, unless it is one that only the
-user names. An input that takes many artifacts is resolved to `<name>.0`, `<name>.1`, ...
+Inputs without an address come from one lineage: the most recent artifact of the most advanced stage is
+chosen first, and the other inputs among its ancestors. When artifacts of several environments match, there is an
+error instead of a guess. An optional input is used when one matches, unless only the user may name it. An input that
+takes many artifacts is resolved to `<name>.0`, `<name>.1`, ...
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from pathlib import Path
 
 from plop.artifacts.lineage import LEFT_OUT, Key, closure
 from plop.artifacts.store import BEGIN, Artifact, Store
-from plop.artifacts.suggestions import told
+from plop.artifacts.suggestions import description
 from plop.errors import PlopError
 from plop.pipeline.registry import places
 from plop.pipeline.stage import Choice, InputSpec, Stage
 
 Found = Artifact | Path | tuple[Artifact, ...] | None
-"""What an input is: an artifact, a raw path, several artifacts, or nothing where it is left out."""
+"""Value of an input: an artifact, a raw path, several artifacts, or None where it is left out."""
 
 
 class AbsentError(PlopError):
-    """No artifact fits an input; one could be made."""
+    """No artifact matches an input; one could be made."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class Resolved:
 
 
 def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], environment: str | None) -> Resolved:
-    """Find every input of a stage among what is there.
+    """Find every input of a stage among existing artifacts.
 
     Args:
         store: The workspace.
         stage: The stage that will run.
         given: Addresses and raw paths by input name, as far as the user gave them.
-        environment: Take only artifacts of this environment where none is given.
+        environment: Environment of inputs that are not given.
 
     Raises:
-        PlopError: An input is missing, is of another stage, or several environments would fit.
+        PlopError: An input is missing, is of another stage, or several environments match.
     """
     found: dict[str, Found] = {
         name: named_input(store, stage, name, given[name])
@@ -75,10 +75,10 @@ def resolve_inputs(store: Store, stage: Stage, given: Mapping[str, str | Path], 
 
 
 def named_input(store: Store, stage: Stage, name: str, address: str | Path) -> Found:
-    """Find what the user named as an input of a stage; None where it shall be left out.
+    """Find the input of a stage that the user named; None where it is left out.
 
     Raises:
-        PlopError: There is none, it is of a stage that the input does not take, or one is named twice.
+        PlopError: There is none, it is of a stage that the input does not accept, or one is named twice.
     """
     spec = stage.inputs[name]
     if str(address) == LEFT_OUT and spec.optional:
@@ -104,8 +104,8 @@ def named_input(store: Store, stage: Stage, name: str, address: str | Path) -> F
 def _fitting(store: Store, stage: Stage, name: str, spec: InputSpec, address: str) -> Artifact:
     artifact = store.find(address)
     if artifact.manifest.stage not in spec.stages:
-        latest = [told(artifact) for artifact in store.artifacts(*spec.stages)[-3:]][::-1]
-        fits = f"Of those there are {'; '.join(latest)}. " if latest else "There is none yet. "
+        latest = [description(artifact) for artifact in store.artifacts(*spec.stages)[-3:]][::-1]
+        fits = f"Existing ones: {'; '.join(latest)}. " if latest else "There is none yet. "
         raise PlopError(
             f"{address} cannot be the {name} of `{stage.name}`.",
             expected=f"an artifact of {' or '.join(spec.stages)} ({spec.help})",
@@ -123,18 +123,18 @@ def latest_inputs(
     environment: str | None,
     makeable: Collection[str] = (),
 ) -> dict[str, Found]:
-    """Find the latest artifacts that fit together and to what was found; an optional input may stay open.
+    """Find the latest artifacts consistent with each other and with the known inputs; optional ones may be missing.
 
     Args:
         store: The workspace.
         stage: The stage that will run.
         wanted: Names of the inputs.
         found: The inputs that are known.
-        environment: Take only artifacts of this environment.
-        makeable: Inputs that stay open where nothing fits: they can be made.
+        environment: Use only artifacts of this environment.
+        makeable: Inputs that may be missing, because they can be made.
 
     Raises:
-        PlopError: Nothing fits a required input, or what would fit is of several environments.
+        PlopError: Nothing matches a required input, or matches are of several environments.
     """
     chosen = [one for value in found.values() for one in _artifacts(value)]
     more: dict[str, Found] = {}
@@ -190,17 +190,17 @@ def _latest(store: Store, stage: Stage, name: str, chosen: list[Artifact], envir
 
 
 def _one_line(one: set[Key], two: set[Key]) -> bool:
-    """Two artifacts are of one line when every stage in both ancestries is the same artifact in both."""
+    """Return whether two artifacts have one lineage: every stage in both ancestries is the same artifact in both."""
     shared = {stage for stage, _ in one} & {stage for stage, _ in two}
     return all({key for key in one if key[0] == stage} == {key for key in two if key[0] == stage} for stage in shared)
 
 
 def undoubted(store: Store, stage: Stage, name: str, environment: str | None) -> Artifact:
-    """Take the latest artifact for an input, of whatever line, when there is no doubt which is meant.
+    """Return the latest artifact for an input, of any lineage, when it is unambiguous.
 
     Raises:
-        PlopError: There is none, or they are of several environments; or, where the choice is to be undoubted, there
-            are several and none is made from the other.
+        PlopError: There is none, or they are of several environments; or, where the choice must be unambiguous,
+            there are several and none is made from another.
     """
     spec = stage.inputs[name]
     pool = [a for a in store.artifacts(*spec.stages) if environment in (None, a.manifest.environment)]
@@ -214,7 +214,7 @@ def undoubted(store: Store, stage: Stage, name: str, environment: str | None) ->
             where=store.root,
             expected=f"--{name.replace('_', '-')} NAME",
             found=", ".join(a.address for a in pool),
-            fix="`plop status` lists what there is.",
+            fix="`plop status` lists the artifacts.",
         )
     store.warn_passed_over(*spec.stages, taken=pool[-1])
     return pool[-1]
@@ -238,7 +238,7 @@ def _nothing_fits(store: Store, stage: Stage, name: str, wanted: set[str]) -> Pl
 
 def _cannot_be_used(stage: Stage, name: str, reason: PlopError) -> PlopError:
     return PlopError(
-        f"`{stage.name}` needs the input {name!r}, and what is there cannot be used. {reason.problem}",
+        f"`{stage.name}` needs the input {name!r}, and the existing one cannot be used. {reason.problem}",
         where=reason.where,
         expected=reason.expected,
         found=reason.found,
@@ -250,7 +250,7 @@ def _ambiguous(stage: Stage, name: str, fitting: list[Artifact]) -> PlopError:
     latest = {a.manifest.environment: a.address for a in fitting}
     listed = ", ".join(f"{environment or '(none)'} ({address})" for environment, address in latest.items())
     return PlopError(
-        f"The {name} of `{stage.name}` could be of several environments.",
+        f"Several environments match the {name} of `{stage.name}`.",
         found=listed,
         fix=f"Choose with --env NAME or --{name} ADDRESS.",
     )

@@ -1,4 +1,4 @@
-"""Who is told what a chain of runs does: the command line prints it, a caller from Python may not care."""
+"""Listeners to a chain of runs: the command line prints their events, Python callers may ignore them."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ if TYPE_CHECKING:
 
 
 class Listener(Protocol):
-    """Hears of each run as it happens."""
+    """Receives the events of each run."""
 
     def warn(self, text: str) -> None:
-        """Hear of something that the user should know."""
+        """Receive a note for the user."""
 
     def progress(self, command: str) -> AbstractContextManager[Progress]:
-        """Give what is called as the work of one run goes on."""
+        """Return the progress callback of one run."""
 
     def waits(self, command: str, process: str) -> None:
-        """Hear that another process is making what is wanted."""
+        """Receive that another process is making the artifact."""
 
     def starts(self, plan: Plan) -> None:
-        """Hear what is going to run: it is not there already."""
+        """Receive the plan of a run that is about to start."""
 
     def finished(self, command: str, outcome: Outcome) -> None:
-        """Hear what a run made, or that it was there."""
+        """Receive the outcome of a run, or that its artifact existed."""
 
 
 class Silent:
     """A `Listener` that ignores everything."""
 
     def warn(self, text: str) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def progress(self, command: str) -> AbstractContextManager[Progress]:
-        """Give a progress that ignores everything."""
+        """Return a progress callback that does nothing."""
         return nullcontext(silent)
 
     def waits(self, command: str, process: str) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def starts(self, plan: Plan) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def finished(self, command: str, outcome: Outcome) -> None:
-        """Ignore it."""
+        """Ignore the event."""

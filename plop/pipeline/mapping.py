@@ -1,6 +1,6 @@
-"""Work on the pieces of a stage, an episode each: side by side where wanted, kept across a kill, results in order.
+"""Map work over the pieces of a stage, e.g. its episodes: in parallel on request, resumable, with ordered results.
 
-One episode seldom keeps two cores busy: its images are small, and its frames wait for each other.
+One episode rarely keeps two cores busy: its images are small, and its frames are sequential.
 """
 
 from __future__ import annotations
@@ -21,56 +21,56 @@ from typing import Any, Protocol
 from plop.artifacts.atomic_file import write_text
 from plop.compute.memory import available_bytes
 from plop.errors import PlopError
-from plop.recordings.opened_once import opened_once
+from plop.recordings.open_recordings import share_open_recordings
 
-# Where one piece fails, the others are stopped: joblib warns of that, and the error says it better. It also warns where
-# it starts a process afresh because that has grown, and goes on.
+# Where one piece fails, the others are stopped: joblib warns of that, and the error is clearer. It also warns when
+# it restarts a process because its memory has grown.
 for _text in (r"\d+ tasks (which were still|have been successfully)", "A worker stopped while some jobs were given"):
     warnings.filterwarnings("ignore", message=_text, category=UserWarning)
 
 PROCESS_BYTES = 1_000_000_000
-"""Memory that is left for each process where their number is not given: torch, and the frames of an episode."""
+"""Memory per process where their number is not given: torch, and the frames of an episode."""
 _EVERY_S = 0.3
-"""How often progress is passed on [s]."""
+"""Interval between progress reports [s]."""
 
 Progress = Callable[..., None]
 """`progress(done, total, label="", **figures)`."""
 Work = Callable[[str, Progress], Any]
-"""`work(name, progress)` carries out a piece and gives what is to be known of it, in JSON types; its progress counts
-from 0 to `total` of that piece."""
+"""`work(name, progress)` does a piece and returns its result in JSON types; its progress counts from 0 to `total` of
+that piece."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """One piece that was carried out."""
+    """One finished piece."""
 
     name: str
     value: Any = None
-    """What its work gave, as read from JSON."""
+    """Result of its work, as read from JSON."""
     error: PlopError | None = None
-    """Why it could not be carried out."""
+    """Why it failed."""
 
 
 class Mapper(Protocol):
-    """Carries out tasks somewhere: in processes of this machine, on a cluster that sees the same files."""
+    """Runs tasks: in processes of this machine, or on a cluster that sees the same files."""
 
     def __call__(self, task: Callable[[str], Piece], names: Sequence[str], jobs: int, /) -> Iterable[Piece]:
-        """Call `task`, which can be pickled, with every name; give what it returns, in any order.
+        """Call `task`, which can be pickled, with every name; yield its results, in any order.
 
-        A task may be carried out again when its worker was lost. `jobs` is the user's wish, -1 for as many as there
-        are cores; there are no workers of this machine to count where a cluster has its own.
+        A task may run again when its worker is lost. `jobs` is the requested number of processes, -1 for one per
+        core; it is ignored by a cluster with its own workers.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """What became of all pieces, each in the order of their names, whatever the number of processes."""
+    """Results of all pieces, in the order of their names, independent of the number of processes."""
 
     values: dict[str, Any]
-    """What the work gave, of those that were carried out."""
+    """Results of the finished pieces."""
     errors: dict[str, PlopError]
-    """Why the others were not."""
+    """Errors of the others."""
 
 
 def map_pieces(
@@ -84,24 +84,24 @@ def map_pieces(
     of: str = "",
     keep_going: bool = False,
 ) -> Mapped:
-    """Carry out the pieces that are not done yet, and keep what each gives.
+    """Run the pieces that are not done yet, and store the result of each.
 
     Args:
-        work: Can be pickled where there are several processes.
-        names: Of all pieces, each once.
-        folder: Scratch folder of the run, which holds what an earlier, killed run has finished.
-        progress: Called as the work goes on.
-        jobs: Processes; -1 is one a core, as far as the memory goes. With 1 (or one piece) everything happens in this
-            one, on all its threads.
-        mapper: Carries the pieces out; processes of this machine when None.
-        of: What the pieces are, where a stage has several kinds; their marks begin with it.
-        keep_going: A piece that raises a PlopError does not stop the others. It is not done: the next run tries again.
+        work: The work; can be pickled where there are several processes.
+        names: Names of all pieces, without duplicates.
+        folder: Scratch folder of the run, with the finished pieces of an earlier, killed run.
+        progress: Called as the work advances.
+        jobs: Number of processes; -1 is one per core, limited by memory. With 1 (or one piece) the work is done in
+            this process, on all its threads.
+        mapper: Runs the pieces; processes of this machine when None.
+        of: Kind of the pieces, where a stage has several; prefix of their marks.
+        keep_going: A piece that raises a PlopError does not stop the others. The next run tries it again.
 
     Returns:
         Values and errors in the order of the names.
 
     Raises:
-        PlopError: The first that a piece raised, unless `keep_going`; those finished before stay finished.
+        PlopError: The first that a piece raised, unless `keep_going`; finished pieces are kept.
     """
     task = _Task(work, folder, f"{of}-" if of else "")
     found = {name: Piece(name, kept[0]) for name in names if (kept := task.kept(name))}
@@ -117,12 +117,12 @@ def map_pieces(
 
 
 def mark_of(folder: Path, piece: str) -> Path:
-    """Give the file in a scratch folder that says that a piece is done, and holds what is known of it."""
+    """Return the file in a scratch folder that marks a piece as done and stores its result."""
     return folder / ".done" / piece.replace("/", "_")
 
 
 def processes(jobs: int, pieces: int) -> int:
-    """Give the number of processes for so many pieces: -1 is one a core, as far as the memory goes."""
+    """Return the number of processes for a number of pieces: -1 is one per core, limited by memory."""
     from joblib import effective_n_jobs
 
     count: int = effective_n_jobs(jobs)
@@ -133,7 +133,7 @@ def processes(jobs: int, pieces: int) -> int:
 
 
 def in_processes(task: Callable[[str], Piece], names: Sequence[str], jobs: int, /) -> Iterator[Piece]:
-    """Carry out tasks in processes of this machine, each on its share of the cores."""
+    """Run tasks in processes of this machine, each on its share of the cores."""
     from joblib import Parallel, delayed, parallel_config
 
     with parallel_config("loky", initializer=_end_with_parent, initargs=(os.getpid(),)):
@@ -164,13 +164,13 @@ def _carried_out(
 
 @dataclass(frozen=True)
 class _Task:
-    """Carries out one piece in whatever process it lands in."""
+    """Runs one piece in any process."""
 
     work: Work
     folder: Path
     prefix: str
     notes: Path | None = None
-    """Folder in which a piece writes how far it is; gone when nobody reads it any more."""
+    """Folder for the progress of a piece; removed when it is no longer read."""
 
     def __call__(self, name: str) -> Piece:
         last = 0.0
@@ -188,19 +188,19 @@ class _Task:
 
     def carried_out(self, name: str, progress: Progress) -> Piece:
         try:
-            with opened_once():
+            with share_open_recordings():
                 text = json.dumps(self.work(name, progress))
         except PlopError as error:
             return Piece(name, error=error)
         write_text(self.mark(name), text)
         progress(1, 1, name)
-        return Piece(name, json.loads(text))  # as a run that goes on reads it: tuples are lists
+        return Piece(name, json.loads(text))  # as a resumed run reads it: tuples are lists
 
     def mark(self, name: str) -> Path:
         return mark_of(self.folder, self.prefix + name)
 
     def kept(self, name: str) -> list[Any]:
-        """Read what an earlier run kept of a piece: nothing, or one value."""
+        """Read the stored result of a piece: nothing, or one value."""
         try:
             return [json.loads(self.mark(name).read_text(encoding="utf-8"))]
         except (OSError, ValueError):
@@ -218,13 +218,13 @@ def _shifted(progress: Progress, done: float, total: int, name: str) -> Progress
 
 def _in_child(task: Callable[[str], Piece], parent: int, folder: str, name: str) -> Piece:
     _end_with_parent(parent)  # older versions of joblib call no initializer
-    os.chdir(folder)  # a process that is used again is where its first caller was; raw data may have relative paths
+    os.chdir(folder)  # a reused process is in the folder of its first caller; raw data may have relative paths
     return task(name)
 
 
 @cache
 def _end_with_parent(parent: int) -> None:
-    """Let this process end when the one that started it is killed, perhaps already: nobody waits for what it makes."""
+    """Let this process end when its parent is killed, or is dead already: its result is no longer needed."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -236,9 +236,9 @@ def _end_with_parent(parent: int) -> None:
 
 @contextmanager
 def _gathered(progress: Progress, done: int, total: int) -> Iterator[Path]:
-    """Give a folder in which pieces write about their progress; what they write is added up and passed on.
+    """Yield a folder in which pieces write their progress; the sum is passed on.
 
-    It is no part of the scratch folder: a process of a killed run, which lives a moment longer, may still write there.
+    It is outside the scratch folder: a process of a killed run, which ends a moment later, may still write there.
     """
     stop = threading.Event()
     latest: dict[str, float] = {}

@@ -1,7 +1,7 @@
-"""Which stages there are, and in which order: read from the one list in `stages/__init__.py`.
+"""The registry of stages, in order: read from the one list in `stages/__init__.py`.
 
-This package runs stages and imports none of them by itself: `REGISTRY` names the list, which is looked up when it is
-first asked for, and each entry of it names a module that is imported when its stage runs.
+This package runs stages and imports none of them directly: `REGISTRY` names the list, which is looked up on first
+use, and each entry names a module that is imported when its stage runs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class StageRef:
     """One stage, not yet imported."""
 
     command: str
-    """What the user types after `plop`, e.g. "ingest disect"."""
+    """Command after `plop`, e.g. "ingest disect"."""
     target: str
     """`module:name` of the Stage."""
     help: str
@@ -48,23 +48,23 @@ def _named(target: str) -> Any:
 
 @cache
 def pipeline() -> tuple[StageRef, ...]:
-    """Give all stages, none of them imported, in the order of the pipeline."""
+    """Return all stages, none of them imported, in the order of the pipeline."""
     return tuple(_named(REGISTRY))
 
 
 def commands() -> list[str]:
-    """Give the commands of all stages, in the order of the pipeline."""
+    """Return the commands of all stages, in the order of the pipeline."""
     return [ref.command for ref in pipeline()]
 
 
 @cache
 def places() -> dict[str, int]:
-    """Give the position of each stage in the pipeline, by its name."""
+    """Return the position of each stage in the pipeline, by its name."""
     return {name: place for place, name in enumerate(dict.fromkeys(ref.name for ref in pipeline()))}
 
 
 def stage_ref(command: str) -> StageRef:
-    """Give a stage by its command, e.g. "fit-init" or "ingest disect".
+    """Return a stage by its command, e.g. "fit-init" or "ingest disect".
 
     Raises:
         KeyError: There is none.
@@ -76,7 +76,7 @@ def stage_ref(command: str) -> StageRef:
 
 
 def command_of(stage: Stage) -> str:
-    """Give the command of an imported stage; the stage's name when it is not part of the pipeline."""
+    """Return the command of an imported stage; the stage's name when it is not part of the pipeline."""
     for ref in pipeline():
         module, _, name = ref.target.partition(":")
         if getattr(sys.modules.get(module), name, None) is stage:

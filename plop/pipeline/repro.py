@@ -1,4 +1,4 @@
-"""Make again what is stale, with the settings that are recorded in the manifests; `dvc repro` does the like."""
+"""Remake stale artifacts, with the settings recorded in the manifests; similar to `dvc repro`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from plop.pipeline.upstream import Planner
 
 
 class Renewal:
-    """Plans what makes stale artifacts again, and all that has to be made before them."""
+    """Plans the runs that remake stale artifacts, and all that has to be made before them."""
 
     def __init__(self, store: Store, listener: Listener | None = None) -> None:
         self.store = store
@@ -35,13 +35,13 @@ class Renewal:
         """Plan the runs.
 
         Args:
-            chosen: What to make again, with what it is made from; all that `plop status` shows without.
+            chosen: Artifacts to remake with their ancestors; all stale ones of `plop status` when absent.
 
         Returns:
-            By what is made again, each after what it needs.
+            Tasks by the artifact that they remake, each after those that it needs.
 
         Raises:
-            PlopError: What an artifact was made from is gone and cannot be made, or its stage or a setting is.
+            PlopError: An input of an artifact is gone and cannot be made, or its stage or a setting no longer exists.
         """
         shown = [a for a in latest_lines(self.artifacts, self.names) if self._replacements[a.key] is a]
         for artifact in chosen or shown:
@@ -49,7 +49,7 @@ class Renewal:
         return self._tasks
 
     def names_of(self, key: Key) -> list[str]:
-        """Give the names of an artifact: they move to what takes its place."""
+        """Return the names of an artifact: they move to its replacement."""
         return [name for name, address in self.names.items() if address == "@".join(key)]
 
     @cached_property
@@ -60,7 +60,7 @@ class Renewal:
         damaged = obvious_damage(artifact) is not None
         if artifact.key not in self._tasks:
             for name in artifact.manifest.inputs:
-                self._input(artifact, name)  # what it was made from may be damaged, and it is not stale by that
+                self._input(artifact, name)  # its inputs may be damaged, which does not make it stale
             if artifact.key in self.stale or damaged:
                 self._tasks[artifact.key] = self._again(artifact, force=damaged)
         return self._tasks.get(artifact.key, artifact)
@@ -69,11 +69,11 @@ class Renewal:
         ref = ref_of(artifact)
         if ref is None:
             raise PlopError(
-                "There is no stage any more that makes this artifact.",
+                "The stage that made this artifact no longer exists.",
                 where=artifact.path,
                 expected=", ".join(commands()),
                 found=artifact.manifest.stage,
-                fix="`plop gc` removes what is of no use; give it no name.",
+                fix="`plop gc` removes it, unless it has a name.",
             )
         stage = ref.load()
         written = read_settings_file(self.store.workspace / SETTINGS_FILE, commands()).get(ref.command, {})
@@ -85,23 +85,25 @@ class Renewal:
                 where=artifact.path,
                 expected=error.expected,
                 found=error.found,
-                fix=f"Run `plop {ref.command}` with the settings that you want.",
+                fix=f"Run `plop {ref.command}` with valid settings.",
             ) from error
         inputs = self._inputs(artifact, stage)
         return self._planner.shared(self._planner.completed(ref, config, inputs, force=force))
 
     def _inputs(self, artifact: Artifact, stage: Stage) -> dict[str, Need]:
-        """Give the present inputs of an artifact; one that is gone and can be made is left open."""
+        """Return the present inputs of an artifact; those that are gone and can be made are left out."""
         found: dict[str, Need] = {name: None for name, spec in stage.inputs.items() if spec.read and spec.optional}
         several: dict[str, list[Artifact | Task]] = {}
         for name in artifact.manifest.inputs:
             base, _, number = name.partition(".")
             if base not in stage.inputs:
-                continue  # of a version in which it had this input
+                continue  # of a version of the stage with this input
             value = self._input(artifact, name)
             if value is None:
                 recipe = stage.inputs[base].recipe
-                if number or recipe is None or not recipe.makes:  # an optional one, too: its result would be another
+                if (
+                    number or recipe is None or not recipe.makes
+                ):  # an optional one, too: without it the result would differ
                     raise self._gone(artifact, name)
                 found.pop(base, None)
             elif number and not isinstance(value, Path):
@@ -128,6 +130,6 @@ class Renewal:
             where=self.store.root,
             expected=what,
             found="nothing",
-            fix=f"Make its {name} again and run `plop {artifact.manifest.stage}` with it, or name what else shall be "
-            "made again: `plop repro ADDRESS`.",
+            fix=f"Make its {name} again and run `plop {artifact.manifest.stage}` with it, or choose other artifacts to "
+            "remake: `plop repro ADDRESS`.",
         )

@@ -1,4 +1,4 @@
-"""Run one stage by its command's name, with whatever it needs: the command line and Python take the same way."""
+"""Run one stage by the name of its command, with all that it needs; used by the command line and by Python."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ def run(
     listener: Listener | None = None,
     **settings: Any,
 ) -> Artifact:
-    """Run a stage and give its artifact: the one that `plop <command>` with these options makes.
+    """Run a stage and return its artifact: the same as from `plop <command>` with these options.
 
-    What the stage needs besides is found in the workspace or made on the way, and plop.toml of the workspace is read,
-    as the command does. Nothing is printed; warnings are in `manifest.summary` of the artifact.
+    Other inputs of the stage are found in the workspace or made first, and plop.toml of the workspace is read, as by
+    the command. Nothing is printed; warnings are in `manifest.summary` of the artifact.
 
     Args:
-        command: What is typed after `plop`, e.g. "train" or "ingest disect".
+        command: Command after `plop`, e.g. "train" or "ingest disect".
         store: The workspace, or its folder.
         name: Name for the artifact.
-        env: Take inputs of this environment where none is named.
-        force: Make the artifact again although it is there.
-        trust_effects: Run the effect files that came inside a model, now and later.
-        scheduler: Address of a Dask scheduler whose workers run it, and what is made on the way.
-        listener: Is told what happens.
+        env: Environment of inputs that are not named.
+        force: Make the artifact again although it exists.
+        trust_effects: Trust the effect files inside a model, now and later.
+        scheduler: Address of a Dask scheduler whose workers run it and the stages before it.
+        listener: Receives the events of the runs.
         settings: The command's other options by name: inputs (addresses, artifacts or raw paths) and settings. Nested
             settings are dicts, `resampling={"max_count": 4000}`. An option that is None is left out.
 
@@ -64,9 +64,9 @@ def run(
     with trusting(trust_effects):
         planner = Planner(store, listener)
         task = planned(planner, ref, config, inputs, environment=env, name=name, force=force)
-        told = listener
-        with runner(store, lambda _: told, scheduler=scheduler, trust_effects=trust_effects) as carries_out:
-            return finished(carries_out, task).artifact
+        receiver = listener
+        with runner(store, lambda _: receiver, scheduler=scheduler, trust_effects=trust_effects) as run_tasks:
+            return finished(run_tasks, task).artifact
 
 
 def planned(
@@ -79,16 +79,16 @@ def planned(
     name: str | None = None,
     force: bool = False,
 ) -> Task:
-    """Check what was given, and plan a run with all that it needs.
+    """Check the arguments, and plan a run with all that it needs.
 
     Args:
-        planner: Finds what is there, and plans what is not.
+        planner: Finds existing inputs, and plans missing ones.
         ref: The stage.
         config: Its settings.
-        given: What the user named: addresses and raw paths by input name.
-        environment: Take inputs of this environment where none is named.
+        given: Inputs named by the user: addresses and raw paths by input name.
+        environment: Environment of inputs that are not named.
         name: Name for the artifact.
-        force: Make it again although it is there.
+        force: Make it again although it exists.
 
     Raises:
         PlopError: Bad settings or inputs, or one that is missing and cannot be made.
@@ -102,20 +102,20 @@ def planned(
     return planner.task(ref, config, given, environment=environment, name=name, force=force)
 
 
-def finished(carries_out: Runner, task: Task) -> Outcome:
-    """Carry out a task with all that it needs, and give its outcome.
+def finished(run_tasks: Runner, task: Task) -> Outcome:
+    """Run a task with all that it needs, and return its outcome.
 
     Raises:
-        PlopError: It fails, or something that it needs does.
+        PlopError: It or a task that it needs fails.
     """
-    outcome = dict(carries_out.run([task]))[task]
+    outcome = dict(run_tasks.run([task]))[task]
     if isinstance(outcome, PlopError):
         raise outcome
     return outcome
 
 
 def _parted(stage: Stage, given: Mapping[str, Any]) -> tuple[dict[str, str | Path], dict[str, Any]]:
-    """Part options into inputs of the stage, several artifacts with commas between, and flat settings."""
+    """Split options into inputs of the stage, several artifacts separated by commas, and flat settings."""
     inputs = {key: _address(value) for key, value in given.items() if key in stage.inputs}
     return inputs, dict(flat_values({key: value for key, value in given.items() if key not in stage.inputs}))
 
@@ -137,7 +137,7 @@ def _address(given: Any) -> str | Path:
 
 
 def _check_workspace(store: Store, stage: Stage) -> None:
-    """Refuse a folder that is not there to a stage that goes on with artifacts: a misspelt one must not come to be.
+    """Reject a missing workspace for a stage that needs artifacts: a misspelt folder must not be created.
 
     Raises:
         PlopError: There is no such folder.

@@ -1,4 +1,4 @@
-"""Values of the command line and of TOML, turned into the types of settings."""
+"""Conversion of values of the command line and of TOML to the types of settings."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 
 
 def convert(value: Any, kind: Any) -> Any:
-    """Turn a value of the command line or of TOML into the type of a setting.
+    """Convert a value of the command line or of TOML to the type of a setting.
 
     Args:
-        value: As it was typed, or as TOML has it.
+        value: As written on the command line, or as read from TOML.
         kind: The type, without `Annotated`.
 
     Raises:
-        ValueError: It does not fit.
+        ValueError: It is not valid for the type.
     """
     try:
         return _convert(value, kind)
@@ -65,7 +65,7 @@ def _convert_sequence(value: Any, origin: type, parts: tuple[Any, ...]) -> Any:
 
 
 def _items(text: str) -> list[Any]:
-    """Take a list as TOML writes it, ["a", "b"], or words between commas; [ab]* is such a word."""
+    """Parse a list as in TOML, ["a", "b"], or words separated by commas; [ab]* is such a word."""
     try:
         listed = json.loads(text) if text.lstrip().startswith("[") else None
     except json.JSONDecodeError:

@@ -1,8 +1,8 @@
 """Settings of a stage: defaults of its dataclass, then plop.toml, then the command line.
 
-Kept by hand: tyro (tried, 1.0) and jsonargparse would replace the making of options and no more, since they take nan,
-know neither ranges with units nor which of plop.toml, `--set` and the command line a value came from, and end the
-process with a message of their own where a PlopError is due.
+No library: tyro (tried, 1.0) and jsonargparse would only replace the creation of options, since they accept nan, know
+neither ranges with units nor the source of a value (plop.toml, `--set`, command line), and end the process with a
+message of their own instead of a PlopError.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from plop.pipeline.setting_values import convert
 from plop.setting_kinds import COMMON, PROGRAM, Kind, check_value, describe, is_nested, kind_of, kinds_of
 
 SETTINGS_FILE = "plop.toml"
-"""In the workspace."""
+"""Name of the settings file in the workspace."""
 _LISTED = 16
-"""More names than this are not listed in a message."""
+"""Largest number of names listed in a message."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """One setting, described: a row of `--help` and of the reference."""
+    """Description of one setting: a row of `--help` and of the reference."""
 
     key: str
     """Its name; of nested settings `outer.inner`."""
@@ -38,16 +38,16 @@ class Setting:
     help: str
     """The docstring under the field."""
     group: str = ""
-    """What the group of nested settings is for: the docstring under the field that holds it; empty outside groups."""
+    """Description of its group of nested settings: the docstring under the group's field; empty outside groups."""
 
     @property
     def common(self) -> bool:
-        """It is one of those that most people look for."""
+        """Whether it is one of the common settings."""
         return COMMON in self.kind.marks
 
 
 def settings_of(config: type) -> list[Setting]:
-    """Describe the settings of a dataclass, nested ones where their group stands."""
+    """Describe the settings of a dataclass, nested ones at the position of their group."""
     texts, kinds = _field_docstrings(config), kinds_of(config)
     found = []
     for field in dataclasses.fields(config):
@@ -102,10 +102,10 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
     Args:
         config: The stage's configuration dataclass.
         stage: Name of the command, for messages.
-        layers: (where it comes from, flat overrides by setting key).
+        layers: (source, flat overrides by setting key).
 
     Raises:
-        PlopError: An unknown key, a value that its annotation rules out, or settings that do not fit together.
+        PlopError: An unknown key, a value that its annotation excludes, or inconsistent settings.
     """
     known = {setting.key: setting for setting in settings_of(config)}
     values: dict[str, Any] = {}
@@ -118,9 +118,9 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
                 raise PlopError(
                     "A settings file names a program to run.",
                     where=where,
-                    expected="programs named on the command line only: a workspace may be a stranger's",
+                    expected="programs named on the command line only: the workspace may come from an untrusted source",
                     found=str(value),
-                    fix=f"Remove the line, and give --{key} yourself.",
+                    fix=f"Remove the line, and use --{key} on the command line.",
                 )
             values[key] = checked(value, kind, where=where, fix=f"`plop {stage} --help` describes it.")
     try:
@@ -131,16 +131,16 @@ def resolve(config: type, stage: str, *layers: tuple[str, Mapping[str, Any]]) ->
 
 
 def checked(value: Any, annotation: Any, *, where: str, fix: str = "") -> Any:
-    """Turn a value into the type of a setting, and refuse what its annotation rules out.
+    """Convert a value to the type of a setting, and reject what its annotation excludes.
 
     Args:
-        value: As it was typed, or as TOML has it.
-        annotation: A `Kind`, or what stands behind the name of a field.
-        where: The setting and where its value comes from.
-        fix: What to do about a wrong one.
+        value: As written on the command line, or as read from TOML.
+        annotation: A `Kind`, or the annotation of a field.
+        where: The setting and the source of its value.
+        fix: What to do about an invalid value.
 
     Raises:
-        PlopError: It does not fit.
+        PlopError: It is not valid.
     """
     kind = annotation if isinstance(annotation, Kind) else kind_of(annotation)
     try:
@@ -149,7 +149,7 @@ def checked(value: Any, annotation: Any, *, where: str, fix: str = "") -> Any:
         expected = describe(kind.type) + (f", {kind.expected}" if kind.expected and not kind.choices else "")
         close = get_close_matches(str(value), kind.choices, n=1)
         raise PlopError(
-            "A setting has a value of the wrong kind.",
+            "A setting has an invalid value.",
             where=where,
             expected=expected,
             found=repr(value),
@@ -160,7 +160,7 @@ def checked(value: Any, annotation: Any, *, where: str, fix: str = "") -> Any:
 
 
 def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:
-    """Give the same settings with some of them changed, by key."""
+    """Return a copy of the settings with some of them changed, by key."""
     own: dict[str, Any] = {key: value for key, value in values.items() if "." not in key}
     for group in dict.fromkeys(key.partition(".")[0] for key in values if "." in key):
         inner = {key.partition(".")[2]: value for key, value in values.items() if key.startswith(group + ".")}
@@ -169,7 +169,7 @@ def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:
 
 
 def unknown_setting(key: str, known: list[Setting], *, where: str, stage: str) -> PlopError:
-    """Describe an unknown key, with the settings that may be meant: renamed, in a group, or written otherwise."""
+    """Describe an unknown key, with suggestions: renamed, in a group, or misspelt."""
     close = meant(key, known)
     inside = [s.key for s in known if s.key.startswith(key + ".")]
     if inside and inside == close:
@@ -184,7 +184,7 @@ def unknown_setting(key: str, known: list[Setting], *, where: str, stage: str) -
 
 
 def meant(key: str, known: list[Setting]) -> list[str]:
-    """Give the keys that an unknown one may mean: its new name, all of its group, or at most three that are like it."""
+    """Return suggestions for an unknown key: its new name, all of its group, or at most three similar ones."""
     renamed = [s.key for s in known if key in s.kind.formerly]
     found = renamed or [s.key for s in known if s.key.startswith(key + ".")]
     if found:
@@ -196,7 +196,7 @@ def meant(key: str, known: list[Setting]) -> list[str]:
 
 
 def _likeness(one: str, other: str) -> float:
-    """Give how alike two keys are, 0 to 1: letter by letter, or word by word in any order and any group."""
+    """Return the similarity of two keys, 0 to 1: by letters, or by words in any order and any group."""
     words = [{word.rstrip("s") for word in re.split(r"[._-]", key)} for key in (one, other)]
     letters = max(SequenceMatcher(None, one, name).ratio() for name in (other, other.rpartition(".")[2]))
     return max(letters, 2 * len(words[0] & words[1]) / (len(words[0]) + len(words[1])))
@@ -209,11 +209,11 @@ def unknown_key(
 
     Args:
         key: The key.
-        known: Those that there are.
-        where: Where it stands.
-        owner: What has the keys.
+        known: The known keys.
+        where: Source of the key.
+        owner: The command that has the keys.
         lister: The command that lists them, if not the owner.
-        close: Those that may be meant; None takes the most alike.
+        close: Suggestions; None uses the most similar ones.
     """
     close = get_close_matches(key, known, n=3, cutoff=0.5) if close is None else close
     return PlopError(

@@ -1,4 +1,4 @@
-"""Where overrides of settings come from: plop.toml in the workspace, and `--set`."""
+"""Sources of overrides of settings: plop.toml in the workspace, and `--set`."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from plop.pipeline.settings import unknown_key
 
 
 def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, Any]]:
-    """Read plop.toml: one table a command (`[train]`, `[ingest.disect]`); flat overrides by command.
+    """Read plop.toml: one table per command (`[train]`, `[ingest.disect]`); flat overrides by command.
 
     Returns:
         Overrides by command; empty when there is no file.
 
     Raises:
-        PlopError: The file is not TOML, or a table is of no command.
+        PlopError: The file is not TOML, or a table has no matching command.
     """
     if not path.is_file():
         return {}
@@ -39,7 +39,7 @@ def read_settings_file(path: Path, commands: list[str]) -> dict[str, dict[str, A
 
 
 def settings_by_command(tables: Mapping[str, Any], commands: list[str], *, where: str) -> dict[str, dict[str, Any]]:
-    """Turn parsed TOML into flat overrides by command.
+    """Convert parsed TOML to flat overrides by command.
 
     Raises:
         PlopError: A table is of no command.
@@ -50,11 +50,11 @@ def settings_by_command(tables: Mapping[str, Any], commands: list[str], *, where
             raise unknown_key(command, commands, where=where, owner=SETTINGS_FILE, lister="--help")
         if not isinstance(value, Mapping):
             raise PlopError(
-                "Settings of a stage stand in a table.",
+                "Settings of a stage must be in a table.",
                 where=where,
                 expected=f"[{command.replace(' ', '.')}], and KEY = VALUE below it",
                 found=f"{command} = {value!r}",
-                fix="Write it so; `--help` of the command lists its settings.",
+                fix="Write a table; `--help` of the command lists its settings.",
             )
         found[command] = dict(flat_values(value))
     return found
@@ -72,10 +72,10 @@ def _flatten(tables: Mapping[str, Any], commands: list[str]) -> list[tuple[str, 
 
 
 def parse_assignments(assignments: list[str], commands: list[str], own: str | None = None) -> dict[str, dict[str, str]]:
-    """Parse `--set train.horizon=8`, and `--set horizon=8` for the own command; flat overrides by command.
+    """Parse `--set train.horizon=8`, and `--set horizon=8` for the command itself; flat overrides by command.
 
     Raises:
-        PlopError: Not an assignment, or of no known command.
+        PlopError: Not an assignment, or of an unknown command.
     """
     found: dict[str, dict[str, str]] = {}
     for text in assignments:
@@ -95,7 +95,7 @@ def parse_assignments(assignments: list[str], commands: list[str], own: str | No
             stages = [prefix.rstrip(".") for prefix in prefixes]
             close = get_close_matches(stage, stages, n=1)
             fix = f"Did you mean --set {close[0]}.{setting}={value}?" if close else "Write --set STAGE.KEY=VALUE."
-            raise PlopError("--set needs to know the stage.", where=text, expected=", ".join(stages), fix=fix)
+            raise PlopError("--set needs the name of the stage.", where=text, expected=", ".join(stages), fix=fix)
         command = prefixes[owner] if owner is not None else str(own)
         found.setdefault(command, {})[key.removeprefix(owner or "").strip().replace("-", "_")] = value.strip()
     return found
@@ -112,6 +112,6 @@ def own_assignments(assignments: list[str], command: str, commands: list[str]) -
         raise PlopError(
             f"--set names settings of `plop {other}`, which have no effect on `plop {command}`.",
             found=", ".join(found[other]),
-            fix=f"Give them there, or in {SETTINGS_FILE}.",
+            fix=f"Set them there, or in {SETTINGS_FILE}.",
         )
     return found.get(command, {})

@@ -1,4 +1,4 @@
-"""Settings described for people: what `--help` says of one, and the reference of all stages."""
+"""Descriptions of settings for `--help` and for the reference of all stages."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ COLUMNS = ("Setting", "Type", "Default", "Unit", "Range or choices", "What it is
 
 
 def in_brackets(setting: Setting) -> str:
-    """Give range or choices with the unit, and the default: `[1 or more frames; default 4]`."""
+    """Return range or choices with the unit, and the default: `[1 or more frames; default 4]`."""
     return f"[{'; '.join(part for part in (_expected(setting), f'default {written(setting.default)}') if part)}]"
 
 
 def written(value: Any) -> str:
-    """Write a value as the command line takes it."""
+    """Format a value as the command line accepts it."""
     if isinstance(value, (tuple, list)):
         return ",".join(map(written, value)) or "none"
     if isinstance(value, enum.Enum):
@@ -45,8 +45,8 @@ def markdown(command: str, settings: list[Setting]) -> str:
     """Describe the settings of one stage as tables, the common ones first."""
     table = command.replace(" ", ".")
     parts = [
-        f"Given as `plop {command} --KEY VALUE`, as `--set KEY=VALUE`, or below `[{table}]` in `plop.toml`; "
-        f"the keys of a group also below `[{table}.GROUP]`. What is marked * does not change a result."
+        f"Set with `plop {command} --KEY VALUE`, `--set KEY=VALUE`, or below `[{table}]` in `plop.toml`; "
+        f"the keys of a group also below `[{table}.GROUP]`. Settings marked * do not change results."
     ]
     for title, rows in sections(settings).items():
         parts.append(f"### {title}\n\n{_row(COLUMNS)}\n{_row(['---'] * len(COLUMNS))}\n" + "\n".join(map(_cells, rows)))
@@ -54,7 +54,7 @@ def markdown(command: str, settings: list[Setting]) -> str:
 
 
 def sections(settings: list[Setting]) -> dict[str, list[Setting]]:
-    """Sort settings under the title that they are shown below, common ones first, groups last."""
+    """Group settings by the title of their table, common ones first, groups last."""
     found: dict[str, list[Setting]] = {}
     for setting in sorted(settings, key=lambda one: (not one.common, bool(one.group))):
         found.setdefault(title_of(setting), []).append(setting)
@@ -62,7 +62,7 @@ def sections(settings: list[Setting]) -> dict[str, list[Setting]]:
 
 
 def title_of(setting: Setting) -> str:
-    """Give the title that a setting is shown below."""
+    """Return the title of a setting's table."""
     if setting.common:
         return "Common settings"
     return f"Settings {setting.key.rpartition('.')[0]}.*: {setting.group.rstrip('.')}" if setting.group else "Settings"
@@ -77,7 +77,7 @@ def _cells(setting: Setting) -> str:
         part if k % 2 else part.replace("<", "&lt;").replace("*", r"\*")
         for k, part in enumerate(setting.help.split("`"))
     ]
-    text = "`".join(spans)  # what is code in the docstring is code on the page, and needs no escapes
+    text = "`".join(spans)  # code in the docstring is code on the page, and needs no escapes
     return _row([f"`{setting.key}`{mark}", name, f"`{written(setting.default)}`", kind.unit, expected, text])
 
 

@@ -1,4 +1,4 @@
-"""Which artifacts of a workspace are stale, by the stages as they are now."""
+"""Which artifacts of a workspace are stale with respect to the present stages."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from plop.pipeline.stage import Stage
 
 
 def stale(store: Store, artifacts: list[Artifact]) -> dict[Key, Stale]:
-    """Say why artifacts are stale, as far as their stages can be imported here.
+    """Explain why artifacts are stale, as far as their stages can be imported.
 
     Args:
         store: The workspace.
         artifacts: All artifacts, least recently used first.
 
     Raises:
-        PlopError: One comes from itself.
+        PlopError: One descends from itself.
     """
     stages = _imported_stages(artifacts)
 
@@ -40,12 +40,12 @@ def stale(store: Store, artifacts: list[Artifact]) -> dict[Key, Stale]:
 
 
 def command_of(artifact: Artifact) -> str:
-    """Give the command that made an artifact."""
+    """Return the command that made an artifact."""
     return str(artifact.manifest.provenance.get("command", artifact.manifest.stage))
 
 
 def recorded_config(artifact: Artifact, stage: Stage, written: dict[str, Any]) -> Any:
-    """Give the settings that an artifact was made with; those that decide nothing, as jobs, are the workspace's.
+    """Return the settings of an artifact; those without influence on results, such as jobs, are the workspace's.
 
     Args:
         artifact: The artifact.
@@ -53,7 +53,7 @@ def recorded_config(artifact: Artifact, stage: Stage, written: dict[str, Any]) -
         written: Settings of the stage in plop.toml.
 
     Raises:
-        PlopError: The stage does not have one of them any more.
+        PlopError: One of them no longer exists in the stage.
     """
     recorded = dict(flat_values(artifact.manifest.config))
     free = {field.name for field in fields(stage.config)} - deciding(stage.config()).keys()
@@ -63,7 +63,7 @@ def recorded_config(artifact: Artifact, stage: Stage, written: dict[str, Any]) -
 
 
 def ref_of(artifact: Artifact) -> StageRef | None:
-    """Give the stage that made an artifact; None where there is no such any more."""
+    """Return the stage that made an artifact; None where it no longer exists."""
     try:
         return stage_ref(command_of(artifact))
     except KeyError:

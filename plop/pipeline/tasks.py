@@ -1,4 +1,4 @@
-"""Runs to come, each with what it needs: listed, carried out one after the other, or handed to a cluster."""
+"""Planned runs with their dependencies: listed, run sequentially, or sent to a cluster."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from plop.pipeline.registry import StageRef
 
 @dataclass(eq=False)
 class Task:
-    """One run to come."""
+    """One planned run."""
 
     ref: StageRef
     config: Any
     inputs: Mapping[str, Need]
     """Every input of the stage; None for one that is left out."""
     there: Artifact | None = None
-    """What it would make, where that is there already."""
+    """Its artifact, where it exists already."""
     name: str | None = None
     """Name for the artifact."""
     force: bool = False
-    """Make it again although it is there."""
+    """Make it again although it exists."""
     about: str = ""
-    """What it is one of several for, e.g. an environment."""
+    """What distinguishes it from similar tasks, e.g. an environment."""
 
     @property
     def before(self) -> list[Task]:
@@ -39,28 +39,28 @@ class Task:
 
     @property
     def waits(self) -> bool:
-        """Whether one of its inputs is still to be made, so that nobody can tell its address yet."""
+        """Whether one of its inputs is still to be made, so that its address is not known yet."""
         return any(task.there is None for task in self.before)
 
 
 Need = Task | Artifact | Path | tuple[Task | Artifact, ...] | None
-"""An input of a task: what makes it, the artifact, a raw path, several, or nothing."""
+"""An input of a task: the task that makes it, the artifact, a raw path, several of these, or None."""
 
 Finished = Iterator[tuple[Task, Outcome | PlopError]]
 
 
 def needs(value: Need) -> tuple[Task | Artifact, ...]:
-    """Give the tasks and artifacts that an input is."""
+    """Return the tasks and artifacts of an input."""
     return value if isinstance(value, tuple) else (value,) if isinstance(value, (Task, Artifact)) else ()
 
 
 def there(need: Task | Artifact) -> Artifact | None:
-    """Give the artifact, where it is there already."""
+    """Return the artifact, where it exists already."""
     return need.there if isinstance(need, Task) else need
 
 
 def in_order(tasks: Iterable[Task]) -> list[Task]:
-    """List tasks and all that they need, each once, each after what it needs."""
+    """List tasks and their dependencies, each once, each after its dependencies."""
     found: dict[Task, None] = {}
 
     def visit(task: Task) -> None:
@@ -75,7 +75,7 @@ def in_order(tasks: Iterable[Task]) -> list[Task]:
 
 
 def addresses(task: Task, made: Mapping[Task, str]) -> dict[str, Any]:
-    """Spell the inputs of a task as `execute` takes them; `made`: what stands for each task that it waits for."""
+    """Return the inputs of a task as arguments of `execute`; `made`: the artifact of each task that it waits for."""
 
     def spelt(one: Task | Artifact) -> Any:
         return made[one] if isinstance(one, Task) else "@".join(one.key)
@@ -88,7 +88,7 @@ def addresses(task: Task, made: Mapping[Task, str]) -> dict[str, Any]:
 
 
 def given(inputs: Mapping[str, Any]) -> dict[str, str | Path]:
-    """Write inputs whose tasks are done as the user would: addresses, several with commas between, or "none"."""
+    """Write inputs whose tasks are done as the user would: addresses, separated by commas, or "none"."""
     return {
         name: LEFT_OUT if value is None else ",".join(value) if isinstance(value, list) else value
         for name, value in inputs.items()
@@ -97,17 +97,17 @@ def given(inputs: Mapping[str, Any]) -> dict[str, str | Path]:
 
 @dataclass
 class Runner:
-    """Carries out tasks one after the other in this process."""
+    """Runs tasks sequentially in this process."""
 
     store: Store
     listener: Callable[[Task], Listener]
-    """Gives who is told what a task does."""
+    """Returns the listener of a task."""
     keep_going: bool = False
     """Whether a failure stops only what needs it."""
     failed: dict[Task, PlopError] = field(default_factory=dict)
 
     def run(self, tasks: Iterable[Task]) -> Finished:
-        """Carry out tasks and all that they need; give each with its outcome, or with why there is none.
+        """Run tasks and their dependencies; yield each with its outcome or its error.
 
         Raises:
             PlopError: One fails, unless `keep_going`.
@@ -130,7 +130,7 @@ class Runner:
                 yield task, error
 
     def one(self, task: Task, inputs: Mapping[str, str | Path]) -> Outcome:
-        """Carry out one task whose inputs are there."""
+        """Run one task whose inputs exist."""
         listener, command = self.listener(task), task.ref.command
         with listener.progress(command) as progress:
             outcome = execute(

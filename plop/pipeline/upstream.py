@@ -1,6 +1,6 @@
-"""What a stage needs besides what the user named: found where it is there, else planned as runs that make it.
+"""Inputs of a stage that the user did not name: found if they exist, otherwise planned as runs that make them.
 
-How each input is found or made is declared with the stage (`InputSpec`); nothing here knows a stage by name.
+How each input is found or made is declared with the stage (`InputSpec`); this module knows no stage by name.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from plop.pipeline.tasks import Need, Task, addresses, given, needs, there
 
 
 class Planner:
-    """Plans runs with the settings of a workspace; makes nothing."""
+    """Plans runs with the settings of a workspace; runs nothing."""
 
     def __init__(self, store: Store, listener: Listener | None = None, graph: Graph | None = None) -> None:
         self.store, self.listener, self.graph = store, listener or Silent(), graph or Graph()
@@ -38,7 +38,7 @@ class Planner:
         """All artifacts of the workspace.
 
         Raises:
-            PlopError: One of them comes from itself.
+            PlopError: One of them descends from itself.
         """
         found = {a.key: a for a in self.store.artifacts()}
         check_lineage(found)
@@ -54,29 +54,29 @@ class Planner:
         name: str | None = None,
         force: bool = False,
     ) -> Task:
-        """Plan the run that the user asks for.
+        """Plan the run that the user requested.
 
         Args:
             ref: The stage.
             config: Its settings.
-            named: Addresses and raw paths by input name, as far as the user gave them.
-            environment: Take inputs of this environment where none is named.
+            named: Inputs named by the user: addresses and raw paths by input name.
+            environment: Environment of inputs that are not named.
             name: Name for the artifact.
-            force: Make it again although it is there.
+            force: Make it again although it exists.
 
         Raises:
-            PlopError: An input is missing and cannot be made, or several could be meant, or the stage refuses one.
+            PlopError: An input is missing and cannot be made, or is ambiguous, or the stage rejects one.
         """
         stage = ref.load()
         found = {key: named_input(self.store, stage, key, value) for key, value in named.items()}
         return Task(ref, config, _Inputs(self, stage, config, found, environment).all(), name=name, force=force)
 
     def completed(self, ref: StageRef, config: Any, inputs: Mapping[str, Need], *, force: bool = False) -> Task:
-        """Plan a run with inputs that are known; what is open is made from them."""
+        """Plan a run with known inputs; missing ones are made from them."""
         return Task(ref, config, _Inputs(self, ref.load(), config, inputs, None, exact=True).all(), force=force)
 
     def derived(self, ref: StageRef, inputs: Mapping[str, Need], settings: Mapping[str, Any], recipe: Recipe) -> Task:
-        """Plan the run that makes an input of another stage; the same one where it is asked for again."""
+        """Plan the run that makes an input of another stage; repeated requests return the same task."""
         stage = ref.load()
         written = read_settings_file(self.store.workspace / SETTINGS_FILE, commands()).get(ref.command, {})
         bound = {name: one for name, value in inputs.items() for need in needs(value) if (one := there(need))}
@@ -89,9 +89,9 @@ class Planner:
         return self.shared(self.completed(ref, config, inputs))
 
     def shared(self, task: Task) -> Task:
-        """Give the task that makes the same, where there is one already, and note whether its artifact is there."""
-        told = given(addresses(task, {other: str(id(other)) for other in task.before}))
-        facts = [task.ref.command, plain(task.config), {name: str(value) for name, value in told.items()}]
+        """Return an existing task with the same result, if there is one, and note whether its artifact exists."""
+        named = given(addresses(task, {other: str(id(other)) for other in task.before}))
+        facts = [task.ref.command, plain(task.config), {name: str(value) for name, value in named.items()}]
         same = self._tasks.setdefault(json.dumps(facts, sort_keys=True), task)
         if same is task and not task.waits and not task.force:
             keys = {other: "@".join(other.there.key) for other in task.before if other.there is not None}
@@ -102,7 +102,7 @@ class Planner:
 
 
 class _Inputs:
-    """The inputs of one stage, as they are found."""
+    """The inputs of one stage during planning."""
 
     def __init__(
         self,
@@ -114,15 +114,15 @@ class _Inputs:
         *,
         exact: bool = False,
     ) -> None:
-        """Begin with what is known.
+        """Start with the known inputs.
 
         Args:
-            planner: Plans what has to be made.
+            planner: Plans missing inputs.
             stage: The stage.
             config: Its settings.
-            found: The inputs that are known; None for one that shall be left out.
-            environment: Take inputs of this environment where none is named.
-            exact: Make what is not known from what is, instead of taking the latest.
+            found: The known inputs; None for one that is left out.
+            environment: Environment of inputs that are not named.
+            exact: Make unknown inputs from known ones, instead of using the latest.
         """
         self.planner, self.stage, self.config, self.environment = planner, stage, config, environment
         self.found: dict[str, Need] = dict(found)
@@ -134,7 +134,7 @@ class _Inputs:
         """Find or plan every input that the stage reads.
 
         Raises:
-            PlopError: One is missing and cannot be made, or several could be meant, or the stage refuses one.
+            PlopError: An input is missing and cannot be made, or is ambiguous, or the stage rejects one.
         """
         self._settle()
         if not self._exact:
@@ -146,7 +146,7 @@ class _Inputs:
         return {name: self._value(name) for name, spec in self.stage.inputs.items() if spec.read}
 
     def _settle(self) -> None:
-        """Take what known inputs were made from: a fit is that of the given tracks."""
+        """Use the ancestors of known inputs: a fit is that of the given tracks."""
         known = self.planner.known
         for name in list(self.found):
             recipe = self.stage.inputs[name].recipe
@@ -158,7 +158,7 @@ class _Inputs:
                     self.found[own] = several if self.stage.inputs[own].many else several[0]
 
     def _look_up(self) -> None:
-        """Find what is not made: the latest that fit, then what no doubt is about, then where a model comes from."""
+        """Find existing inputs: the latest matching ones, then unambiguous ones, then the ancestors of a model."""
         inputs, store = self.stage.inputs, self.planner.store
         open_names = [name for name, spec in inputs.items() if name not in self.found and spec.stages and spec.read]
         latest = [name for name in open_names if inputs[name].choice is Choice.LATEST and not self._is_asked_for(name)]
@@ -171,13 +171,13 @@ class _Inputs:
                 self.found[name] = undoubted(store, self.stage, name, self.environment)
 
     def _is_asked_for(self, name: str) -> bool:
-        """Tell whether the user named something that is not read but that this input is made from."""
+        """Return whether the user named an input that is not read but from which this one is made."""
         inputs, recipe = self.stage.inputs, self.stage.inputs[name].recipe
         sources = {} if recipe is None else recipe.inputs
         return any(isinstance(own, str) and own in self._named and not inputs[own].read for own in sources.values())
 
     def _refuse(self) -> None:
-        """Let the stage refuse what is there before anything is made from it; what runs first is judged by then."""
+        """Let the stage check existing inputs before anything is made from them; others are checked when they run."""
         there = self._there()
         needed = [name for name, spec in self.stage.inputs.items() if not (spec.optional or spec.recipe)]
         if self.stage.check_inputs is not None and all(name in there for name in needed):
@@ -194,11 +194,11 @@ class _Inputs:
         return found
 
     def _value(self, name: str) -> Need:
-        """Give an input: what is known, found now, or planned; None where it is left out."""
+        """Return an input: known, found now, or planned; None where it is left out."""
         spec = self.stage.inputs[name]
         if name not in self.found:
             if name in self._open:
-                raise ValueError(f"the inputs of {self.stage.name} go in a circle: {', '.join(self._open)}")
+                raise ValueError(f"the inputs of {self.stage.name} form a cycle: {', '.join(self._open)}")
             self._open.append(name)
             self.found[name] = self._new(name, spec)
             self._open.remove(name)
@@ -220,7 +220,7 @@ class _Inputs:
         return self._made(name, spec, recipe) if recipe.makes else None
 
     def _made(self, name: str, spec: InputSpec, recipe: Recipe) -> Need:
-        """Plan what makes an input, once for each of an input that holds several."""
+        """Plan the run that makes an input, once for each item of an input with several."""
         ref = self.planner.graph.maker(spec)
         bound = {theirs: self._bound(own) for theirs, own in recipe.inputs.items()}
         for theirs, own in recipe.inputs.items():
@@ -238,7 +238,7 @@ class _Inputs:
         return self._origin(own) if isinstance(own, Origin) else self._value(own)
 
     def _origin(self, origin: Origin) -> Artifact | None:
-        """Follow a model through its bases to the recordings that it was made from; None when they are gone."""
+        """Trace a model through its bases to the recordings that it was made from; None when they are gone."""
         known = self.planner.known
         value = self._value(origin.model)
         model = there(value) if isinstance(value, (Task, Artifact)) else None
@@ -251,7 +251,7 @@ class _Inputs:
         return None if any(source.key in closure(known, one) for one in asked) else source
 
     def _matching(self, spec: InputSpec, recipe: Recipe) -> tuple[Artifact, ...]:
-        """Find what was made from the inputs of a recipe, as far as these are known."""
+        """Find artifacts that were made from the inputs of a recipe, as far as these are known."""
         inputs: dict[str, tuple[Artifact, ...]] = {}
         found = self.planner.store.artifacts(*spec.stages)
         for theirs, own in recipe.inputs.items():
@@ -270,5 +270,5 @@ class _Inputs:
             where=self.planner.store.root,
             expected=f"{option} {'NAME,NAME,...' if spec.many else 'NAME'}: {spec.help}",
             found="none",
-            fix="`plop status` lists what there is.",
+            fix="`plop status` lists the artifacts.",
         )

@@ -1,4 +1,4 @@
-"""What shape and kind of numbers a stored array should have."""
+"""Expected shape and type of a stored array."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Part:
-    """What one array should be."""
+    """Expected shape and type of one array."""
 
     shape: tuple[int | None, ...]
-    """None is any length."""
+    """Lengths; None is any length."""
     kinds: str = "buif"
     """Kinds of numbers, as in `numpy.dtype.kind`."""
     advice: Mapping[tuple[int | None, ...], str] = field(default_factory=dict)
-    """What to do about an array of a shape that is a known mistake."""
+    """Shapes of known mistakes, and what to do about each."""
 
     def misfit(self, array: np.ndarray | h5py.Dataset) -> tuple[str, str] | None:
-        """Tell what is expected and what is there instead; None when it fits. Nothing is read of a dataset."""
+        """Return the expected and the actual properties; None when they match. The data of a dataset are not read."""
         have = array.shape or ()
         if _alike(have, self.shape) and (array.dtype.kind in self.kinds or 0 in have):
             return None
@@ -30,7 +30,7 @@ class Part:
         return f"{numbers}, {lengths}", f"{array.dtype}, {' x '.join(map(str, have)) or 'a single value'}"
 
     def fix(self, array: np.ndarray | h5py.Dataset) -> str | None:
-        """What to do about an array of another shape; None when nothing is known of it."""
+        """Return what to do about an array of another shape; None for an unknown mistake."""
         return next((text for shape, text in self.advice.items() if _alike(array.shape or (), shape)), None)
 
 

@@ -1,4 +1,4 @@
-"""Choose the camera that shows most of what happened, for pictures and videos."""
+"""Choose the camera that shows most of the interaction, for pictures and videos."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ def busiest_camera(recording: Recording, wanted: str = "") -> str:
 
     Args:
         recording: The episode.
-        wanted: Take this camera instead, when not empty.
+        wanted: Use this camera instead, when not empty.
 
     Returns:
         Name of a camera; the first by name among equals.
 
     Raises:
-        PlopError: There is no camera, or not the wanted one.
+        PlopError: There is no camera, or not the requested one.
     """
     check_camera(recording, wanted)
     if wanted:
@@ -33,14 +33,14 @@ def busiest_camera(recording: Recording, wanted: str = "") -> str:
 
 
 def check_camera(recording: Recording, wanted: str = "") -> None:
-    """Refuse a camera that a recording does not have.
+    """Reject a camera that a recording does not have.
 
     Args:
         recording: The episode.
-        wanted: The camera; any will do when empty.
+        wanted: The camera; any when empty.
 
     Raises:
-        PlopError: There is no camera, or not the wanted one.
+        PlopError: There is no camera, or not the requested one.
     """
     names = recording.camera_names
     if not names or (wanted and wanted not in names):
@@ -49,5 +49,5 @@ def check_camera(recording: Recording, wanted: str = "") -> None:
             where=recording.path,
             expected=", ".join(names) or "any camera",
             found=wanted or "no camera in the recording",
-            fix="Choose one of these, or leave the camera open.",
+            fix="Choose one of these, or omit the option.",
         )

@@ -1,4 +1,4 @@
-"""What `plop calibrate` says of the cameras of a set of recordings, for the stages that use them."""
+"""Verdicts of `plop calibrate` on the cameras of a set of recordings, for later stages."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ BAD = "bad"
 
 
 def are_judged(folder: Path) -> bool:
-    """Tell whether a set of recordings is one of calibrate's."""
+    """Return whether a set of recordings was written by calibrate."""
     return Recordings(folder).verdicts.is_file()
 
 
 def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
-    """Give the cameras of an episode that are not usable, each with what to do.
+    """Return the cameras of an episode that are not usable, each with what to do.
 
     Args:
-        folder: Payload of a set of recordings; one that calibrate did not write holds no verdicts.
+        folder: Payload of a set of recordings; without verdicts unless calibrate wrote it.
         episode: Its name.
     """
     return {
@@ -32,13 +32,13 @@ def bad_cameras(folder: Path, episode: str) -> dict[str, str]:
 
 
 def only_bad_cameras(folder: Path) -> dict[str, Noticed]:
-    """Find the episodes none of whose cameras is fit for use; what is made of them is no better.
+    """Find the episodes without a usable camera.
 
     Args:
         folder: Payload of a set of recordings, calibrated or not.
 
     Returns:
-        Per such episode what to say, with the advice for its first camera; nothing where there are no verdicts.
+        Per such episode the message, with the advice for its first camera; empty where there are no verdicts.
     """
     return {
         name: _said(rows)
@@ -57,9 +57,9 @@ def _verdicts(folder: Path) -> dict[str, list[dict[str, Any]]]:
 
 def _said(verdicts: list[dict[str, Any]]) -> Noticed:
     fix = str(verdicts[0].get("fix", ""))
-    count = "its only camera" if len(verdicts) == 1 else f"all {len(verdicts)} cameras of it"
+    count = "its only camera" if len(verdicts) == 1 else f"all {len(verdicts)} of its cameras"
     return Noticed(
         f"`plop calibrate` calls {count} bad ({verdicts[0].get('camera')}: {fix})",
         Cause.EXTRINSICS,
-        f"Mend the cameras first: {fix}.",
+        f"Repair the cameras first: {fix}.",
     )

@@ -9,10 +9,10 @@ from plop.recordings.set import RecordingSet
 
 
 def check_excluded(recordings: RecordingSet, excluded: Sequence[str], stage: str) -> None:
-    """Refuse a camera that is not there, and leaving out all of them.
+    """Reject an unknown camera, and the exclusion of all cameras.
 
     Raises:
-        PlopError: One of the two, by name of the stage's setting `exclude`.
+        PlopError: One of the two; names the stage's setting `exclude`.
     """
     if not excluded:
         return
@@ -26,13 +26,13 @@ def check_excluded(recordings: RecordingSet, excluded: Sequence[str], stage: str
                 where=where,
                 expected=", ".join(known),
                 found=name,
-                fix="Name cameras as these recordings do.",
+                fix="Use the names of the cameras in these recordings.",
             )
     if set(known) <= set(excluded):
         raise PlopError(
-            "All cameras are left out.",
+            "All cameras are excluded.",
             where=where,
-            expected="one camera left at least",
+            expected="at least one remaining camera",
             found=", ".join(excluded),
-            fix="Leave out fewer.",
+            fix="Exclude fewer cameras.",
         )

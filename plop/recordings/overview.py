@@ -1,4 +1,4 @@
-"""What a set of recordings holds, from the files themselves, so that a resumed run says the same."""
+"""Overview of a set of recordings, from the files themselves, so that a resumed run gives the same."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ def overview(recordings: RecordingSet) -> tuple[dict[str, Any], list[dict[str, A
     """Describe a set.
 
     Returns:
-        Figures of the whole set, one row an episode, and warnings on what cannot be seen or is not kept.
+        Figures of the whole set, one row per episode, and warnings of lost sight or missing episodes.
     """
     table, warnings = [], []
     for what, kept in (("training", recordings.train), ("the test", recordings.test)):
         if not kept:
-            warnings.append(f"No episode is kept for {what}.")
+            warnings.append(f"No episode is left for {what}.")
     for name in recordings.names:
         with recordings.open(name) as recording:
             seen = {camera: _fewest_object_pixels(recording, camera) for camera in recording.camera_names}
             times = recording.time_s
-        warnings += [f"{name}: {camera} loses sight of the object." for camera, pixels in seen.items() if not pixels]
+        warnings += [
+            f"{name}: the object leaves the view of {camera}." for camera, pixels in seen.items() if not pixels
+        ]
         table.append(
             {
                 "episode": name,

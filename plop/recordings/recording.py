@@ -13,9 +13,9 @@ Layout (schema 1; lengths in metres, times in seconds, world frame right-handed,
     /tool/mesh/vertices    [V, 3] float64 in the tool's frame; /tool/mesh/faces [F, 3] int64
     /tool/world_from_tool  [T, 4, 4] float64
     /scan/<id>/...         optional: the same keys as a camera, frames of a scan before the interaction
-    /truth/...             optional: what only a simulator knows; never read for training
+    /truth/...             optional: data known only to a simulator; never read for training
 
-Images are stored one frame a chunk, so that one frame is read without the rest.
+Images are stored one frame per chunk, so that one frame is read without the rest.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from plop.artifacts.hdf5_reader import Hdf5Reader
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import View
-from plop.recordings.opened_once import of_this_run
+from plop.recordings.open_recordings import of_this_run
 from plop.recordings.recording_checks import check_recording_file
 
 RECORDING_SCHEMA = 1
@@ -59,16 +59,16 @@ class Recording(Hdf5Reader):
 
     @classmethod
     def open(cls, path: str | Path) -> Recording:
-        """Open a recording, or give the one that this run has open (`plop.recordings.opened_once`)."""
+        """Open a recording, or return the one that this run has open (`plop.recordings.open_recordings`)."""
         run = of_this_run()
         return cls(path) if run is None or not Path(path).is_file() else run.lend(Path(path), cls)
 
     def close(self) -> None:
-        """Close the file, or give it back to the run that keeps it open."""
+        """Close the file, or return it to the run that keeps it open."""
         (self._on_close or super().close)()
 
     def close_file(self) -> None:
-        """Close the file whoever keeps it open."""
+        """Close the file, even if a run keeps it open."""
         super().close()
 
     def _check(self) -> None:
@@ -103,14 +103,14 @@ class Recording(Hdf5Reader):
 
     @property
     def scan_names(self) -> list[str]:
-        """Names of the cameras that scanned before the interaction, sorted; often empty."""
+        """Names of the cameras with a scan before the interaction, sorted; often empty."""
         return sorted(self._file["scan"]) if "scan" in self._file else []
 
     def __len__(self) -> int:
         return len(self._file["frames/time_s"])
 
     def camera(self, name: str, frame: int, *, group: str = "cameras") -> Camera:
-        """Give a camera's calibration at one frame; `group` is "cameras" or "scan"."""
+        """Return a camera's calibration at one frame; `group` is "cameras" or "scan"."""
         node = self._node(group, name)
         height, width = node["rgb"].shape[1:3]
         return Camera(name, width, height, node["intrinsics"][:], node["world_from_cam"][frame])
@@ -135,19 +135,19 @@ class Recording(Hdf5Reader):
         """The tool in its own frame.
 
         Raises:
-            PlopError: It has no vertices or no faces, or a face points at a vertex that does not exist.
+            PlopError: It has no vertices or no faces, or a face refers to a vertex that does not exist.
         """
         mesh = Mesh(self._file["tool/mesh/vertices"][:], self._file["tool/mesh/faces"][:])
         count = len(mesh.vertices)
         if not count or not len(mesh.faces) or mesh.faces.min() < 0 or mesh.faces.max() >= count:
             most = int(mesh.faces.max()) if len(mesh.faces) else None
             raise PlopError(
-                "The tool's mesh cannot be used.",
+                "The tool's mesh is not valid.",
                 where=f"{self.path}:/tool/mesh",
-                expected="vertices, and faces that point at them",
+                expected="vertices, and faces that refer to them",
                 found=f"{count} vertices, {len(mesh.faces)} faces"
                 + ("" if most is None else f" with indices up to {most}"),
-                fix=f"Give the tool's mesh in the raw data, then: {self.maker} again.",
+                fix=f"Correct the tool's mesh in the raw data, then: {self.maker} again.",
             )
         return mesh
 
@@ -157,7 +157,7 @@ class Recording(Hdf5Reader):
         return self._file["tool/world_from_tool"][:]
 
     def _node(self, group: str, name: str) -> dict[str, h5py.Dataset]:
-        """Give a camera's datasets; opened once, since opening costs as much as reading one frame."""
+        """Return a camera's datasets; opened once, since opening takes as long as reading one frame."""
         if (group, name) in self._nodes:
             return self._nodes[group, name]
         if group not in ("cameras", "scan") or group not in self._file or name not in self._file[group]:

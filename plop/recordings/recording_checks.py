@@ -1,4 +1,4 @@
-"""What must hold for a recording to be one: looked at whenever it is opened, without reading any picture."""
+"""Validity checks of a recording: done when it is opened, without reading images."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from plop.geometry.rigid import check_rigid
 from plop.recordings.array_checks import Part
 
 FARTHEST_M = 100.0
-"""Farthest distance of a camera from the world's origin along an axis that can be metres [m]."""
+"""Largest plausible coordinate of a camera in metres [m]."""
 
 _OF_FILE = {
     "frames/time_s": Part((None,)),
@@ -36,16 +36,16 @@ Refuse = Callable[..., NoReturn]
 
 
 def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
-    """Refuse a recording that no stage can use.
+    """Reject a recording that no stage can use.
 
     Args:
         file: The open recording; its layout is that of `plop.recordings.recording`.
-        path: Where it lies, for messages.
+        path: Its path, for messages.
         maker: How to make it again, for messages.
 
     Raises:
-        PlopError: A part is missing or of another shape, there is one frame only, times do not increase, or poses or
-            intrinsics cannot be. Names file and key.
+        PlopError: A part is missing or of another shape, there is only one frame, times do not increase, or poses or
+            intrinsics are invalid. Names file and key.
     """
 
     def refuse(problem: str, key: str, expected: str, found: str) -> NoReturn:
@@ -54,7 +54,7 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
             where=f"{path}:/{key}",
             expected=expected,
             found=found,
-            fix=f"Correct the raw data where it is wrong. {maker} again.",
+            fix=f"Correct the raw data if necessary. {maker} again.",
         )
 
     for name in ("name", "environment"):
@@ -76,7 +76,7 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
         check_rigid(poses, f"{path}:/{key}/world_from_cam", what="camera")
         if np.abs(poses[:, :3, 3]).max(initial=0) > FARTHEST_M:
             refuse(
-                "A camera stands too far away to be true.",
+                "A camera is implausibly far away.",
                 f"{key}/world_from_cam",
                 "metres",
                 f"{np.abs(poses[:, :3, 3]).max():.0f}: millimetres?",
@@ -85,10 +85,10 @@ def check_recording_file(file: h5py.File, path: Path, *, maker: str) -> None:
 
 def _check_there(node: object, key: str, part: Part, refuse: Refuse) -> None:
     if not isinstance(node, h5py.Dataset):
-        refuse("The recording is incomplete.", key, "this part", "nothing" if node is None else "something else")
+        refuse("The recording is incomplete.", key, "this part", "nothing" if node is None else "another type")
     wrong = part.misfit(node)
     if wrong is not None:
-        refuse("A part of the recording has another shape or type than it should.", key, *wrong)
+        refuse("A part of the recording has an unexpected shape or type.", key, *wrong)
 
 
 def _check_lengths(file: h5py.File, refuse: Refuse) -> None:
@@ -103,7 +103,7 @@ def _check_lengths(file: h5py.File, refuse: Refuse) -> None:
             )
     if frames < 2:
         refuse(
-            "The recording is too short: nothing moves in it.",
+            "The recording is too short.",
             "frames/time_s",
             "2 frames or more",
             f"{frames} frame{'' if frames == 1 else 's'}",
@@ -147,7 +147,7 @@ def _check_sizes(file: h5py.File, key: str, refuse: Refuse) -> None:
 
 def _check_intrinsics(matrix: np.ndarray, key: str, refuse: Refuse) -> None:
     if not np.isfinite(matrix).all():
-        refuse("A camera's intrinsics have values that are no numbers.", key, "finite numbers", "NaN or infinity")
+        refuse("A camera's intrinsics have values that are not finite.", key, "finite numbers", "NaN or infinity")
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         refuse(
             "A camera's focal length is not positive.",

@@ -1,4 +1,4 @@
-"""A set of recordings: what `ingest` (and `calibrate`) write.
+"""A set of recordings: output of `ingest` and `calibrate`.
 
 episodes/<name>.h5     one recording each
 episodes.json          {"environment", "train": [names], "test": [names], "skipped": {name: reason}}
@@ -70,7 +70,7 @@ def split_names(names: list[str], test: tuple[str, ...]) -> tuple[list[str], lis
 
     Args:
         names: Names of all episodes.
-        test: Globs of test episodes; none takes the last quarter, at least one of two or more.
+        test: Globs of test episodes; empty selects the last quarter, at least one if there are two or more.
 
     Returns:
         Names for training, names for the test; both sorted.
@@ -84,19 +84,19 @@ def split_names(names: list[str], test: tuple[str, ...]) -> tuple[list[str], lis
 
 
 def check_patterns(names: Sequence[str], patterns: Sequence[str], *, option: str, where: str | Path) -> list[str]:
-    """Look whether the user's patterns of episode names fit any episode.
+    """Check that the user's patterns of episode names match episodes.
 
     Args:
-        names: All episodes, also those that cannot be used.
+        names: All episodes, including unusable ones.
         patterns: Globs, or plain names.
-        option: The option that holds them, for messages.
+        option: The option with the patterns, for messages.
         where: The folder of the episodes, for messages.
 
     Returns:
-        A warning for each glob that fits none.
+        A warning for each glob without a match.
 
     Raises:
-        PlopError: A plain name is of no episode; tells the nearest ones.
+        PlopError: A plain name matches no episode; suggests similar ones.
     """
     warnings = []
     for pattern in patterns:
@@ -111,5 +111,5 @@ def check_patterns(names: Sequence[str], patterns: Sequence[str], *, option: str
                 expected=", ".join(names[:8]) + (" ..." if len(names) > 8 else ""),
                 fix=f"Did you mean {' or '.join(close)}?" if close else f"Correct {option}.",
             )
-        warnings.append(f"{option} {pattern} fits no episode")
+        warnings.append(f"{option} {pattern} matches no episode")
     return warnings

@@ -1,4 +1,4 @@
-"""What only a simulator knows, for scoring. Nothing that trains, fits or filters may import this module."""
+"""Ground truth of a simulator, for scoring. Nothing that trains, fits or filters may import this module."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Truth(Hdf5Reader):
     def _check(self) -> None:
         if "truth/surface_vertices_m" not in self._file:
             raise PlopError(
-                "This recording holds no truth.",
+                "This recording has no ground truth.",
                 where=f"{self.path}:/truth",
                 expected="a recording of a simulator",
                 found="nothing",
@@ -31,7 +31,7 @@ class Truth(Hdf5Reader):
 
     @staticmethod
     def is_in(path: str | Path) -> bool:
-        """Tell whether a recording holds the truth."""
+        """Return whether a recording has ground truth."""
         with h5py.File(path, "r") as file:
             return "truth/surface_vertices_m" in file
 
@@ -40,11 +40,11 @@ class Truth(Hdf5Reader):
 
     @property
     def has_nodes(self) -> bool:
-        """Tell whether the simulator's volume nodes are known, besides its surface."""
+        """Return whether the simulator's volume nodes are known, besides its surface."""
         return "truth/nodes_m" in self._file
 
     def nodes_m(self, frame: int, *, real_only: bool = True) -> np.ndarray:
-        """Give the nodes of the volume mesh at one frame, shape [N, 3] [m].
+        """Return the nodes of the volume mesh at one frame, shape [N, 3] [m].
 
         Args:
             frame: Index of the frame.
@@ -71,7 +71,7 @@ class Truth(Hdf5Reader):
         return self._file["truth/rest_nodes_m"][:].astype(np.float64)
 
     def surface(self, frame: int) -> Mesh:
-        """Give the closed surface at one frame; its faces are the same in every frame."""
+        """Return the closed surface at one frame; its faces are the same in every frame."""
         vertices = self._file["truth/surface_vertices_m"][frame].astype(np.float64)
         return Mesh(vertices, self._file["truth/surface_faces"][:])
 
@@ -82,7 +82,7 @@ class Truth(Hdf5Reader):
 
     @property
     def surface_is_cut(self) -> np.ndarray:
-        """Faces that the cut makes, bool, shape [F]."""
+        """Faces created by the cut, bool, shape [F]."""
         return self._file["truth/surface_is_cut"][:]
 
     @property
@@ -92,7 +92,7 @@ class Truth(Hdf5Reader):
 
 
 def write_without_truth(source: str | Path, target: str | Path) -> None:
-    """Copy a recording without `/truth`, to hand it out or to prove that a result does not depend on it."""
+    """Copy a recording without `/truth`, to share it or to show that a result does not depend on it."""
     with h5py.File(source, "r") as old, h5py.File(target, "w") as new:
         new.attrs.update(old.attrs)
         for key in old:

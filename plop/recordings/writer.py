@@ -1,4 +1,4 @@
-"""Write a recording frame by frame; nothing that looks finished exists before it is whole."""
+"""Write a recording frame by frame; the file appears when it is complete."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class RecordingWriter:
     """Write one recording; use as a context manager.
 
     The file is written under a scratch name and renamed on leaving the context without an error;
-    after an error nothing stays behind. The same calls give the same bytes.
+    after an error no file is left. The same calls give the same bytes.
 
     Args:
-        path: Where the recording goes, `<name>.h5`.
+        path: Path of the recording, `<name>.h5`.
         name: Name of the episode.
         source: What it was made from, e.g. "disect".
         environment: Name of the environment.
@@ -80,7 +80,7 @@ class RecordingWriter:
         *,
         group: str = "cameras",
     ) -> None:
-        """Announce a camera.
+        """Add a camera.
 
         Args:
             name: Id of the camera.
@@ -88,7 +88,7 @@ class RecordingWriter:
             world_from_cam: Pose at every frame, shape [T, 4, 4] (in "scan": one per scan frame).
             height: [px]
             width: [px]
-            group: "cameras", or "scan" for a camera that looked around before the interaction.
+            group: "cameras", or "scan" for a camera's scan before the interaction.
         """
         poses = np.asarray(world_from_cam, np.float64)
         self._check_poses(poses, self._frames if group == "cameras" else len(poses), f"{group}/{name}")
@@ -135,13 +135,13 @@ class RecordingWriter:
         self._written[key][frame] = True
 
     def add_truth(self, name: str, array: np.ndarray) -> None:
-        """Keep what only a simulator knows under `/truth/<name>`; no reader of recordings gives it back."""
+        """Store data known only to a simulator as `/truth/<name>`, which `Recording` does not read."""
         array = np.asarray(array)
         chunks = (1, *array.shape[1:]) if array.ndim == 3 else None
         self._put(f"truth/{name}", array, chunks=chunks)
 
     def add_truth_facts(self, facts_json: str) -> None:
-        """Keep the simulator's parameters (JSON text) as the attribute `facts` of `/truth`."""
+        """Store the simulator's parameters (JSON text) as the attribute `facts` of `/truth`."""
         self._file.require_group("truth").attrs["facts"] = facts_json
 
     def __enter__(self) -> Self:
@@ -175,7 +175,7 @@ class RecordingWriter:
     def _check_poses(poses: np.ndarray, frames: int, where: str) -> None:
         if poses.shape != (frames, 4, 4) or not np.isfinite(poses).all():
             raise PlopError(
-                "The poses do not fit.",
+                "The poses have the wrong shape or are not finite.",
                 where=where,
                 expected=f"finite, shape {(frames, 4, 4)}",
                 found=f"shape {poses.shape}, finite: {bool(np.isfinite(poses).all())}",

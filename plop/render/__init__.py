@@ -1,1 +1,1 @@
-"""Gaussians and what is seen of them: a rasterizer, scenes, losses, virtual cameras, pictures."""
+"""Rendering of Gaussians: a rasterizer, scenes, losses, virtual cameras, pictures."""

@@ -1,4 +1,4 @@
-"""What a rendering is compared with, and the loss between them (PLOP, Eq. 8-10)."""
+"""Targets of renderings, and the loss between them (PLOP, Eq. 8-10)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SSIM_SIGMA = 1.5
 
 @dataclass(frozen=True)
 class RenderWeights(Settings):
-    """Weights of the rendering loss; their defaults are written only here."""
+    """Weights of the rendering loss; their defaults are defined only here."""
 
     ssim: Annotated[Weight, Formerly("ssim_weight")] = 0.1
     """Weight of 1 - SSIM."""
@@ -36,18 +36,18 @@ class RenderWeights(Settings):
     mask: Annotated[Weight, COMMON, Formerly("mask_weight")] = 0.1
     """Weight of the mean absolute error of alpha against the object's mask; 0 in the paper."""
     depth_unit_m: Annotated[float, Range(1e-6, 1e6), Unit("m"), Formerly("length_unit_m")] = 0.1
-    """Depth error that counts as 1, as do the other lengths in a loss; 1 in the paper. A scene of 0.1 m gives depth the
-    weight of colour."""
+    """Unit of depth errors and of other lengths in a loss; 1 in the paper. For a scene of 0.1 m depth and colour have
+    equal weight."""
 
     @classmethod
     def paper(cls) -> RenderWeights:
-        """Give the paper's weights on simulated recordings."""
+        """Return the paper's weights on simulated recordings."""
         return cls(mask=0.0, depth_unit_m=1.0)
 
 
 @dataclass(frozen=True)
 class Target:
-    """A measured view, ready to be compared with renderings of the object alone."""
+    """A measured view, prepared for comparison with renderings of the object."""
 
     camera: Camera
     rgb: Tensor
@@ -57,9 +57,9 @@ class Target:
     object_mask: Tensor
     """Pixels that show the object, bool, shape [H, W]."""
     valid: Tensor
-    """Pixels that count, bool, shape [H, W]."""
+    """Pixels that are not masked, bool, shape [H, W]."""
     behind: Tensor | None = None
-    """Background that a rendering over black is laid over, shape [H, W, 3]; None when it has one already."""
+    """Background to add to a rendering over black, shape [H, W, 3]; None when it has one already."""
 
 
 def target_from_view(
@@ -67,13 +67,13 @@ def target_from_view(
 ) -> Target:
     """Prepare a view: every pixel that does not show the object takes the background's colour.
 
-    Pixels labelled TOOL and UNKNOWN do not count, since the object may be behind them, nor do pixels that
-    touch the tool, which show it mixed with what is beside it.
+    Pixels labelled TOOL and UNKNOWN are masked, since the object may be behind them, as are pixels adjacent to
+    the tool, which mix its colour with others.
 
     Args:
         view: Measured frame of one camera.
         background: Colour behind the rendered object, shape [3], 0..1; black when absent.
-        device: Where the target lives.
+        device: Device of the target.
         ignore_tool: Count pixels of the tool as background when False.
 
     Returns:
@@ -91,9 +91,9 @@ def target_from_view(
 
 
 def target_over_measured(view: View, *, device: torch.device | str = "cpu") -> Target:
-    """Prepare a view with its own background, over which renderings of the object are laid.
+    """Prepare a view with its own background for renderings of the object.
 
-    A pixel on the outline shows object and background mixed. Over the measured background a soft outline
+    A pixel on the outline mixes object and background. Over the measured background a soft outline
     can match it; over a plain colour (`target_from_view`) only a hard and jagged one can. The background
     at and near the object is that of the nearest pixel at least 2 px away from object and tool.
 
@@ -102,7 +102,7 @@ def target_over_measured(view: View, *, device: torch.device | str = "cpu") -> T
         device: Where the target lives.
 
     Returns:
-        The target, whose renderings are over black; that of `target_from_view` where no pure background shows.
+        The target, for renderings over black; that of `target_from_view` where no pure background is visible.
     """
     pure = ~binary_dilation(view.mask != MaskLabel.BACKGROUND, iterations=2)
     target = target_from_view(view)
@@ -115,7 +115,7 @@ def target_over_measured(view: View, *, device: torch.device | str = "cpu") -> T
 
 
 def lay_over(rendering: Rendering, target: Target) -> Tensor:
-    """Give a rendering's colours over the target's background, shape [H, W, 3]."""
+    """Return a rendering's colours over the target's background, shape [H, W, 3]."""
     if target.behind is None:
         return rendering.rgb
     return rendering.rgb + (1 - rendering.alpha)[..., None] * target.behind
@@ -127,8 +127,8 @@ def render_loss(
     """Compare a rendering with a measured view.
 
     ssim (1 - SSIM) + l1 |rgb| + depth |depth| / depth_unit_m + mask |alpha - mask|, each a mean.
-    Pixels that do not count take the target's colour before SSIM. Depth counts on the object where it
-    was measured, each pixel with its rendered alpha as a constant weight, so that thin spots do not pull.
+    Masked pixels get the target's colour before SSIM. Depth is compared on the object where it
+    was measured, each pixel with its rendered alpha as a constant weight, so that thin spots have no influence.
 
     Args:
         rendering: View of the object over the background that the target was made with.
@@ -216,7 +216,7 @@ def anisotropy_hinge(gaussians: Gaussians, ratio: float) -> Tensor:
 
     Args:
         gaussians: N Gaussians.
-        ratio: Elongation r that costs nothing [-].
+        ratio: Elongation r without a penalty [-].
 
     Returns:
         Scalar >= 0.

@@ -12,7 +12,7 @@ from plop.render.rasterizer.sh import sh_basis
 
 
 def moved_rigidly(gaussians: Gaussians, transform: Tensor | np.ndarray) -> Gaussians:
-    """Place Gaussians with a rigid transform; colours turn with the body.
+    """Transform Gaussians rigidly; colours rotate with the body.
 
     Args:
         gaussians: N Gaussians, e.g. a tool in its own frame.
@@ -32,17 +32,17 @@ def moved_rigidly(gaussians: Gaussians, transform: Tensor | np.ndarray) -> Gauss
 
 
 def rotated_sh(sh: Tensor, rotation: Tensor) -> Tensor:
-    """Turn spherical harmonics so that the colour seen along R d is what was seen along d.
+    """Rotate spherical harmonics so that the colour seen along R d is that seen before along d.
 
     Rotations map each degree onto itself, so the matrix that does it is the exact solution
-    of a small linear system: the basis at fixed directions against the basis at turned ones.
+    of a small linear system: the basis at fixed directions against the basis at rotated ones.
 
     Args:
         sh: Coefficients, shape [N, K, 3], K = 1, 4, 9 or 16.
         rotation: Shape [3, 3].
 
     Returns:
-        Turned coefficients, shape [N, K, 3].
+        Rotated coefficients, shape [N, K, 3].
     """
     terms = sh.shape[1]
     if terms == 1:

@@ -1,4 +1,4 @@
-"""Render an object together with its tool into what a camera would have measured: colour, depth, mask."""
+"""Render an object with its tool as a camera measures it: colour, depth, mask."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from plop.render.rigid_motion import moved_rigidly
 
 
 def tool_above_table(tool: Gaussians, world_from_tool: np.ndarray, table_z_m: float | None) -> Gaussians:
-    """Place a tool with its pose, without what a table hides from every camera above it.
+    """Transform a tool by its pose, without the part below a table, which cameras above it do not see.
 
     Args:
         tool: In its own frame.
@@ -35,8 +35,8 @@ def render_scene(
 ) -> list[View]:
     """Render object and tool together, over black.
 
-    A pixel belongs to whatever contributes most to it: the object, the tool or the background.
-    Its depth is the expected depth of that contribution alone, so that a pixel at the blade's
+    A pixel belongs to the largest contribution: the object, the tool or the background.
+    Its depth is the expected depth of that contribution only, so that a pixel at the blade's
     edge does not lie between blade and object.
 
     Args:

@@ -4,10 +4,10 @@ Layout (schema 1):
 
     /                      attributes: schema, name (of the episode), environment, units="m"
     /cameras/<id>/rgb      [T, H, W, 3] uint8, over black
-    /cameras/<id>/depth_m  [T, H, W] float32 along the optical axis [m], 0 where nothing is
+    /cameras/<id>/depth_m  [T, H, W] float32 along the optical axis [m], 0 where nothing is rendered
     /cameras/<id>/mask     [T, H, W] uint8, see plop.geometry.view.MaskLabel
 
-One frame a chunk, gzip level 1. Cameras themselves are those of the recording.
+One frame per chunk, gzip level 1. The cameras are those of the recording.
 """
 
 from __future__ import annotations
@@ -98,11 +98,11 @@ class ViewFile(Hdf5Reader):
         """Read one frame of one camera."""
         if camera.name not in self._file["cameras"]:
             raise PlopError(
-                "The predicted views lack a camera.",
+                "A camera is missing in the predicted views.",
                 where=self.path,
                 expected=camera.name,
                 found=", ".join(self.camera_names),
-                fix="Roll out on the same recordings.",
+                fix="Run `plop rollout` on the same recordings.",
             )
         group = self._file["cameras"][camera.name]
         size = (camera.height, camera.width)
@@ -112,6 +112,6 @@ class ViewFile(Hdf5Reader):
                 where=f"{self.path}:/cameras/{camera.name}",
                 expected=f"{size[0]}x{size[1]} px",
                 found=f"{group['mask'].shape[1:]}",
-                fix="Roll out on the same recordings.",
+                fix="Run `plop rollout` on the same recordings.",
             )
         return View(camera, group["rgb"][frame], group["depth_m"][frame], group["mask"][frame])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from plop.diagnosis.finding import GAIN_LEAST
 from plop.diagnosis.limits import Limit
 from plop.diagnosis.result import Diagnosis, Ranked
 from plop.diagnosis.verdict import VerdictKind
@@ -18,7 +17,7 @@ class DiagnosisSection:
     """The model that it is of."""
     found: Diagnosis
     shown: list[Ranked]
-    """Laws that help or are named, best first, then the base's own parameters."""
+    """Laws that help or are named, best first."""
     idle: list[Ranked]
     """Laws that take nothing away."""
     reach: float
@@ -27,28 +26,18 @@ class DiagnosisSection:
     """By effect, the smallest displacement first."""
     says: str
     """The verdict's own sentence; "" where headline and ranking say all of it."""
-    closed: float | None
-    """Share of the explainable gap that the best law closes; None where that sentence says it already."""
-
-    def stiff(self, row: Ranked) -> bool:
-        """Tell whether a law would help only with the base as it is."""
-        return row.gain <= 0 and row.alone > GAIN_LEAST
 
 
 def diagnosis_section(label: str, found: Diagnosis) -> DiagnosisSection:
     """Put a diagnosis of the model `label` in order."""
     idle = [row for row in found.ranking if row.gain <= 0 and row.effect not in found.verdict.named]
-    rows = [*found.ranking, found.base]
     says = "" if found.verdict.kind == VerdictKind.EFFECT and len(found.named) == 1 else found.verdict.text
-    # the verdict's sentence says it of what is named; beside a base parameter the best effect's share says nothing
-    known = found.closed_share is not None and found.closed_share > 0 and not (says and found.verdict.named)
     return DiagnosisSection(
         label,
         found,
-        [row for row in rows if row not in idle],
+        [row for row in found.ranking if row not in idle],
         idle,
-        min(max([row.gain + row.gain_error for row in rows if row.gain > 0] + [0.05]), 1.0),
+        min(max([row.gain + row.gain_error for row in found.ranking if row.gain > 0] + [0.05]), 1.0),
         sorted(found.limits.items(), key=lambda pair: pair[1].displacement_m or float("inf")),
         says,
-        min(found.closed_share or 0, 1) if known else None,
     )

@@ -16,7 +16,7 @@ from plop.comparison.error_fields import rms_seen
 from plop.comparison.field_file import StoredField
 from plop.comparison.result import CameraRow, ErrorRow, ErrorTables
 from plop.reporting.colours import ERROR_MAP, FLOOR, PERSISTENCE, PHASE_COLOURS, PREDICTION, RIGID
-from plop.tracking.carrier import Carrier
+from plop.tracking.motion_interpolation import MotionInterpolation
 from plop.tracking.phases import PHASES, spans
 
 _VIEWS = ((25, -60), (25, 120), (89.9, -90))
@@ -59,7 +59,7 @@ def draw_over_time(path: Path, field: StoredField) -> None:
 def draw_on_object(path: Path, field: StoredField) -> None:
     """Draw the object at the frame with the largest error, coloured by it, from three sides."""
     frame = int(rms_seen(field.error_m, field.seen).argmax())
-    carrier = Carrier(field.points_m[0], field.patch, field.surface_vertices_m)
+    carrier = MotionInterpolation(field.points_m[0], field.patch, field.surface_vertices_m)
     places = 1000 * carrier.places_at(field.points_m[frame])
     error = 1000 * carrier.values(field.error_m[frame])[field.surface_faces].mean(1)
     whole = untorn(field.surface_vertices_m, places / 1000, field.surface_faces)

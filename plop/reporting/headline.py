@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from math import exp, sqrt
+from math import exp
 
-from plop.diagnosis.error_size import EXCESS_RATIO
 from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
+from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import VerdictKind
-from plop.diagnosis.verdict_text import NEARLY_P
 from plop.parameters import is_log_change, short_number, with_unit
 from plop.sensors.faults.library import FAULTS
 
@@ -37,13 +36,13 @@ def _effect(label: str, found: Diagnosis) -> str:
     named = found.named
     what = " and ".join(map(_plain, named))
     together = "together they explain" if len(named) > 1 else "it explains"
-    return f"what {label} is missing is {what}: {together} {_share(found)} of the error, and {_chance(named)}"
+    return f"what {label} is missing is {what}: {together} {_share(found)}, and {_chance(named)}"
 
 
 def _partly(label: str, found: Diagnosis) -> str:
     named, alternatives = found.named, found.verdict.evidence.alternatives
     joined = " or ".join(map(_plain, named)) if alternatives else " and ".join(map(_plain, named))
-    alike = ", which these motions cannot tell apart" if alternatives else ""
+    alike = ", which these motions cannot distinguish" if alternatives else ""
     explain = "they explain" if len(named) > 1 and not alternatives else "it explains"
     if named and named[0].kind == "base":
         rest = "what explains the rest was not found"
@@ -53,7 +52,7 @@ def _partly(label: str, found: Diagnosis) -> str:
         rest = "much of the error remains unexplained"
     counted = named[:1] if alternatives else named
     return (
-        f"part of what is wrong with {label} is {joined}{alike}: {explain} {_share(found)} of the error, "
+        f"part of what is wrong with {label} is {joined}{alike}: {explain} {_share(found)}, "
         f"{_chance(counted)}, and {rest}"
     )
 
@@ -62,14 +61,16 @@ def _base(label: str, found: Diagnosis) -> str:
     named, evidence = found.named, found.verdict.evidence
     others = evidence.alternatives
     what = " or ".join(map(_words, [*found.verdict.named[:1], *others]))
-    alike = ", which these motions cannot tell apart," if others else ""
-    if evidence.rest is False:
-        start, rest = f"no law is missing from {label}, but its {what}{alike} is off", ""
-    else:
-        start = f"the {what} of {label}{alike} is off"
-        rest = ", though what is left is still more than where nothing is missing" if evidence.rest else ""
+    alike = ", which these motions cannot distinguish," if others else ""
+    left = evidence.rest_p is not None and evidence.rest_p <= RULE.alarm
+    start = (
+        f"the {what} of {label}{alike} is off"
+        if left
+        else f"no law is missing from {label}, but its {what}{alike} is off"
+    )
+    rest = ", though what is left still differs from where nothing is missing" if left else ""
     factor = "" if others else _factor(named)
-    return f"{start}{factor}: changing it explains {_share(found)} of the error, and {_chance(named[:1])}{rest}"
+    return f"{start}{factor}: changing it explains {_share(found)}, and {_chance(named[:1])}{rest}"
 
 
 def _confounded(label: str, found: Diagnosis) -> str:
@@ -79,41 +80,41 @@ def _confounded(label: str, found: Diagnosis) -> str:
     missing = [f"{' or '.join(laws)} is missing from {label}"] if laws else []
     either = " or ".join([*wrong, *missing])
     return (
-        f"either {either}, but these motions cannot tell which: either would explain about {_share(found)} of the "
-        f"error, and {_chance(named[:1])}"
+        f"either {either}, but these motions cannot distinguish them: either would explain about {_share(found)}, "
+        f"and {_chance(named[:1])}"
     )
 
 
 def _none(label: str, found: Diagnosis) -> str:
-    tried, larger = _laws(found), _larger(found)
-    if larger is None and (decoys := found.verdict.evidence.decoys):
+    tried, evidence = _laws(found), found.verdict.evidence
+    if evidence.decoys:
         return (
             f"nothing that is missing from {label} can be named with any certainty, since what explains the error "
-            f"best is {' or '.join(decoys)}, which cannot matter in motions this slow and is tried only as a check"
+            f"best is {' or '.join(evidence.decoys)}, which cannot matter in motions this slow and is tried as a check"
         )
-    lone = _lone(found, "points to")
-    explains = lone or f"none of the {len(tried)} laws that were tried explains any of it with certainty"
-    size = f": the error is {larger}" if larger else ""
-    return f"something is missing from {label}, but {explains}{size}"
+    often = "" if evidence.change_p is None else f", and by chance alone this would happen {_once(evidence.change_p)}"
+    return (
+        f"something is missing from {label} that none of the {len(tried)} laws that were tried explains: the "
+        f"recordings differ from those where nothing is missing{often}"
+    )
 
 
 def _nothing(label: str, found: Diagnosis) -> str:
-    tried = _laws(found)
+    tried, least = _laws(found), found.verdict.evidence.least_p
+    if least is None:
+        return (
+            f"what {label} is missing cannot be named without reference recordings, in which nothing is missing: its "
+            "own error looks like a law, too"
+        )
     limits = [found.limits[row.effect] for row in tried if row.effect in found.limits]
     seen = [1000 * limit.displacement_m for limit in limits if limit.displacement_m is not None]
     blind = sum(limit.amplitude is None for limit in limits)
-    larger = _larger(found) if _nearly(found) else None
-    parts = [f"nothing that {label} is missing can be detected in these recordings"]
-    if lone := _lone(found, "hints at"):
-        parts = [f"nothing that {label} is missing can be detected with certainty ({lone})"]
+    start = f"nothing that {label} is missing can be detected in these recordings"
     if seen:
         but = f", except for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
-        least = f"{short_number(max(seen))} mm"
-        parts.append(f"what moves the object by more than {least} would have been found about nine times in ten{but}")
-    elif tried:
-        parts.append("these motions could not have shown any of the laws that were tried")
-    joined = ": ".join(parts)
-    return f"{joined}, although the error is {larger}" if larger else joined
+        size = f"{short_number(max(seen))} mm"
+        return f"{start}: what moves the object by more than {size} would have been found about nine times in ten{but}"
+    return f"{start}: these motions could not have shown any of the laws that were tried" if tried else start
 
 
 def _sensor(label: str, found: Diagnosis) -> str:
@@ -143,43 +144,20 @@ def explained(found: Diagnosis) -> float | None:
 
 
 def _share(found: Diagnosis) -> str:
-    share = explained(found)
-    return "an unknown part" if share is None else f"{100 * share:.0f} %"
+    """Say how much is explained: of the difference to the reference where there is one, else of the error."""
+    closed, share = found.verdict.evidence.closed, explained(found)
+    if found.named and closed is not None:
+        return f"{100 * min(max(closed, 0), 1):.0f} % of the difference to the recordings where nothing is missing"
+    return "an unknown part of the error" if share is None else f"{100 * share:.0f} % of the error"
 
 
 def _chance(named: Sequence[Ranked]) -> str:
-    """Say how often chance would do as much: the largest of the p values, which are shares of permutations."""
-    known = [row.p for row in named if row.p is not None]
-    if not known or len(known) < len(named):
-        return "its significance was not tested"
-    return f"by chance alone this would happen {_once(max(known))}"
+    """Say how often chance would do as much."""
+    return f"by chance alone this would happen {_once(max((row.p for row in named), default=1.0))}"
 
 
 def _once(p: float) -> str:
     return f"about once in {round(1 / p):,} trials" if p > 0 else "never"
-
-
-def _larger(found: Diagnosis) -> str | None:
-    """Say how many times the error is that of the recordings where nothing is missing; None where it is not larger."""
-    floor, p = found.floor, found.verdict.evidence.excess_p
-    if floor is None or floor <= 0 or not found.error > EXCESS_RATIO * floor:
-        return None
-    often = f", which would happen by chance {_once(p)}" if p is not None and p <= NEARLY_P else ""
-    return f"{sqrt(found.error / floor):.1f} times as large as in the recordings where nothing is missing{often}"
-
-
-def _nearly(found: Diagnosis) -> bool:
-    p = found.verdict.evidence.excess_p
-    return p is not None and p <= NEARLY_P
-
-
-def _lone(found: Diagnosis, verb: str) -> str:
-    lone = found.verdict.evidence.lone
-    if lone is None:
-        return ""
-    row = found.row(lone.effect)
-    law = _words(lone.effect) if row is None else _plain(row)
-    return f"only {lone.episode} {verb} {law}, which is not enough to name it"
 
 
 def _laws(found: Diagnosis) -> list[Ranked]:

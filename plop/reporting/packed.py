@@ -10,7 +10,7 @@ import numpy as np
 
 from plop.comparison.error_fields import rms_seen
 from plop.comparison.field_file import StoredField
-from plop.tracking.carrier import Carrier
+from plop.tracking.motion_interpolation import MotionInterpolation
 from plop.tracking.phases import PHASES, spans
 
 STEP_MM = 0.02
@@ -29,7 +29,7 @@ def packed_episode(fields: Sequence[StoredField], frames: Sequence[int]) -> dict
     """
     first, chosen = fields[0], list(frames)
     centre = (first.surface_vertices_m.max(0) + first.surface_vertices_m.min(0)) / 2
-    carrier = Carrier(first.points_m[0].astype(float), first.patch, first.surface_vertices_m.astype(float))
+    carrier = MotionInterpolation(first.points_m[0].astype(float), first.patch, first.surface_vertices_m.astype(float))
     time = (first.times_s - first.times_s[0]).astype(float)
     edges = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
     errors = np.concatenate([field.error_m[1:][field.seen[1:]] for field in fields])

@@ -118,7 +118,7 @@ def _explained(facts: ReportFacts) -> list[Figure]:
     for _, found in facts.diagnoses[:1]:
         for named in found.named[:1]:
             if named.gain > 0:
-                p = "" if named.p is None else f", p = {named.p:.3f}"
+                p = f", p = {named.p:.3f}"
                 name = f"of the held-out error explained by {named.effect}{p}"
                 return [Figure(explained_text(named.gain, named.gain_error), name)]
     return []

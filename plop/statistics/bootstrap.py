@@ -1,9 +1,9 @@
 """Bootstrap interval of a mean over episodes.
 
 Episodes are the independent units (frames of one episode are not), so episodes are drawn
-with replacement and the interval holds the middle 95 % of the resampled means. With two
-episodes the resampled means take three values only and the interval is simply the smaller
-and the larger one; with one episode there is no interval.
+with replacement and the interval contains the middle 95 % of the resampled means. With two
+episodes the resampled means have only three values and the interval is the smaller and the
+larger one; with one episode there is no interval.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Interval:
 
 
 def bootstrap_interval(values: Sequence[float | None], *, seed: int = 0, draws: int = 2000) -> Interval | None:
-    """Average values over episodes and say how far the mean can be trusted.
+    """Average values over episodes, with a bootstrap interval of the mean.
 
     Args:
         values: One value per episode; None is left out.

@@ -1,4 +1,4 @@
-"""One measured episode as diagnosis sees it: points followed over time, the tool, and how noisy it all is."""
+"""One measured episode as input of a diagnosis: tracked points, the tool, and the noise."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from plop.physics.engine.tool_motion import ToolMotion
 from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest
 
 POINTS = 400
-"""Points that are followed in one episode."""
+"""Number of tracked points of one episode."""
 PATCHES = 48
-"""Groups of neighbouring points whose mean motion is compared."""
+"""Number of groups of neighbouring points whose mean motion is compared."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """Points of the object's surface, followed from the first frame on; M points, T frames."""
+    """Points of the object's surface, tracked from the first frame; M points, T frames."""
 
     name: str
     times: np.ndarray
     """[T] [s]; the first is the start."""
     points: np.ndarray
-    """Measured places, [T, M, 3] [m], world frame."""
+    """Measured positions, [T, M, 3] [m], world frame."""
     noise_m: float
     """Standard deviation of one coordinate of a measured point [m]."""
     patch: np.ndarray
@@ -39,7 +39,7 @@ class Episode:
     """Its triangles, [F, 3]."""
 
     seen: np.ndarray | None = None
-    """Whether a point could be seen, [T, M] bool; all when absent. A tracker only guesses what the tool hides."""
+    """Whether a point is visible, [T, M] bool; all when absent. A tracker extrapolates points hidden by the tool."""
 
     def __post_init__(self) -> None:
         frames, count = len(self.times), len(self.patch)
@@ -65,7 +65,7 @@ class Episode:
 
     @property
     def seen_patches(self) -> np.ndarray:
-        """Whether most of a patch's points could be seen, [T, K]."""
+        """Whether most of a patch's points are visible, [T, K]."""
         if self.seen is None:
             return np.ones((len(self.times), self.patches), bool)
         counts = np.stack([np.bincount(self.patch, row, self.patches) for row in self.seen.astype(float)])
@@ -84,12 +84,12 @@ class Episode:
 
 
 def patches_of(start: np.ndarray, end: np.ndarray, count: int = PATCHES) -> np.ndarray:
-    """Group points that are neighbours at the first frame and stay so: a cut separates patches.
+    """Group points that are neighbours at the first and the last frame: a cut separates patches.
 
     Args:
-        start: Places at the first frame, [M, 3] [m].
-        end: Places at the last frame, [M, 3] [m].
-        count: Number of patches wanted.
+        start: Positions at the first frame, [M, 3] [m].
+        end: Positions at the last frame, [M, 3] [m].
+        count: Number of patches.
 
     Returns:
         Patch of every point, [M]; every patch has at least one point.
@@ -103,16 +103,16 @@ def patches_of(start: np.ndarray, end: np.ndarray, count: int = PATCHES) -> np.n
 def episode_from_sequence(
     sequence: MeshSequence, *, noise_m: float, seed: int = 0, points: int = POINTS, name: str | None = None
 ) -> Episode:
-    """Follow points of a simulated surface, with noise: what an ideal tracker would give.
+    """Sample points of a simulated surface, with noise, as an ideal tracker would return them.
 
-    Faces that only the cut lays open are left out, as no camera sees them at the start.
+    Faces exposed only by the cut are left out, as no camera sees them at the start.
 
     Args:
         sequence: The episode.
         noise_m: Standard deviation of the noise of one coordinate [m].
-        seed: Draws points and noise.
+        seed: Seed of points and noise.
         points: Number of points.
-        name: Another name for the episode.
+        name: Name of the episode, if it differs from the sequence's.
     """
     sequence = begun_at_rest(sequence)
     generator = np.random.default_rng([seed, 71])

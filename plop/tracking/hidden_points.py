@@ -1,4 +1,4 @@
-"""Which followed points the tool hides: there a track is a guess."""
+"""Tracked points that are hidden by the tool, where tracks are extrapolated."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import numpy as np
 from plop.physics.engine.tool_motion import ToolKind, ToolMotion, ToolShape
 
 _SOLID_M = 0.006
-"""Points nearer to a thick tool than this are under it or in its corner [m]."""
+"""Points closer to a thick tool than this are under it or in its corner [m]."""
 _BLADE_M = 0.003
 """The same for a blade, whose sides stay visible [m]."""
 
 
 def seen_points(tool: ToolMotion, points: np.ndarray) -> np.ndarray:
-    """Tell which points the tool does not hide.
+    """Return which points are not hidden by the tool.
 
     Args:
-        tool: The tool with one pose a frame.
-        points: Places, [T, M, 3] [m].
+        tool: The tool with one pose per frame.
+        points: Positions, [T, M, 3] [m].
 
     Returns:
-        Shape [T, M] bool. A point that was hidden stays so for the rest of the episode: where a tracker finds it
-        again depends on what it guessed in between.
+        Shape [T, M] bool. A point that was hidden stays masked for the rest of the episode: where a tracker finds it
+        again depends on its extrapolation in between.
     """
     distance = np.stack([tool_distance(tool, frame, place) for frame, place in enumerate(points)])
     shape = ToolShape.from_mesh(tool.vertices, tool.faces)
@@ -30,7 +30,7 @@ def seen_points(tool: ToolMotion, points: np.ndarray) -> np.ndarray:
 
 
 def tool_distance(tool: ToolMotion, frame: int, points: np.ndarray) -> np.ndarray:
-    """Distance of points to the convex hull of the tool at one frame, about right outside, negative inside, [M] [m]."""
+    """Distance of points to the convex hull of the tool at one frame, approximate outside, negative inside, [M] [m]."""
     shape = ToolShape.from_mesh(tool.vertices, tool.faces, ToolKind.SOLID)
     pose = tool.world_from_tool[frame]
     local = ((points - pose[:3, 3]) @ pose[:3, :3] - shape.center) @ shape.axes

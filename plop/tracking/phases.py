@@ -1,9 +1,9 @@
-"""When: the phases of a motion, read off the tool's way and whether it touches.
+"""The phases of a motion, from the tool's path and its contact.
 
-approach   before the first touch
-contact    it touches and moves otherwise than below: a press, a push
+approach   before the first contact
+contact    contact with any other motion: a press, a push
 cut        a blade moves within its own plane, not upwards
-hold       it touches and rests
+hold       contact at rest
 retract    it moves up, or has left the object
 """
 
@@ -19,33 +19,33 @@ from plop.geometry.meshes.tool import ToolGeometry
 from plop.tracking.episode import Episode
 
 PHASES = ("approach", "contact", "cut", "hold", "retract")
-"""Names of the phases; files hold their positions in this list."""
+"""Names of the phases; files store their indices in this list."""
 TOUCH_M = 0.001
-"""Nearer than this the tool touches [m]."""
+"""Largest distance of a contact [m]."""
 _TOOL_POINTS, _FEW_TOOL_POINTS = 6000, 600
-"""Points on the tool's surface: for distances in tables and pictures, and where only the order of phases counts."""
+"""Points on the tool's surface: for distances in tables and pictures, and where only the order of phases matters."""
 _REST_SHARE = 0.08
 """A tool rests below this share of its largest speed."""
 _UP_SHARE = 0.5
-"""A tool moves up when at least this share of its velocity does."""
+"""A tool moves up when at least this share of its velocity is upward."""
 _THIN = 0.3
 """A blade is thinner than this share of its next larger extent."""
 
 
 @dataclass(frozen=True)
 class ToolView:
-    """The tool as the object meets it; T frames, M followed points."""
+    """Contact between tool and object; T frames, M tracked points."""
 
     distance_m: np.ndarray
-    """Distance of every followed point to the tool's surface, [T, M] [m]."""
+    """Distance of every tracked point to the tool's surface, [T, M] [m]."""
     touches: np.ndarray
     """Whether the tool touches the object, bool [T]."""
     phase: np.ndarray
-    """Position in PHASES, int [T]."""
+    """Index in PHASES, int [T]."""
 
 
 def view_tool(episode: Episode, tool_points: int = _TOOL_POINTS) -> ToolView:
-    """Measure distances to the tool, and tell the phases of an episode.
+    """Measure distances to the tool, and determine the phases of an episode.
 
     Args:
         episode: The episode.
@@ -71,15 +71,15 @@ def _planes(vertices: np.ndarray) -> np.ndarray:
 
 
 def _spacing(points: np.ndarray) -> float:
-    """Median distance between neighbouring followed points [m]."""
+    """Median distance between neighbouring tracked points [m]."""
     return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
 
 
 def _touches(gap: np.ndarray, nearest: np.ndarray, spacing: float) -> np.ndarray:
-    """Tell in which frames the tool touches.
+    """Return the frames in which the tool touches.
 
-    A touch begins where the tool reaches the object's surface of the first frame, which is known everywhere;
-    it lasts while a followed point is near, since the surface between them is not followed.
+    A contact starts where the tool reaches the object's surface of the first frame, which is known everywhere;
+    it lasts while a tracked point is close, since the surface between them is not tracked.
     """
     found = np.zeros(len(gap), bool)
     for frame in range(len(gap)):
@@ -118,10 +118,10 @@ def _velocity(episode: Episode) -> np.ndarray:
 
 
 def motion_kind(episode: Episode) -> str:
-    """Name the kind of an episode's motion by what the tool does one after the other, e.g. "press hold press".
+    """Name the kind of an episode's motion by the sequence of its phases, e.g. "press hold press".
 
-    A contact is a press where the tool moves mostly downwards, else a push; what lasts a single frame does not count,
-    nor does what comes before the first touch and after the last one.
+    A contact is a press where the tool moves mostly downwards, else a push; phases of a single frame are ignored,
+    as is everything before the first contact and after the last one.
     """
     phase, velocity = view_tool(episode, _FEW_TOOL_POINTS).phase, _velocity(episode)
     words = []
@@ -138,7 +138,7 @@ def motion_kind(episode: Episode) -> str:
 
 
 def spans(phase: np.ndarray) -> Iterator[tuple[int, int, str]]:
-    """Give the runs of equal phase as (first frame, last frame, name)."""
+    """Yield the runs of equal phase as (first frame, last frame, name)."""
     edges = np.flatnonzero(np.diff(phase)) + 1
     for run in np.split(np.arange(len(phase)), edges):
         yield int(run[0]), int(run[-1]), PHASES[int(phase[run[0]])]

@@ -1,4 +1,4 @@
-"""Whether a model and recordings are of the same object."""
+"""Check that a model and recordings are of the same object."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ SIZE_SHARE = 0.3
 
 
 def size_m(episodes: Sequence[Episode]) -> np.ndarray:
-    """Give the median size of the objects at the first frame, see `box_edges_m`, [3] [m]."""
+    """Return the median size of the objects at the first frame, see `box_edges_m`, [3] [m]."""
     return np.asarray(np.median([box_edges_m(e.vertices, e.faces) for e in episodes], axis=0))
 
 
 def check_same_object(
     model: Path, environment: str, episodes: Sequence[Episode], *, fix: str, about: str | None = None
 ) -> None:
-    """Refuse a model of another object, by its environment and, where the model knows it, by its size.
+    """Reject a model of another object, by its environment and, if known to the model, by its size.
 
     Args:
         model: The model's folder.
-        environment: What the recordings are of.
+        environment: Environment of the recordings.
         episodes: Their episodes.
-        fix: What the user may do.
-        about: What the model is of, where it does not say so itself.
+        fix: What the user can do.
+        about: Environment of the model, if its files do not state it.
 
     Raises:
         PlopError: Environment or size differ.

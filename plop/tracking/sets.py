@@ -12,23 +12,23 @@ from plop.tracking.hidden_points import tool_distance
 from plop.tracking.tracks import episode_from_track
 
 NEVER_NEAR_M = 0.02
-"""Farther than this from the object all the time, a tool has not touched it [m]."""
+"""Largest distance to the object of a tool that may have touched it [m]."""
 
 
 def tracked_episodes(
     recordings: RecordingSet, init: Path, tracks: Path, names: list[str], *, seed: int = 0
 ) -> tuple[list[Episode], dict[str, str]]:
-    """Read episodes; one that cannot be used is left out with the reason.
+    """Read episodes; unusable ones are left out with the reason.
 
     Args:
         recordings: The set.
         init: Payload of `fit-init`.
         tracks: Payload of `filter`.
-        names: Episodes wanted.
-        seed: Chooses the followed points.
+        names: Names of the episodes.
+        seed: Seed of the choice of points.
 
     Raises:
-        PlopError: None can be used.
+        PlopError: None is usable.
     """
     found, left_out = [], {}
     for name in names:
@@ -51,10 +51,10 @@ def tracked_episodes(
 
 
 def check_touch(episode: Episode) -> None:
-    """Refuse a motion that never touches the object: it says nothing about it.
+    """Reject a motion without contact: it is not informative about the object.
 
     Raises:
-        PlopError: The tool stays away.
+        PlopError: The tool never touches the object.
     """
     nearest = min(
         float(tool_distance(episode.tool, frame, places).min()) for frame, places in enumerate(episode.points)
@@ -64,6 +64,6 @@ def check_touch(episode: Episode) -> None:
             "The tool never touches the object.",
             where=episode.name,
             expected="contact in at least one frame",
-            found=f"{1000 * nearest:.0f} mm at the nearest",
+            found=f"{1000 * nearest:.0f} mm at the closest",
             fix="Leave this episode out, or check the tool's pose.",
         )

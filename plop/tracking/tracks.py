@@ -1,4 +1,4 @@
-"""Episodes from recordings: the filter's Gaussians on the surface are the points that are followed."""
+"""Episodes from recordings: the filter's Gaussians on the surface are the tracked points."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def episode_from_track(
         recording_path: The recording.
         splat_path: Gaussians at the first frame, `<episode>/object.ply` of `plop fit-init`.
         track_path: `<episode>.h5` of `plop filter`.
-        points: Number of points to follow.
-        seed: Chooses among the Gaussians.
+        points: Number of tracked points.
+        seed: Seed of the choice among the Gaussians.
 
     Raises:
         PlopError: The track is of another recording or another fit, or too few Gaussians lie on the measured surface.
@@ -46,7 +46,7 @@ def episode_from_track(
             where=track_path,
             expected=f"at least {LEAST_POINTS} within {1000 * ON_SURFACE_M:g} mm",
             found=str(len(usable)),
-            fix="Look at the fit: `plop export` its splats; fit again with more steps.",
+            fix="Check the fit with `plop export --kind splats`; fit again with more steps.",
         )
     generator = np.random.default_rng([seed, 73])
     chosen = np.sort(generator.choice(usable, min(points, len(usable)), replace=False))
@@ -69,13 +69,13 @@ def episode_from_track(
 
 
 def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Follow the Gaussians of the first frame: places [T, N, 3] [m] and sides at the end [N].
+    """Track the Gaussians of the first frame: positions [T, N, 3] [m] and sides at the end [N].
 
-    The filter may split and merge; a Gaussian goes where its descendants go on average, NaN when it has none.
+    The filter may split and merge; the position of a Gaussian is the mean of its descendants, NaN when it has none.
     """
     count = len(first)
     paths = np.full((frames, count, 3), np.nan)
-    paths[0] = first.means.numpy()  # of a track that begins with frame 1
+    paths[0] = first.means.numpy()  # of a track that starts at frame 1
     sides = np.zeros(count)
     with Trajectory(path) as track:
         known = track.frames("updated")
@@ -92,7 +92,7 @@ def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.nd
             ids = state.ids.numpy()
             if len(ids) and ids.max() >= count:
                 raise PlopError(
-                    "The track follows other Gaussians than those of the fit.",
+                    "The Gaussians of the track are not those of the fit.",
                     where=path,
                     expected=f"{count} Gaussians of the first frame",
                     found=f"number {ids.max()}",
@@ -106,7 +106,7 @@ def _paths(first: Gaussians, path: Path, frames: int) -> tuple[np.ndarray, np.nd
 
 
 def _settled_side(paths: np.ndarray, sides: np.ndarray) -> np.ndarray:
-    """Drop points that end far from where their neighbours of the same side end: they were torn off at the cut."""
+    """Discard points that end far from their neighbours of the same side: outliers torn off at the cut."""
     drift = paths[-1] - paths[0]
     keep = np.ones(len(sides), bool)
     for side in np.unique(sides):
@@ -121,10 +121,10 @@ def _settled_side(paths: np.ndarray, sides: np.ndarray) -> np.ndarray:
 
 
 def track_noise_m(paths: np.ndarray) -> float:
-    """Estimate the noise of one coordinate from how rough the paths are in time [m].
+    """Estimate the noise of one coordinate from the roughness of the paths in time [m].
 
-    The second difference of white noise has six times its variance; motion is smooth at that scale. What is
-    common to neighbouring frames (a filter's lag) is not seen here: the base's misfit covers it.
+    The second difference of white noise has six times its variance; motion is smooth at that scale. Errors
+    common to neighbouring frames (a filter's lag) are not included: they are part of the base's misfit.
     """
     rough = paths[2:] - 2 * paths[1:-1] + paths[:-2]
     return float(max(float(np.median(np.abs(rough))) * 1.4826 / np.sqrt(6), 2e-5))

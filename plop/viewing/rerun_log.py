@@ -34,7 +34,7 @@ def open_rerun(title: str, save: Path | None) -> Any:
     try:
         rr = importlib.import_module("rerun")
     except ImportError as error:
-        fix = f"{install_extra('view')}; or look at the PLY and MP4 files of `plop export`."
+        fix = f"{install_extra('view')}; or use the PLY and MP4 files of `plop export`."
         raise PlopError("The viewer is not installed.", expected="the package rerun-sdk", fix=fix) from error
     rr.init(title, spawn=save is None)
     if save is not None:

@@ -173,7 +173,7 @@ def _unnamed(name: str, diagnosis: Diagnosis) -> list[str]:
     verdict, row = diagnosis.verdict, diagnosis.row(name)
     if name in verdict.named or row is None:
         return []
-    told = [f"{100 * row.gain:.0f} % of the held-out error"] + ([] if row.p is None else [f"p = {row.p:.2g}"])
+    told = [f"{100 * row.gain:.0f} % of the held-out error"] + [f"p = {row.p:.2g}"]
     kind = " ".join([verdict.kind, *verdict.named])
     return [f"The diagnosis does not name {name} ({', '.join(told)}): its verdict is {kind}."]
 
@@ -238,7 +238,7 @@ def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
 
 STAGE = Stage(
     name="augment",
-    version=6,
+    version=7,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

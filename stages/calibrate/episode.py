@@ -85,7 +85,8 @@ def calibrate_episode(
         and len(off) == sum(c.disagreement_mm is not None for c in before.values())
     ):
         verdicts = [
-            replace(each, fix=f"{each.fix}; {NOBODY_TELLS}") if each.camera in off else each for each in verdicts
+            replace(each, fix=f"{each.fix}; {NOBODY_TELLS}", usable=True) if each.camera in off else each
+            for each in verdicts
         ]
     scans = []
     for name in recording.scan_names:

@@ -11,7 +11,7 @@ from plop.errors import PlopError
 from plop.geometry.calibration.depth_agreement import disagreement
 from plop.geometry.view import View
 from plop.recordings.recording import Recording
-from stages.calibrate.verify import MIN_COMPARED, depth_views
+from stages.calibrate.verify import depth_views
 
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
@@ -27,7 +27,7 @@ class ScanVerdict:
     """"good", "corrected", "unchecked" or "bad"."""
     disagreement_before_mm: float | None
     disagreement_mm: float | None
-    """Median over neighbouring views of the median depth difference [mm]."""
+    """Median over neighbouring views of the shown depth difference [mm]."""
     reprojection_px: float | None
     """Of the refined scan [px]."""
     fix: str
@@ -84,12 +84,12 @@ def spread_corrections(poses: np.ndarray, picks: np.ndarray, refined: np.ndarray
 
 
 def scan_disagreement_mm(views: list[View], margin_m: float, steps: tuple[int, ...] = (1, 3, 7)) -> float | None:
-    """Compare views of a scan a few steps apart: median of the median absolute depth differences [mm]."""
+    """Compare views of a scan a few steps apart: median of the shown depth differences [mm]."""
     picks = depth_views(views, margin_m)
     if len(picks) > 40:
         picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 40).astype(int)]
-    pairs = [disagreement(picks[i], picks[i + step]) for step in steps for i in range(len(picks) - step)]
-    values = [pair.median_mm for pair in pairs if pair.compared >= MIN_COMPARED]
+    pairs = [disagreement([(picks[i], picks[i + step])]) for step in steps for i in range(len(picks) - step)]
+    values = [pair.shown_mm for pair in pairs if pair.compared]
     return float(np.median(values)) if values else None
 
 

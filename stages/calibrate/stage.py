@@ -34,7 +34,7 @@ class CalibrateConfig(Settings):
     region_margin_m: Annotated[float, Range(0, 10), Unit("m")] = 0.05
     """How far around the object surfaces are compared."""
     max_disagreement_mm: Annotated[float, Range(1e-6), Unit("mm"), COMMON] = 2.0
-    """Depth disagreement with the other cameras that is still good."""
+    """Depth disagreement with the other cameras, over what noise gives, that is still good."""
     max_table_mm: Annotated[float, Range(1e-6), Unit("mm"), COMMON] = 8.0
     """How far from table_z a camera may see the table under the object: a real table is tilted by up to 1 deg,
     some mm over a workspace, and table_z is measured by hand."""
@@ -238,7 +238,7 @@ def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
 
 STAGE = Stage(
     name="calibrate",
-    version=4,
+    version=5,
     help="Verify the cameras of recordings, correct what can be corrected, give a verdict per camera.",
     config=CalibrateConfig,
     inputs={

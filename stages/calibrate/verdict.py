@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig
     from stages.calibrate.tool_timing import Offset
 
-UNUSABLE = 5.0
-"""Disagreement in units of the limit (2 mm) at which a camera is of no use. Right cameras exceed the limit where
-pictures are coarse (below 320 px), but stayed below 5 times it: 146 of 146 in benchmarks/depth_checks.py."""
 ORDER = ("good", "corrected", "agreed", "unchecked", "bad")
 """Verdicts from best to worst."""
 
@@ -60,8 +57,8 @@ class CameraVerdict:
     faults: tuple[str, ...] = ()
     """Kinds of faults that these checks found, see `evidence.Fault`."""
     usable: bool = True
-    """False where what is made of its pictures would be wrong: a fault is named, it sees nothing, or it disagrees by
-    more than right cameras do even in coarse pictures. A camera may be "bad" by a little and usable."""
+    """False where what is made of its pictures would be wrong: a fault is named, it sees nothing, or it disagrees with
+    cameras that agree. Where no two agree, it may be right."""
 
 
 def judge(
@@ -117,7 +114,7 @@ def judge(
             verdict = "bad"
             fixes.append(f"{lag}: shift this camera's timestamps at ingest")
     fixes += filter(None, [evidence.remark])
-    far = after.disagreement_mm is None or after.disagreement_mm > UNUSABLE * config.max_disagreement_mm
+    far = after.disagreement_mm is None or after.disagreement_mm > config.max_disagreement_mm
     usable = verdict != "bad" or not (evidence.faults or far)
     return CameraVerdict(
         name,
@@ -150,7 +147,7 @@ def _looked_at(evidence: CameraEvidence) -> dict[str, Any]:
 def check_usable(cameras: list[CameraVerdict], where: Path) -> None:
     """Refuse an episode none of whose cameras is usable: what is made of it would be wrong.
 
-    Cameras that only disagree with each other pass: noise does that, too, and `fuse` is told.
+    Cameras of which no two agree pass: one of them may be right, and `fuse` says so.
 
     Raises:
         PlopError: Names what is wrong, the cause that most cameras share first.

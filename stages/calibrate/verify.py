@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from statistics import median_low
 
 import numpy as np
@@ -13,9 +14,6 @@ from plop.geometry.clouds.pointcloud import check_metres
 from plop.geometry.view import View
 from plop.recordings.recording import Recording
 
-MIN_COMPARED = 20
-"""Pixels that two cameras must share before their difference counts."""
-
 
 @dataclass(frozen=True)
 class CameraCheck:
@@ -24,8 +22,8 @@ class CameraCheck:
     pixels: int
     """Measured pixels in the region around the object, over the frames checked."""
     disagreement_mm: float | None
-    """Lower median over other cameras of the median absolute depth difference [mm]: one of two is enough to agree with,
-    so that of three cameras the two that are right stand by each other; None when nothing overlaps."""
+    """Lower median over other cameras of the shown depth difference [mm]: one of two is enough to agree
+    with, so that of three cameras the two that are right stand by each other; None when nothing can be compared."""
     bias_mm: float | None
     """Median over other cameras of their depth minus this one's [mm]."""
     ratio: float | None
@@ -78,7 +76,7 @@ def depth_views(views: list[View], margin_m: float) -> list[DepthView]:
     for view in views:
         depth = view.depth_without_tool_m
         region = pixels_in_box(view.camera, depth, box) if box else depth > 0
-        out.append(DepthView(view.camera, depth, region))
+        out.append(DepthView(view.camera, depth, region, view.object_mask))
     return out
 
 
@@ -89,9 +87,7 @@ def check_episode(
     change: Change | None = None,
     leave_out: frozenset[str] = frozenset(),
 ) -> dict[str, CameraCheck]:
-    """Compare every pair of cameras on some frames: around the object, and on the object alone.
-
-    A shift along the table does not show on the table, so the worse of the two counts.
+    """Compare every pair of cameras on some frames.
 
     Args:
         recording: Open recording.
@@ -103,37 +99,27 @@ def check_episode(
     Returns:
         One check per camera.
     """
-    names = recording.camera_names
-    pixels = dict.fromkeys(names, 0)
-    kinds: list[dict[str, dict[str, list[Disagreement]]]] = [{name: {} for name in names} for _ in range(2)]
+    names = [name for name in recording.camera_names if name not in leave_out]
+    shots = []
     for frame in frames:
-        views = [view for view in read_views(recording, frame, change) if view.camera.name not in leave_out]
-        picks = depth_views(views, margin_m)
-        objects = [replace(pick, region=view.object_mask) for pick, view in zip(picks, views, strict=True)]
-        for pick in picks:
-            pixels[pick.camera.name] += int(pick.region.sum())
-        for found, these in zip(kinds, (picks, objects), strict=True):
-            for a in these:
-                for b in these:
-                    if a is not b:
-                        found[a.camera.name].setdefault(b.camera.name, []).append(disagreement(a, b))
-    around, alone = ({name: _summarise(pixels[name], name, found) for name in names} for found in kinds)
-    return {name: max(around[name], alone[name], key=lambda check: check.disagreement_mm or 0.0) for name in names}
+        views = [view for view in read_views(recording, frame, change) if view.camera.name in names]
+        shots.append(dict(zip(names, depth_views(views, margin_m), strict=True)))
+    pairs = {(a, b): disagreement([(shot[a], shot[b]) for shot in shots]) for a, b in combinations(names, 2)}
+    pixels = {
+        name: sum(int(shot[name].region.sum()) for shot in shots if name in shot) for name in recording.camera_names
+    }
+    return {name: _summarise(pixels[name], name, pairs) for name in recording.camera_names}
 
 
-def _summarise(pixels: int, name: str, found: dict[str, dict[str, list[Disagreement]]]) -> CameraCheck:
-    medians, biases, ratios = [], [], []
-    for other, pairs in found[name].items():
-        there = [pair for pair in pairs if pair.compared >= MIN_COMPARED]
-        back = [pair for pair in found[other].get(name, []) if pair.compared >= MIN_COMPARED]
-        ratios += [pair.ratio for pair in pairs if np.isfinite(pair.ratio)]
-        if there or back:
-            medians.append(float(np.median([pair.median_mm for pair in there + back])))
-            biases.append(float(np.median([p.bias_mm for p in there] + [-p.bias_mm for p in back])))
-    if not medians:
-        return CameraCheck(pixels, None, None, float(np.median(ratios)) if ratios else None, 0)
+def _summarise(pixels: int, name: str, pairs: Mapping[tuple[str, str], Disagreement]) -> CameraCheck:
+    own = [(pair, 1 if names[0] == name else -1) for names, pair in pairs.items() if name in names]
+    ratios = [pair.ratio**way for pair, way in own if np.isfinite(pair.ratio)]
     ratio = float(np.median(ratios)) if ratios else None
-    return CameraCheck(pixels, median_low(medians), float(np.median(biases)), ratio, len(medians))
+    told = [(pair, way) for pair, way in own if pair.compared]
+    if not told:
+        return CameraCheck(pixels, None, None, ratio, 0)
+    bias = float(np.nanmedian([way * pair.bias_mm for pair, way in told]))
+    return CameraCheck(pixels, median_low([pair.shown_mm for pair, _ in told]), bias, ratio, len(told))
 
 
 def spread_frames(total: int, count: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""What must be alike before a prediction may be compared with recordings."""
+"""Preconditions for comparing a prediction with recordings."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from plop.pipeline.stage import Inputs
 from plop.recordings.set import RecordingSet
 
 SAID = {key: CONVENTIONS[key] for key in ("units", "world_frame")}
-"""What every recording must say of itself."""
+"""Conventions that every recording must declare."""
 
 
 def check_conventions(inputs: Inputs, recordings: RecordingSet) -> None:
-    """Refuse recordings in other units or frames, and fits or tracks of other recordings.
+    """Reject recordings in other units or frames, and fits or tracks of other recordings.
 
     Raises:
-        PlopError: Something is unlike; names what.
+        PlopError: Something differs; names it.
     """
     for name in recordings.names:
         with h5py.File(recordings.path(name), "r") as file:
@@ -26,21 +26,21 @@ def check_conventions(inputs: Inputs, recordings: RecordingSet) -> None:
                 found = str(file.attrs.get(key, "nothing"))
                 if found != wanted:
                     raise PlopError(
-                        "A recording follows another convention.",
+                        "A recording has another convention.",
                         where=f"{recordings.path(name)}: {key}",
                         expected=wanted,
                         found=found,
-                        fix="Convert it: `plop ingest`.",
+                        fix="Convert it with `plop ingest`.",
                     )
     own = inputs["recordings"].manifest
     for part in ("init", "tracks"):
         made = inputs[part].manifest
         source = made.inputs.get("recordings") if made is not None else None
         if made is None or own is None or source is None:
-            continue  # called from Python with bare folders: the contents are checked where they are read
+            continue  # called from Python with plain folders: the contents are checked when they are read
         if not made_from(made, "recordings", own):
             raise PlopError(
-                "Results of different recordings are not compared.",
+                "Results of different recordings cannot be compared.",
                 where=f"compare.{part}",
                 expected=f"made from {own.address}",
                 found=f"made from {source['stage']}@{source['fingerprint'][:8]}",

@@ -33,29 +33,29 @@ from stages.compare.checks import check_conventions
 
 @dataclass(frozen=True)
 class CompareConfig(Settings):
-    """Settings of `compare`; their defaults are written only here."""
+    """Settings of `compare`; their defaults are defined only here."""
 
     split: Split = "all"
-    """Which episodes."""
+    """Split of the episodes."""
     episodes: str = "*"
     """Only episodes whose name matches this pattern."""
     seed: Seed = 0
-    """Chooses the points that are followed."""
+    """Seed of the choice of tracked points."""
     frames: Annotated[int, Range(0), Unit("frames")] = 4
-    """Frames of each episode that are rendered through every camera; 0 leaves cameras out."""
+    """Frames of each episode that are rendered through every camera; 0 skips the comparison of images."""
     other_object: bool = False
     """Compare although the model was made for another object."""
     pictures: bool = True
     """Draw pictures."""
     jobs: Jobs = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core."""
+    """Number of parallel processes, one episode each; -1 is one per core."""
 
 
 def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
     """Write compare.json, an error field for each episode, and pictures.
 
     Raises:
-        PlopError: Unlike conventions, a model of another object, no episode, or a prediction that is not finite.
+        PlopError: Different conventions, a model of another object, no episode, or a prediction that is not finite.
     """
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
@@ -95,7 +95,7 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
 def _compare(
     model: Path, recording: Path, fit: Fit, episode: Episode, config: CompareConfig, folder: Path
 ) -> tuple[ErrorField, list[dict[str, Any]]]:
-    """Predict one episode, write its field and pictures; the field, and what the cameras see of it."""
+    """Predict one episode, write its field and pictures; return the field and the errors of the cameras."""
     field = error_field(episode, predict_episode(model, recording, fit.object_splat, episode))
     stored = stored_field(field)
     write_field(ComparisonFiles(folder).field(episode.name), stored)
@@ -107,10 +107,10 @@ def _compare(
 
 
 def check_inputs(inputs: Inputs, config: CompareConfig) -> None:
-    """Refuse what recordings and model tell before anything is tracked.
+    """Check recordings and model before anything is tracked.
 
     Raises:
-        PlopError: No episode is chosen, or the model is of another object.
+        PlopError: No episode is selected, or the model is of another object.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     _names(recordings, config)
@@ -126,7 +126,7 @@ def _same_object(inputs: Inputs, config: CompareConfig, recordings: RecordingSet
         recordings.environment,
         episodes,
         about=made.environment if made is not None else None,
-        fix="Choose a model of this object, or give --other-object.",
+        fix="Choose a model of this object, or use --other-object.",
     )
 
 
@@ -135,7 +135,7 @@ def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
     names = [name for name in pools[config.split] if fnmatchcase(name, config.episodes)]
     if not names:
         raise PlopError(
-            "No episode is chosen.",
+            "No episode is selected.",
             where=recordings.folder,
             expected=f"an episode of split {config.split} that matches {config.episodes}",
             found=", ".join(pools[config.split]) or "no episode in this split",
@@ -145,7 +145,7 @@ def _names(recordings: RecordingSet, config: CompareConfig) -> list[str]:
 
 
 def _shown(frames: int, count: int) -> list[int]:
-    """Frames spread evenly over the episode; the last is one of them, the first, which is given, is not."""
+    """Return frames spread evenly over the episode, including the last and excluding the first, which is given."""
     return sorted({int(k) for k in np.linspace(0, frames - 1, count + 1)[1:].round()})
 
 
@@ -167,7 +167,7 @@ def _over_time(field: ErrorField) -> EpisodeErrors:
 
 
 def _summary(fields: list[ErrorField], found: Comparison) -> Summary:
-    """Say where and when it fails, worst first."""
+    """Return where and when it fails, worst first."""
     tables, whole = found.tables, found.tables.whole
     kinds = {
         "episode": tables.episode,
@@ -207,11 +207,11 @@ def _short(row: ErrorRow) -> dict[str, Any]:
 
 STAGE = Stage(
     name="compare",
-    version=7,
+    version=8,
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
+        "recordings": recordings_input("the measurements", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0"),
         "tracks": tracks_input("the filter's states"),
         "model": InputSpec(MODELS, "the model to compare", choice=Choice.ANY_LINE),

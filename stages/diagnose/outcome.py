@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.finding import Finding, explained_text
-from plop.diagnosis.next_motion import next_motion, settling_motion
+from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
-from plop.diagnosis.result import Diagnosis, Ranked, SensorFault, Shams
+from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
 from plop.parameters import NOT_DETERMINED, Estimate, short_number, with_unit
 from plop.physics.effects.library import EffectType
 
@@ -37,33 +35,30 @@ def diagnosis_of(
         seconds: How long it took [s].
         engine_runs: How often the engine was run.
     """
-    sizes = {score.candidate.effect: score.size_m for score in found.scores}
-    *ranking, base = [_row(finding, types, sizes.get(finding.name)) for finding in found.findings]
+    facts, search = found.verdict.evidence, found.search
+    names = [evidence.name for evidence in search.evidence]
+    count = int(search.here.sum())
     return Diagnosis(
         verdict=found.verdict,
-        ranking=tuple(ranking),
-        base=base,
+        ranking=tuple(_row(finding, types) for finding in found.findings),
         limits=found.limits,
         sensors=sensors,
-        shams=Shams(len(found.shams), float(np.quantile(found.shams, 0.98))),
-        error=found.size.error,
-        floor=found.size.floor,
-        excess=found.size.excess,
-        closed_share=found.size.closed(found.verdict.evidence.left),
+        searches=len(search.ways),
+        error=facts.error or 0.0,
+        floor=facts.floor,
         next_step=next_step(found),
-        next_motion=next_motion(found) or settling_motion(found),
-        episodes=tuple(e.name for e in found.evidence),
-        reference_episodes=tuple(e.name for e in found.control),
+        next_motion=next_motion(found),
+        episodes=tuple(names[:count]),
+        reference_episodes=tuple(names[count:]),
         dropped={**left_out, **found.dropped},
         environment=environment,
         seconds=round(seconds, 1),
-        seconds_screen=round(found.screen_s, 1),
         engine_runs=engine_runs,
     )
 
 
-def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None) -> Ranked:
-    kind, contrast = types.get(finding.name), finding.contrast
+def _row(finding: Finding, types: Mapping[str, EffectType]) -> Ranked:
+    kind, score = types.get(finding.name), finding.score
     return Ranked(
         effect=finding.name,
         kind=finding.kind,
@@ -72,16 +67,12 @@ def _row(finding: Finding, types: Mapping[str, EffectType], size_m: float | None
         source=kind.source if kind else "",
         gain=finding.gain,
         gain_error=finding.gain_error,
-        p=finding.p,
-        contrast=None if contrast is None else contrast.errors,
-        contrast_p=None if contrast is None else contrast.p,
-        size_mm=None if size_m is None else 1000 * size_m,
-        shown=finding.shown,
-        shown_by=finding.shown_by,
-        alone=finding.alone,
+        strength=score.strength,
+        p=score.p,
+        size_mm=1000 * score.size_m,
         parameters=_parameters(finding, kind),
-        passes=finding.passes(),
-        reasons=tuple(finding.reasons()),
+        passes=not finding.reasons,
+        reasons=finding.reasons,
     )
 
 
@@ -100,14 +91,14 @@ def _parameters(finding: Finding, kind: EffectType | None) -> dict[str, Estimate
 def rows_of(found: Diagnosis, most: int = 6) -> list[dict[str, Any]]:
     """Give the head of the ranking as rows for the terminal."""
     rows = []
-    for row in (*found.ranking[:most], found.base):
+    for row in found.ranking[:most]:
         first = next(iter(row.parameters.items()), None)
         rows.append(
             {
                 "effect": row.effect,
                 "explains": explained_text(row.gain, row.gain_error),
                 "p": row.p,
-                "moves_mm": None if row.size_mm is None else round(row.size_mm, 3),
+                "moves_mm": round(row.size_mm, 3),
                 "parameter": first and _parameter_text(*first),
                 "verdict": "named" if row.effect in found.verdict.named else (row.why_not() or ["passes"])[0],
             }

@@ -16,7 +16,6 @@ from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
 from plop.diagnosis.result import SensorFault
 from plop.diagnosis.runs import Runs
-from plop.diagnosis.shams import SHAMS
 from plop.diagnosis.table import Measured
 from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
@@ -26,7 +25,7 @@ from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
 from plop.recordings.set import RecordingSet
-from plop.setting_kinds import ALL_CORES, SAME_RESULT, Jobs, Range, Seed, Settings, Split
+from plop.setting_kinds import ALL_CORES, SAME_RESULT, Jobs, Seed, Settings, Split
 from plop.tracking.episode import Episode
 from plop.tracking.same_object import check_same_object
 from plop.tracking.sets import tracked_episodes
@@ -47,14 +46,12 @@ class DiagnoseConfig(Settings):
     """Only these effects of the library; all when empty."""
     split: Split = "all"
     """Which episodes."""
-    shams: Annotated[int, Range(49)] = SHAMS
-    """Shams that give the chance of a false alarm: with fewer than 49 there is no verdict."""
     sensors: bool = True
     """Look for sensor faults first."""
     exclude: tuple[str, ...] = ()
     """Cameras that neither tracks nor sensor checks use, e.g. one that was found faulty."""
     seed: Seed = 0
-    """Chooses the points that are followed, and draws the shams."""
+    """Chooses the points that are followed."""
     jobs: Jobs = ALL_CORES
     """Processes of this machine; -1 is one a core."""
     scheduler: Annotated[str, SAME_RESULT] = ""
@@ -96,9 +93,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         reference=reference,
         effects=config.effects or None,
         sensors=[fault.text for fault in sensors or ()],
-        shams=config.shams,
-        seed=config.seed,
-        told=runs.begin,
+        announce=runs.begin,
     )
     runs.forget()
     kept = diagnosis_of(
@@ -242,7 +237,7 @@ def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
 
 STAGE = Stage(
     name="diagnose",
-    version=32,
+    version=35,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

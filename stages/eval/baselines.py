@@ -1,8 +1,8 @@
 """The two baselines of every table: nothing moves, and the best rigid motion.
 
 *persistence* keeps frame 0's Gaussians where they are. *rigid* moves them as one body with the
-pose that best fits the **measured** cloud of each frame. It looks at the answer, which no
-prediction may: it is an oracle, the best that any rigid prediction could do, and not a method.
+pose that best fits the **measured** cloud of each frame. It uses the measurement, which a
+prediction must not: it is an oracle, an upper bound for rigid predictions, and not a method.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _STOP_M = 1e-6
 class RigidFit:
     """Fit one cloud rigidly onto others.
 
-    A sample of each cloud looks for its nearest points among all points of the other, both
+    The nearest points of a sample of each cloud are found among all points of the other, both
     ways, so that the fit lowers the two-sided distance that CD measures.
 
     Args:
@@ -37,12 +37,12 @@ class RigidFit:
     def best(self, target: np.ndarray, starts: list[np.ndarray]) -> np.ndarray:
         """Find the rigid transform that brings the source closest to a target.
 
-        Iterative closest points from every start; of everything met, the one with the lowest CD.
+        Iterative closest points from every start; returns the transform with the lowest CD.
 
         Args:
             target: Shape [B, 3], metres.
-            starts: Transforms to start from, shape [4, 4] each; kept when nothing found is better. Shifts along
-                the line between the clouds' centres are tried besides.
+            starts: Transforms to start from, shape [4, 4] each; kept when nothing better is found. Shifts along
+                the line between the clouds' centres are tried as well.
 
         Returns:
             Transform from source to target, shape [4, 4].
@@ -54,7 +54,7 @@ class RigidFit:
         return min(found, key=lambda pair: pair[0])[1]
 
     def _refine(self, tree: cKDTree, sample: np.ndarray, pose: np.ndarray) -> list[tuple[float, np.ndarray]]:
-        """Give (CD in metres, pose) of every round."""
+        """Yield (CD in metres, pose) of every iteration."""
         rounds: list[tuple[float, np.ndarray]] = []
         for _ in range(_ROUNDS):
             forward, at_target = tree.query(transform_points(pose, self._sample))
@@ -72,7 +72,7 @@ class RigidFit:
 
 
 def shifted(offset: np.ndarray) -> np.ndarray:
-    """Give the transform that moves by an offset, shape [3] -> [4, 4], metres."""
+    """Return the transform that moves by an offset, shape [3] -> [4, 4], metres."""
     pose = np.eye(4)
     pose[:3, 3] = offset
     return pose

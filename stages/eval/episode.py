@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EpisodePaths:
-    """Where one episode's parts lie."""
+    """Paths of one episode's inputs."""
 
     init: Fit
     """Gaussians at frame 0."""
@@ -51,7 +51,7 @@ class EpisodePaths:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame, ready to be scored."""
+    """One frame, prepared for scoring."""
 
     index: int
     measured: list[View]
@@ -72,9 +72,9 @@ def score_episode(
     """Score one episode and draw its picture.
 
     Args:
-        recordings: The set that holds the episode.
+        recordings: The set with the episode.
         name: The episode.
-        paths: Its parts.
+        paths: Its inputs.
         config: Settings.
         lpips: The loaded score, or why there is none.
         progress: Called after every frame.
@@ -116,7 +116,7 @@ def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: Ev
 
 
 def _frames(recording: Recording, views: ViewFile, init: Fit, config: EvalConfig) -> Iterator[Frame]:
-    """Read what was measured and predicted, and render the baselines beside it."""
+    """Read measurement and prediction, and render the baselines."""
     start, tool = _read_init(init)
     names, poses = recording.camera_names, recording.world_from_tool
     pose, fit = np.eye(4), None
@@ -144,7 +144,7 @@ def _read_init(init: Fit) -> tuple[Gaussians, Gaussians]:
                 where=path,
                 expected=f"a fit of {init.folder.name}",
                 found="no file",
-                fix="Give the `plop fit-init` artifact that the rollout started from.",
+                fix="Use the `plop fit-init` artifact that the rollout started from.",
             )
     return read_splat(init.object_splat), read_splat(init.tool_splat)
 
@@ -163,5 +163,5 @@ def _check_match(views: ViewFile, recording: Recording) -> None:
                 where=views.path,
                 expected=expected,
                 found=found,
-                fix="Give the recordings that the rollout was made from.",
+                fix="Use the recordings that the rollout was made from.",
             )

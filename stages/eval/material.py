@@ -1,4 +1,4 @@
-"""Score material points of a simulator's truth, where there is one."""
+"""Score material points against a simulator's ground truth, if available."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 from plop.gaussians.trajectory import Trajectory
 from plop.geometry.rigid import transform_points
 from plop.metrics.frame import Scores
-from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
+from plop.metrics.node_error import ancestor_means, move_nodes, rms_mm
 from plop.recordings.truth import Truth
 
 
 class MaterialPoints:
-    """Follow true nodes through the prediction and both baselines; does nothing without a truth.
+    """Move true nodes with the prediction and both baselines; does nothing without ground truth.
 
     Args:
         recording: The episode's file.
         states: The rollout's trajectory; the prediction has no score without it.
-        use: False scores nothing.
+        use: False disables the score.
     """
 
     def __init__(self, recording: Path, states: Path, *, use: bool) -> None:
@@ -65,10 +65,10 @@ class MaterialPoints:
             known, before = self._ancestors
             kept = np.isin(names, known)
             start = before[np.searchsorted(known, names[kept])]
-            self._scores[frame, method] = rms_mm(carry_nodes(self._start, start, after[kept]), true)
+            self._scores[frame, method] = rms_mm(move_nodes(self._start, start, after[kept]), true)
 
     def score(self, frame: int, method: str) -> Scores:
-        """Give {"truth_rms_mm": ...} of one frame, or nothing without a truth."""
+        """Return {"truth_rms_mm": ...} of one frame, or nothing without ground truth."""
         return {"truth_rms_mm": self._scores.get((frame, method))} if self._truth is not None else {}
 
 

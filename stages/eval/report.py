@@ -1,4 +1,4 @@
-"""Condense scores per frame into scores per episode and environment."""
+"""Average scores per frame to scores per episode and environment."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def scores_of(rows: Rows, environment: str, config: EvalConfig, unavailable: dic
 
 
 def summary_table(scores: Scores) -> list[dict[str, Any]]:
-    """Give one row per method and part, with means over episodes."""
+    """Return one row per method and part, with means over episodes."""
     table = []
     for part in PARTS:
         for method, parts in scores.methods.items():
@@ -95,7 +95,7 @@ def _over_episodes(episodes: dict[str, dict[str, Parts]], method: str, metrics: 
 
 
 def _better(table: dict[str, Means], method: str, part: str) -> dict[str, float]:
-    """Say by how many percent the method's error is below persistence's; only scores that are errors."""
+    """Return by how many percent the method's error is below persistence's, for scores that are errors."""
     out = {}
     for metric, entry in table[method][part].items():
         base = table["persistence"][part][metric]
@@ -107,9 +107,9 @@ def _better(table: dict[str, Means], method: str, part: str) -> dict[str, float]
 def _notes(rows: Rows, metrics: list[str], episodes: int) -> list[str]:
     notes = []
     if episodes < 2:
-        notes.append("One episode: no interval can be given.")
+        notes.append("One episode: there is no interval.")
     elif episodes == 2:
-        notes.append("Two episodes: the interval is simply the smaller and the larger one.")
+        notes.append("Two episodes: the interval is the smaller and the larger value.")
     for metric in metrics:
         for method in dict.fromkeys(row["method"] for row in rows):
             missing = [row for row in rows if row["method"] == method and row.get(metric) is None]

@@ -1,4 +1,4 @@
-"""eval: score rollouts against measurements, beside two baselines, per frame, episode and environment."""
+"""eval: score rollouts and two baselines against measurements, per frame, episode and environment."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from stages.eval.report import scores_of, summary_table, write_csv
 
 @dataclass(frozen=True)
 class EvalConfig(Settings):
-    """Settings of `eval`; their defaults are written only here."""
+    """Settings of `eval`; their defaults are defined only here."""
 
     method: str = "plop"
     """Name of the scored rollouts in tables."""
     seed: Seed = 0
     """Seed of the EMD samples and of the bootstrap."""
     emd_every: Annotated[int, Range(0), Unit("frames")] = 1
-    """EMD on every so many frames, and always on the first and the last; 0 leaves it out."""
+    """Interval of the frames scored by EMD, besides the first and the last; 0 disables EMD."""
     truth: bool = True
-    """Also score material points where the recording holds a simulator's truth."""
+    """Also score material points where the recording has a simulator's ground truth."""
     lpips_net: Backbone = "alex"
     """Backbone of LPIPS."""
     lpips_backbone: str = ""
@@ -46,16 +46,16 @@ class EvalConfig(Settings):
     picture_camera: str = ""
     """Camera of the pictures; when empty, the one whose measured image changes most."""
     threads: Annotated[int, Range(0, 4096), SAME_RESULT] = 0
-    """Frames of an episode that are scored at the same time; 0 is one per core."""
+    """Frames of an episode that are scored in parallel; 0 is one per core."""
     jobs: Jobs = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core."""
+    """Number of parallel processes, one episode each; -1 is one per core."""
 
 
 def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     """Write scores.json, scores.csv, episodes/, pictures/ and over_time.png.
 
     Raises:
-        PlopError: The rollouts do not belong to these recordings or fits, or hold nothing.
+        PlopError: The rollouts do not belong to these recordings or fits, or are empty.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
@@ -93,7 +93,7 @@ def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
             where=rollouts / unknown[0],
             expected=", ".join(recordings.names),
             found=unknown[0],
-            fix="Give the recordings that the rollout was made from.",
+            fix="Use the recordings that the rollout was made from.",
         )
     if not found:
         raise PlopError(
@@ -115,7 +115,7 @@ def _summary(scores: Scores) -> Summary:
 
 
 def _all_where_none_is_for_testing(inputs: Mapping[str, Artifact]) -> tuple[dict[str, str], str]:
-    """Roll out all episodes of recordings that have none for testing: else nothing could be scored."""
+    """Roll out all episodes of recordings without test episodes: otherwise nothing could be scored."""
     if RecordingSet.load(inputs["recordings"].path).test:
         return {}, ""
     return {"split": "all"}, f"{inputs['recordings'].address} has no test episode: all its episodes are rolled out"
@@ -127,17 +127,17 @@ STAGE = Stage(
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
+        "recordings": recordings_input("the measurements", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0, for the baselines"),
         "rollouts": InputSpec(
             ("rollout",),
-            "what was predicted",
+            "the predictions",
             recipe=Recipe(
                 {"recordings": "recordings", "init": "init", "model": "model"}, defaults=_all_where_none_is_for_testing
             ),
         ),
         "model": InputSpec(
-            MODELS, "Instead of rollouts: roll this model out first.", choice=Choice.ANY_LINE, read=False
+            MODELS, "Instead of rollouts: the model to roll out first.", choice=Choice.ANY_LINE, read=False
         ),
     },
     run=run,

@@ -1,7 +1,7 @@
-"""filter: follow the object through an episode with a model (PLOP, Sec. III-C).
+"""filter: track the object through an episode with a model (PLOP, Sec. III-C).
 
-Each frame is predicted, then updated on the measured images. Both states are kept, and so are their
-difference (where the model is wrong) and the innovation per camera (how wrong, before any update).
+Each frame is predicted, then updated on the measured images. Both states are stored, with their
+difference (where the model is wrong) and the innovation per camera (how wrong, before the update).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from stages.common_inputs import init_input, recordings_input
 
 @dataclass(frozen=True)
 class FilterConfig(Settings):
-    """Settings of `filter`; their defaults are written only here."""
+    """Settings of `filter`; their defaults are defined only here."""
 
     seed: Annotated[Seed, COMMON] = 0
     """Seed of the splits."""
@@ -49,13 +49,13 @@ class FilterConfig(Settings):
     render: RenderWeights = RenderWeights(depth=0.6)
     """Weights of the rendering loss in an update."""
     settle: Annotated[int, Range(0), Unit("updates")] = 2
-    """Updates of the first frame on its own views, before anything moves."""
+    """Updates of the first frame on its own views."""
     exclude: Annotated[tuple[str, ...], COMMON] = ()
-    """Cameras that are not used, e.g. one that is out of order."""
+    """Cameras that are not used, e.g. a faulty one."""
     device: Annotated[str, COMMON] = AUTO_DEVICE
-    """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    """Device: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
+    """Number of parallel processes, one episode each; -1 is one per core. Sequential on a GPU."""
 
 
 def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
@@ -87,7 +87,7 @@ def run(inputs: Inputs, config: FilterConfig, out: Output) -> Summary:
 def _filter_episode(
     recordings: RecordingSet, init: Path, model_folder: Path | None, config: FilterConfig, name: str, out: Output
 ) -> dict[str, Any]:
-    """Filter one episode; gives its mean innovation."""
+    """Filter one episode; return its mean innovation."""
     splat = Fits(init).episode(name).object_splat
     if not splat.is_file():
         raise PlopError(
@@ -141,12 +141,12 @@ def _means(frames: list[dict[str, Any]]) -> dict[str, float]:
 STAGE = Stage(
     name="filter",
     version=9,
-    help="Follow the object through an episode: predict and update.",
+    help="Track the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={
         "recordings": recordings_input("Recordings."),
         "init": init_input("Gaussians of frame 0.", choice=Choice.LATEST),
-        "model": InputSpec(MODELS, "Model that predicts; constant velocity without it.", optional=True),
+        "model": InputSpec(MODELS, "Model for the prediction; constant velocity by default.", optional=True),
     },
     run=run,
 )

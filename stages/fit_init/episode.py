@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from stages.fit_init.stage import FitInitConfig
 
 EXTENT_M = (0.002, 3.0)
-"""Longest side of an object that is believed; outside, the unit of length is probably not the metre."""
+"""Plausible longest side of an object; outside, the unit of length is probably not the metre."""
 _SCAN_VIEWS = 12
 _SEEN_SHARE = 0.02
 _LEAST_POINTS = 16
@@ -37,7 +37,7 @@ _SEED_OPACITY = 0.9
 
 @dataclass(frozen=True)
 class EpisodeFit:
-    """What one episode gives."""
+    """Result of one episode."""
 
     gaussians: Gaussians
     """The object, world frame; ids count from 0."""
@@ -56,14 +56,14 @@ def fit_episode(
 
     Args:
         recording: The episode.
-        training_episode: Episode whose later frames may be looked at too: itself, or another one with the same tool.
+        training_episode: Episode whose later frames may also be used: itself, or another one with the same tool.
         cloud: Cloud to start from; depth images when absent.
         config: Settings.
-        report: Told about the progress.
+        report: Called with the progress.
 
     Raises:
-        PlopError: Too few cameras for `held_out`, no camera sees the object, nothing measured its surface, or its size
-            cannot be in metres. It holds the warnings that were gathered before.
+        PlopError: Too few cameras for `held_out`, no camera sees the object, its surface was not measured, or its size
+            cannot be in metres. It has the warnings collected before.
     """
     warnings: list[str] = []
     with remembering(warnings):
@@ -96,7 +96,7 @@ def _fitted(
     if tool_seen == 0:
         warnings.append("no camera shows the tool: its Gaussians are grey")
     if config.filling != "none" and len(inner) == 0:
-        warnings.append("the shell encloses nothing: the inside is empty")
+        warnings.append("the shell encloses no volume: the inside is empty")
     scores = {view.camera.name: score_view(gaussians, view) for view in held or views[-1:]}
     depths = [score.depth_error_mm for score, _ in scores.values() if score.depth_error_mm is not None]
     facts = {
@@ -117,7 +117,7 @@ def _fitted(
 
 
 def _tool_views(recording: Recording, training_episode: Recording | None, training: list[View]) -> list[ToolViews]:
-    """Choose what colours the tool: frame 0 of the episode, and frames of a training episode with the same tool."""
+    """Choose the images for the tool's colour: frame 0, and frames of a training episode with the same tool."""
     cameras = [view.camera.name for view in training if view.camera.name in recording.camera_names]
     if training_episode is recording:
         return [spread_over(recording, cameras)]
@@ -134,10 +134,10 @@ def fit_object(
 
     Args:
         surface: Measured points, at least a few.
-        views: Frames that train.
+        views: Training views.
         table_z_m: Height of a table under the object [m].
         config: Settings.
-        report: Told about the progress.
+        report: Called with the progress.
 
     Returns:
         Shell and inner Gaussians.
@@ -214,11 +214,11 @@ def _scan_views(recording: Recording) -> list[View]:
 
 
 def _surface(recording: Recording, cloud: Path | None, training: list[View]) -> Surface:
-    """Get the surface that the training views have measured, from the fused cloud when there is one."""
+    """Return the surface measured by the training views, from the fused cloud when there is one."""
     if cloud is None:
         surface = surface_from_views(training)
     else:
-        # A point that only a held-out camera measured would tell the fit what it is scored on.
+        # A point measured only by a held-out camera would leak the score's reference into the fit.
         surface = surface_from_cloud(cloud)
         extent = float(np.ptp(surface.points, axis=0).max())
         surface = surface.select(seen_by(surface.points, training, _SEEN_SHARE * extent))

@@ -1,4 +1,4 @@
-"""Score a fit on a view that it has not seen."""
+"""Score a fit on a held-out view."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class ViewScore:
     """How well a rendering matches one measured view of the object."""
 
     psnr_db: float
-    """Rendering laid over the measured background against the measured image, inside the bounding box of the
-    object's mask, without pixels of the tool or unknown ones [dB]."""
+    """PSNR of the rendering over the measured background, inside the bounding box of the object's mask, without
+    pixels of the tool or unknown ones [dB]."""
     psnr_black_db: float
     """The same with both over black, the measured one cut out with its hard mask [dB]."""
     depth_error_mm: float | None
@@ -39,42 +39,42 @@ class ViewScore:
 
 
 def check_held_out(count: int, cameras: int, where: str) -> None:
-    """Refuse to set more views aside than there are besides the two that train.
+    """Reject more held-out views than are available besides the two training views.
 
-    One is the default and may be asked of any episode: where there is none to spare, the score is of a fitted view.
+    One is the default and always accepted: where no view can be held out, the score is of a fitted view.
 
     Args:
-        count: Views to set aside.
+        count: Number of held-out views.
         cameras: Cameras of the episode.
-        where: What has these cameras, for the message.
+        where: Source of these cameras, for the message.
 
     Raises:
-        PlopError: Names the cameras that there are and how many of them can be held out.
+        PlopError: Names the cameras and how many of them can be held out.
     """
     most = max(cameras - _LEAST_TRAINING, 1)
     if count > most:
         raise PlopError(
-            "More cameras are to be held out than there are to spare.",
+            "Too many cameras are held out.",
             where=where,
-            expected=f"held_out from 0 to {most}: of {cameras} cameras {_LEAST_TRAINING} always train",
+            expected=f"held_out from 0 to {most}: of {cameras} cameras {_LEAST_TRAINING} are needed for training",
             found=f"held_out = {count}",
             fix=f"Choose --held-out {most} or less, or record more cameras.",
         )
 
 
 def choose_held_out(views: list[View], count: int) -> tuple[list[View], list[View]]:
-    """Set views aside for the score: those that see least that no other view sees.
+    """Choose held-out views for the score: those that see the least that no other view sees.
 
-    A view is to tell how good the fit is, not that a side of the object was hidden from all others. One
-    after the other, the view goes whose measured points the remaining ones have measured to the largest
-    share; at least two remain. Without depth the last by order goes.
+    A held-out view should measure the quality of the fit, not that a side of the object is hidden from all others.
+    Views are held out one by one: that with the largest share of points also measured by the remaining ones; at least
+    two remain. Without depth the last in order is held out.
 
     Args:
         views: Measured frames of one instant.
-        count: How many to set aside.
+        count: Number of held-out views.
 
     Returns:
-        Views that train and views that score, each in their order.
+        Training views and held-out views, each in their order.
     """
     training = list(views)
     held: list[View] = []
@@ -121,7 +121,7 @@ def score_view(gaussians: Gaussians, view: View) -> tuple[ViewScore, np.ndarray]
 
 
 def _shown(rendering: Rendering, target: Target) -> Tensor:
-    """Give the rendering over the target's background, equal to the target where that does not count."""
+    """Return the rendering over the target's background, equal to the target where that is masked."""
     return torch.where(target.valid[..., None], lay_over(rendering, target), target.rgb).clamp(0, 1)
 
 

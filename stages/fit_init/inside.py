@@ -1,4 +1,4 @@
-"""The inner Gaussians of a fit: where they go and how many there are."""
+"""The inner Gaussians of a fit: their positions and number."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from plop.geometry.view import View
 from stages.fit_init.shell import carved
 
 _LEAST_GAP = 0.45
-"""Inner Gaussians are at least this share of their spacing away from the shell."""
+"""Smallest distance of inner Gaussians from the shell, as a share of their spacing."""
 
 
 def solid_filler(
     views: list[View], count: int, *, cells: int, floor_z_m: float | None, opacity: float, overlap: float, seed: int
 ) -> Callable[[Gaussians], Gaussians]:
-    """Give a function that fills a shell evenly with `count` Gaussians, or a few less.
+    """Return a function that fills a shell evenly with `count` Gaussians, or slightly fewer.
 
-    Points that a view sees through or past are left out: the silhouettes and depths carve what the
-    opacity grid is too coarse to tell.
+    Points that a view sees through or past are left out: silhouettes and depths carve details that the
+    opacity grid does not resolve.
 
     Args:
-        views: Measured frames that carve.
-        count: Number of inner Gaussians wanted.
+        views: Measured frames for carving.
+        count: Number of inner Gaussians.
         cells: Cells of the opacity grid along the longest side.
         floor_z_m: The table, which closes the shell at the bottom [m].
         opacity: Peak opacity of the inner Gaussians.
         overlap: Their standard deviation as a share of their spacing.
-        seed: Of the random displacement of the points.
+        seed: Seed of the random displacement of the points.
     """
 
     def points_at(shell: Gaussians, spacing_m: float) -> Tensor:
@@ -59,7 +59,7 @@ def solid_filler(
 
 
 def paper_filler(cells: int, floor_z_m: float | None) -> Callable[[Gaussians], Gaussians]:
-    """Give a function that fills as the paper prints it; `floor_z_m` only drops points under a table [m]."""
+    """Return a function that fills as in the paper; `floor_z_m` only discards points under a table [m]."""
 
     def fill(shell: Gaussians) -> Gaussians:
         filled = fill_paper(shell, cells=cells)

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from stages.fit_init.stage import FitInitConfig
 
 _DISPLACEMENT = 0.7
-"""Of the halves of a split Gaussian, in its standard deviations."""
+"""Displacement of the halves of a split Gaussian, in its standard deviations."""
 Fill = Callable[[Gaussians], Gaussians]
-"""Makes the inner Gaussians of a shell."""
+"""Function that makes the inner Gaussians of a shell."""
 Report = Callable[[int, dict[str, float]], None]
 """Called with the step and its figures."""
 
@@ -35,16 +35,16 @@ def fit(
     fill: Fill | None = None,
     report: Report | None = None,
 ) -> tuple[Gaussians, Gaussians]:
-    """Optimise the shell, one view a step; the inside is made once, then drawn but not optimised.
+    """Optimise the shell, one view per step; the inside is made once, then rendered but not optimised.
 
     Args:
         seeds: Gaussians to start from.
-        targets: What the cameras measured; at least one.
+        targets: Measured views; at least one.
         config: Steps, rates, weights, seed.
         spacing_m: Spacing of the seeds, the unit of the means' learning rate and of the limits on scales [m].
-        max_count: Most Gaussians of the shell.
+        max_count: Largest number of Gaussians of the shell.
         fill: Makes the inner Gaussians from the shell at `config.fill_at`; none when absent.
-        report: Told about every 20th step.
+        report: Called every 20th step.
 
     Returns:
         The shell and the inner Gaussians, without gradients.
@@ -79,7 +79,7 @@ def fit(
 
 
 def _growth_steps(config: FitInitConfig) -> list[int]:
-    """Give the steps at which the shell grows and is pruned: spread over the first half."""
+    """Return the steps at which the shell grows and is pruned: spread over the first half."""
     if config.densifications <= 0:
         return []
     interval = 0.5 * config.steps / (config.densifications + 1)
@@ -89,13 +89,13 @@ def _growth_steps(config: FitInitConfig) -> list[int]:
 def _grow_and_prune(
     parameters: Parameters, pull: Tensor, max_count: int, rounds_left: int, config: FitInitConfig
 ) -> None:
-    """Remove Gaussians that show nothing and split those whose means are pulled the most."""
+    """Remove invisible Gaussians and split those with the largest gradients of their means."""
     shell = parameters.gaussians().detach()
     parents = torch.nonzero(shell.opacities > config.prune_opacity).squeeze(1)
     if len(parents) == 0:
         return
     room = max(max_count - len(parents), 0) // rounds_left
-    # A large Gaussian that is pulled hard covers more than one Gaussian can show.
+    # A large Gaussian with a large gradient covers more detail than one Gaussian can represent.
     size = shell.scales.prod(1).pow(1 / 3)
     split_rows = (pull * size)[parents].argsort(descending=True, stable=True)[:room]
     grown, origin = split_at(shell.select(parents), split_rows, pull.new_full((len(split_rows),), _DISPLACEMENT))

@@ -1,4 +1,4 @@
-"""Gaussians as an optimiser sees them: logits and logarithms, one learning rate per group."""
+"""Gaussians as free parameters: logits and logarithms, one learning rate per group."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Parameters:
         return len(self.ids)
 
     def gaussians(self) -> Gaussians:
-        """Give the Gaussians, with gradients to the free parameters."""
+        """Return the Gaussians, with gradients to the free parameters."""
         free = self._free
         return Gaussians(
             means=free["means"],
@@ -53,7 +53,7 @@ class Parameters:
         )
 
     def pull(self) -> Tensor:
-        """Give the length of each mean's gradient after a backward pass, shape [N]."""
+        """Return the length of each mean's gradient after a backward pass, shape [N]."""
         grad = self._free["means"].grad
         return self._free["means"].new_zeros(len(self)) if grad is None else grad.norm(dim=1)
 
@@ -68,7 +68,7 @@ class Parameters:
             self._free["scales"].clamp_(low, high)
 
     def replace(self, gaussians: Gaussians, parents: Tensor) -> None:
-        """Take a new set of Gaussians; each inherits the Adam moments of the row it descends from."""
+        """Replace the Gaussians; each inherits the Adam moments of its parent row."""
         old = [(group["params"][0], name) for group, name in zip(self.adam.param_groups, self._rates, strict=True)]
         states = {name: self.adam.state.get(tensor, {}) for tensor, name in old}
         self._free, self.ids = _to_free(gaussians), gaussians.ids

@@ -18,7 +18,7 @@ from plop.geometry.view import View
 from plop.render.rasterizer.sh import C0
 
 MAX_POINTS = 40_000
-"""Points of a cloud that are looked at; more are thinned evenly."""
+"""Largest number of points of a cloud; larger clouds are subsampled evenly."""
 _FACING_LEAST = 0.1
 """Cosine between surface and line of sight below which a pixel shows an edge rather than a surface."""
 
@@ -53,7 +53,7 @@ def surface_from_cloud(path: Path) -> Surface:
     missing = [name for name in needed if name not in table]
     if missing:
         raise PlopError(
-            "The cloud lacks something that the fit needs.",
+            "The cloud lacks properties that the fit needs.",
             where=path,
             expected=", ".join(needed),
             found=f"no {', '.join(missing)}",
@@ -67,14 +67,14 @@ def surface_from_cloud(path: Path) -> Surface:
             where=path,
             expected="points with normals",
             found="none",
-            fix="Look at the object masks of frame 0, then run `plop fuse` again.",
+            fix="Check the object masks of frame 0, then run `plop fuse` again.",
         )
     normals = columns[:, 3:6] / np.linalg.norm(columns[:, 3:6], axis=1, keepdims=True)
     return _thin(Surface(columns[:, :3], normals, columns[:, 6:] / 255))
 
 
 def surface_from_views(views: list[View]) -> Surface:
-    """Turn depth images into a surface; normals are those of `pixel_planes`.
+    """Convert depth images to a surface; normals are those of `pixel_planes`.
 
     Args:
         views: Measured frames of the object; those without depth add nothing.
@@ -89,7 +89,7 @@ def surface_from_views(views: list[View]) -> Surface:
             where=", ".join(view.camera.name for view in views),
             expected="depth inside the object's mask",
             found="none",
-            fix="Give a cloud from `plop fuse`, or check depth and masks.",
+            fix="Use a cloud from `plop fuse`, or check depth and masks.",
         )
     stacked = (np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "normals", "colours"))
     return _thin(Surface(*stacked))
@@ -107,11 +107,11 @@ def _thin(surface: Surface) -> Surface:
 
 
 def seen_by(points: np.ndarray, views: list[View], tolerance_m: float) -> np.ndarray:
-    """Tell which points at least one view has measured.
+    """Return which points at least one view has measured.
 
     Args:
         points: Shape [N, 3], world, metres.
-        views: Measured frames; one without depth sees all that its mask shows.
+        views: Measured frames; without depth, all points in the mask count as measured.
         tolerance_m: Largest difference in depth between a point and the pixel it falls on [m].
 
     Returns:
@@ -127,12 +127,12 @@ def seen_by(points: np.ndarray, views: list[View], tolerance_m: float) -> np.nda
 
 
 def carved(points: np.ndarray, views: list[View], tolerance_m: float) -> np.ndarray:
-    """Tell which points cannot be inside the object: some view looks past them or sees through them.
+    """Return which points cannot be inside the object, because a view sees past or through them.
 
     Args:
         points: Shape [N, 3], world, metres.
         views: Measured frames.
-        tolerance_m: How far before the measured surface a point may lie [m].
+        tolerance_m: Largest distance of a point in front of the measured surface [m].
 
     Returns:
         bool, shape [N].
@@ -176,7 +176,7 @@ def seed_gaussians(surface: Surface, count: int, *, opacity: float, overlap: flo
 
 
 def quats_along(normals: torch.Tensor) -> torch.Tensor:
-    """Give rotations whose third axis is the normal, unit [N, 3] -> wxyz [N, 4]."""
+    """Return rotations whose third axis is the normal, unit [N, 3] -> wxyz [N, 4]."""
     helper = torch.where(normals[:, :1].abs() < 0.9, normals.new_tensor([1.0, 0, 0]), normals.new_tensor([0, 1.0, 0]))
     first = torch.nn.functional.normalize(torch.linalg.cross(helper, normals), dim=-1)
     second = torch.linalg.cross(normals, first)
@@ -184,11 +184,11 @@ def quats_along(normals: torch.Tensor) -> torch.Tensor:
 
 
 def farthest_points(points: np.ndarray, count: int) -> np.ndarray:
-    """Choose points far from each other, one after the other, starting with the first.
+    """Choose points far from each other (farthest-point sampling), starting with the first.
 
     Args:
         points: Shape [N, 3].
-        count: How many; all when N is smaller.
+        count: Number of points; all when N is smaller.
 
     Returns:
         Indices, shape [min(N, count)], int64.

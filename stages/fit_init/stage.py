@@ -30,7 +30,7 @@ LearningRate = Annotated[float, Range(0, 1)]
 
 @dataclass(frozen=True)
 class FitInitConfig(Settings):
-    """Settings of `fit-init`; their defaults are written only here."""
+    """Settings of `fit-init`; their defaults are defined only here."""
 
     episodes: Annotated[str, COMMON] = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
@@ -41,9 +41,9 @@ class FitInitConfig(Settings):
     steps: Annotated[int, Range(0, 1e7), Unit("steps"), COMMON] = 2000
     """Optimisation steps, one view each."""
     held_out: Annotated[int, Range(0, 1000), Unit("cameras"), COMMON] = 1
-    """Cameras that only score: those that see least that no other camera sees; at least two always train."""
+    """Held-out cameras for the score: those that see the least that no other camera sees; at least two always train."""
     virtual_views: Annotated[int, Range(0, 1000), Unit("views"), COMMON] = 32
-    """Views between the cameras, drawn from what they measured, that train too; 0 for none, as in the paper."""
+    """Virtual training views between the cameras, rendered from the measurements; 0 for none, as in the paper."""
     filling: Annotated[Literal["solid", "paper", "none"], COMMON] = "solid"
     """Inside: "solid" fills evenly, "paper" as in Sec. III-C, "none"."""
     fill_at: Share = 0.5
@@ -55,17 +55,17 @@ class FitInitConfig(Settings):
     overlap: Annotated[float, Range(0.05, 5)] = 0.6
     """Standard deviation of a new Gaussian as a share of the spacing."""
     flatness: Annotated[float, Range(1, 100)] = 10.0
-    """Of new surface Gaussians: standard deviation along the surface over the one across it. Thick ones hide each
-    other by halves, so that depth comes from behind the surface."""
+    """Flatness of new surface Gaussians: standard deviation along the surface over the one across it. Thick ones
+    overlap in depth, so that the rendered depth is behind the surface."""
     start_share: Annotated[float, Range(0.05, 1)] = 0.8
-    """Share of the surface's Gaussians that is there from the start; densification adds the others."""
+    """Initial share of the surface's Gaussians; densification adds the others."""
     densifications: Annotated[int, Range(0, 1000), Unit("rounds")] = 4
     """Rounds of densification and pruning, spread over the first half of the steps."""
     prune_opacity: Share = 0.05
-    """Surface Gaussians below are removed in each round."""
+    """Opacity below which surface Gaussians are removed in each round."""
     background: Literal["measured", "black"] = "measured"
-    """Behind the object: "measured" lays renderings over the measured background, so that outlines may be soft;
-    "black" cuts the object out with its mask."""
+    """Background: "measured" renders over the measured background, so that outlines may be soft;
+    "black" crops the object with its mask."""
     sh_degree: Annotated[int, Range(0, 3)] = 0
     """Degree of the spherical harmonics; 0 is the same colour from everywhere."""
     render: RenderWeights = RenderWeights()
@@ -73,11 +73,11 @@ class FitInitConfig(Settings):
     anisotropy_weight: Weight = 0.1
     """Weight of the hinge on elongation."""
     anisotropy_ratio: Annotated[float, Range(1)] = 10.0
-    """Elongation that costs nothing."""
+    """Elongation without a penalty."""
     max_scale: Annotated[float, Range(0.01, 100)] = 1.2
     """Largest standard deviation as a share of the seeds' spacing."""
     lr_means: LearningRate = 0.01
-    """Learning rate of the means, in spacings of the seeds a step."""
+    """Learning rate of the means, in spacings of the seeds per step."""
     lr_quats: LearningRate = 0.005
     """Learning rate of the quaternions."""
     lr_scales: LearningRate = 0.01
@@ -91,9 +91,9 @@ class FitInitConfig(Settings):
     seed: Annotated[Seed, COMMON] = 0
     """Seed of the order of views and of the filling."""
     device: str = AUTO_DEVICE
-    """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    """Device: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
+    """Number of parallel processes, one episode each; -1 is one per core. Sequential on a GPU."""
 
 
 def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
@@ -102,13 +102,13 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
     An episode whose frame 0 cannot be fitted is skipped, with the reason in the summary.
 
     Raises:
-        PlopError: A setting that cannot be, no episode chosen, or none that can be fitted.
+        PlopError: An invalid setting, no episode selected, or none that can be fitted.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = [name for name in recordings.names if Path(name).match(config.episodes)]
     if not names:
         raise PlopError(
-            "No episode was chosen.",
+            "No episode is selected.",
             where=recordings.folder,
             expected=", ".join(recordings.names),
             found=f"episodes = {config.episodes!r}",
@@ -128,7 +128,7 @@ def run(inputs: Inputs, config: FitInitConfig, out: Output) -> Summary:
 def _fit(
     recordings: RecordingSet, clouds: Path | None, config: FitInitConfig, name: str, out: Output
 ) -> dict[str, Any]:
-    """Fit one episode; gives its scores."""
+    """Fit one episode; return its scores."""
 
     def report(step: int, figures: dict[str, float]) -> None:
         out.progress(step, max(config.steps, 1), name, **figures)
@@ -180,7 +180,7 @@ STAGE = Stage(
         "recordings": recordings_input("Recordings with cameras."),
         "clouds": InputSpec(
             ("fuse",),
-            "Clouds to start from; without them depth images are used.",
+            "Clouds to start from; depth images by default.",
             optional=True,
             recipe=Recipe({"recordings": "recordings"}),
         ),

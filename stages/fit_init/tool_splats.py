@@ -1,6 +1,6 @@
-"""The tool as Gaussians in its own frame: evenly over its mesh, coloured by the images.
+"""The tool as Gaussians in its own frame: spread evenly over its mesh, coloured by the images.
 
-Later frames of a test episode are what a rollout is scored on: they colour nothing.
+Later frames of a test episode are not used for colours, because rollouts are scored on them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _DEPTH_TOLERANCE_M = 0.003
 _FLATNESS = 5.0
 _OVERLAP = 0.5
 _DRAWN_IN = 0.4
-"""How far the outline is drawn in, as a share of the distance between Gaussians, which show beyond their centres."""
+"""Inward shift of the outline, as a share of the distance between Gaussians, which extend beyond their centres."""
 _SINGLE_GAP_M = 1e-3
 _ROUNDS = 5
 _FRAMES = 6
@@ -34,7 +34,7 @@ _SAME_M = 1e-6
 
 @dataclass(frozen=True)
 class ToolViews:
-    """Images that colour a tool."""
+    """Number of images for the tool's colour."""
 
     recording: Recording
     cameras: list[str]
@@ -42,13 +42,13 @@ class ToolViews:
 
 
 def spread_over(recording: Recording, cameras: list[str]) -> ToolViews:
-    """Take frames from the whole of a training episode: a moving tool shows more of its sides."""
+    """Read frames spread over a training episode: a moving tool shows more of its sides."""
     frames = np.unique(np.linspace(0, len(recording) - 1, _FRAMES).astype(int))
     return ToolViews(recording, cameras, frames.tolist())
 
 
 def same_tool(one: Mesh, two: Mesh) -> bool:
-    """Tell whether two recordings have the same mesh as their tool."""
+    """Return whether two recordings have the same mesh as their tool."""
     return (
         one.vertices.shape == two.vertices.shape
         and np.array_equal(one.faces, two.faces)
@@ -61,13 +61,13 @@ def tool_gaussians(mesh: Mesh, views: Sequence[ToolViews], count: int, seed: int
 
     Args:
         mesh: The tool.
-        views: What gives colours; none may be a later frame of a test episode.
+        views: Images for the colours; none may be a later frame of a test episode.
         count: Number of Gaussians.
-        seed: Of the sampling.
+        seed: Seed of the sampling.
 
     Returns:
-        Gaussians in the tool's frame, opacity 0.99, and the share of them that a camera saw. The others
-        take the colour of the nearest seen one; all are grey when none was seen.
+        Gaussians in the tool's frame, opacity 0.99, and the visible share of them. The others
+        have the colour of the nearest visible one; all are grey when none is visible.
     """
     points, normals = sample_mesh(drawn_in(mesh, count), count, seed)
     colours, seen = _colours(views, points)
@@ -78,11 +78,11 @@ def tool_gaussians(mesh: Mesh, views: Sequence[ToolViews], count: int, seed: int
 
 
 def splats_on(points: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> Gaussians:
-    """Make flat, opaque Gaussians that cover a surface.
+    """Return flat, opaque Gaussians that cover a surface.
 
     Args:
         points: Spread evenly over it, [N, 3] [m].
-        normals: Of length 1, [N, 3].
+        normals: Unit normals, [N, 3].
         colours: 0 to 1, [N, 3].
     """
     along = _OVERLAP * _gaps(points, normals)
@@ -97,11 +97,11 @@ def splats_on(points: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> G
 
 
 def drawn_in(mesh: Mesh, count: int) -> Mesh:
-    """Shrink a tool along its principal axes, so that Gaussians all over it look as large as it is.
+    """Shrink a tool along its principal axes, so that Gaussians on its surface render at its true size.
 
     Args:
         mesh: The tool.
-        count: Number of Gaussians that will stand for it; the more, the smaller they are.
+        count: Number of Gaussians that will represent it; the more, the smaller they are.
 
     Returns:
         The mesh, smaller along every axis on which at least a few of them lie side by side.
@@ -120,7 +120,7 @@ def sample_mesh(mesh: Mesh, count: int, seed: int) -> tuple[np.ndarray, np.ndarr
     Args:
         mesh: Triangles with some area.
         count: Number of points.
-        seed: Of the random candidates.
+        seed: Seed of the random candidates.
 
     Returns:
         Points [count, 3] in the mesh's unit and unit normals [count, 3].
@@ -146,9 +146,9 @@ def _faces(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _centred(points: np.ndarray, normals: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move chosen points to the middle of the parts of the surface that they stand for (Lloyd's relaxation).
+    """Move chosen points to the middle of the parts of the surface that they represent (Lloyd's relaxation).
 
-    Points on the outline, where choosing the farthest puts them, would draw the tool wider than it is.
+    Points on the outline, as chosen by farthest-point sampling, would render the tool wider than it is.
     """
     sides = _sides_apart(points, normals)
     centres = sides[chosen]
@@ -161,9 +161,10 @@ def _centred(points: np.ndarray, normals: np.ndarray, chosen: np.ndarray) -> tup
 
 
 def _gaps(points: np.ndarray, normals: np.ndarray) -> torch.Tensor:
-    """Measure how far the next point on the same side is, [N] m, within 0.5 and 1.5 times the median.
+    """Measure the distance to the nearest point on the same side, [N] m, within 0.5 and 1.5 times the median.
 
-    The other side of a thin blade is no neighbour: Gaussians as small as a cutting edge is thin would leave holes.
+    The other side of a thin blade is not a neighbour: Gaussians as small as the thickness of the edge would leave
+    holes.
     """
     if len(points) == 1:
         return torch.tensor([_SINGLE_GAP_M])
@@ -172,7 +173,7 @@ def _gaps(points: np.ndarray, normals: np.ndarray) -> torch.Tensor:
 
 
 def _sides_apart(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Set the two sides of a thin blade as far apart as it is long: one must not stand for the other, [N, 6]."""
+    """Separate the two sides of a thin blade by its length, so that neighbours are on the same side, [N, 6]."""
     return np.concatenate([points, np.ptp(points, axis=0).max() * normals], axis=1)
 
 

@@ -1,8 +1,8 @@
-"""Views that no camera took, drawn from what the cameras measured: depth-image-based rendering.
+"""Virtual views, rendered from the measured views: depth-image-based rendering.
 
-A fit of a few views bends the surface its own way where another camera would look: outlines reach beyond the object
-and colours of overlapping Gaussians come apart. What stands in the gaps between cameras is known all the same: every
-measured pixel is a small flat piece of the surface, with its colour.
+A fit of a few views is wrong in other views: outlines extend beyond the object and colours of overlapping Gaussians
+separate. However, the surface is known between the cameras, too: every measured pixel is a small flat patch of it,
+with its colour.
 
 Source: McMillan 1997, "An Image-Based Approach to Three-Dimensional Computer Graphics" (3D warping); colours are mixed
 by how squarely a camera looks at the surface (Debevec, Taylor and Malik 1996, view-dependent texture mapping).
@@ -22,7 +22,7 @@ from plop.geometry.rays import pixel_rays, window
 from plop.geometry.view import MaskLabel, View
 from plop.lazy_open3d import o3d
 from stages.fit_init.shell import carved
-from stages.fit_init.sight import Sight
+from stages.fit_init.view_evidence import ViewEvidence
 
 SIDE = 3
 """Rays along each side of a pixel."""
@@ -31,22 +31,22 @@ FACING_LEAST = 0.25
 _SAME_SHARE = 0.04
 """Difference in depth under which two views show the same point, as a share of the object's size."""
 _LAYERS = 4
-"""Pieces of surface behind one another that are looked at before a ray is given up."""
+"""Largest number of surface patches tested along a ray."""
 _SAMPLES = 32
-"""Places along a ray at which it is asked whether the object could be there."""
+"""Number of positions along a ray at which free space is tested."""
 _STEEPEST_DEG = 80.0
-"""Virtual cameras do not look down more steeply."""
+"""Largest downward angle of virtual cameras."""
 
 
 def virtual_views(views: Sequence[View], count: int) -> list[View]:
-    """Draw the object from places spread evenly between the lowest and the highest of its cameras.
+    """Render the object from positions spread evenly between the lowest and the highest of its cameras.
 
-    Pixels where nothing was measured, and which may yet show the object, are UNKNOWN. The tool is not drawn: views
-    show what is behind it as far as others saw it.
+    Unmeasured pixels that may show the object are UNKNOWN. The tool is not rendered: views show the parts behind
+    it that others have seen.
 
     Args:
-        views: What was measured at one instant, at least two of them with depth; others add outlines only.
-        count: Views wanted.
+        views: Measured views at one instant, at least two of them with depth; others add outlines only.
+        count: Number of virtual views.
 
     Returns:
         `count` views, or none where fewer than two have measured pieces of surface.
@@ -62,7 +62,7 @@ def virtual_views(views: Sequence[View], count: int) -> list[View]:
 
 
 def _cameras(drawn: _Drawn, views: list[View], count: int) -> list[Camera]:
-    """Place cameras on a spiral around the object, as far from it as the real ones are on average."""
+    """Place cameras on a spiral around the object, at the mean distance of the real ones."""
     middle = drawn.corners.mean(0)
     offsets = np.array([view.camera.world_from_cam[:3, 3] for view in views]) - middle
     distance = np.linalg.norm(offsets, axis=1)
@@ -87,19 +87,19 @@ def _cameras(drawn: _Drawn, views: list[View], count: int) -> list[Camera]:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """The measured surface, ready to be drawn."""
+    """The measured surface, prepared for rendering."""
 
     scene: o3d.t.geometry.RaycastingScene
-    """One small square a measured pixel."""
+    """One small square per measured pixel."""
     corners: np.ndarray
-    """Of the box around it, [2, 3] [m]."""
+    """Corners of its bounding box, [2, 3] [m]."""
     pixel_m: float
     """Typical width of a pixel on it [m]."""
-    sights: list[Sight]
+    sights: list[ViewEvidence]
     shrunk: list[View]
-    """The views with outlines a pixel further in: a ray that passes within a pixel of the object is free of it."""
+    """The views with outlines shrunk by a pixel: a ray within a pixel of the outline counts as free."""
     background: np.ndarray
-    """Mean colour of what is behind the object, [3], 0..255."""
+    """Mean colour of the background, [3], 0..255."""
 
     @classmethod
     def of(cls, measured: list[View], planes: list[PixelPlanes], views: Sequence[View]) -> _Drawn:
@@ -122,7 +122,7 @@ class _Drawn:
             scene,
             np.stack([points.min(0), points.max(0)]),
             float(np.median(widths)),
-            [Sight.of(view) for view in views],
+            [ViewEvidence.of(view) for view in views],
             [_shrunk(view) for view in views],
             background,
         )
@@ -133,7 +133,7 @@ class _Drawn:
         return _SAME_SHARE * float(np.ptp(self.corners, axis=0).max())
 
     def view(self, camera: Camera) -> View:
-        """Draw one view."""
+        """Render one view."""
         box = np.stack(np.meshgrid(*self.corners.T, indexing="ij"), axis=-1).reshape(-1, 3)
         rows, columns = window(camera, box)
         rays = pixel_rays(camera, SIDE)[rows, columns]
@@ -144,7 +144,7 @@ class _Drawn:
         middle = SIDE * SIDE // 2
         free = ~hit[..., middle]
         free[free] = self._free(rays[..., middle, :][free].astype(np.float64))
-        # a ray that hits nothing shows the background, where the pixel or one beside it is known to
+        # a ray without a hit is background, where the pixel or an adjacent one is known to be
         known = (hit | binary_dilation(free, np.ones((3, 3)))[..., None]).all(-1)
         part = np.where(hit[..., middle], MaskLabel.OBJECT, MaskLabel.BACKGROUND)
         mask = np.full((camera.height, camera.width), MaskLabel.BACKGROUND, np.uint8)
@@ -177,7 +177,7 @@ class _Drawn:
         return depth, colour
 
     def _looked_at(self, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Ask all views: whether one contradicts [N], the weighted sum of colours [N, 3], the sum of weights [N]."""
+        """Evaluate all views: whether one contradicts [N], weighted sum of colours [N, 3], sum of weights [N]."""
         wrong, mixed, total = np.zeros(len(points), bool), np.zeros((len(points), 3)), np.zeros(len(points))
         beyond_m, before_m = np.full(len(points), np.inf), np.full(len(points), np.inf)
         for sight in self.sights:
@@ -186,17 +186,17 @@ class _Drawn:
             mixed += said.weight[:, None] * said.colour
             total += said.weight
             beyond_m, before_m = np.minimum(beyond_m, said.beyond_m), np.minimum(before_m, said.before_m)
-        # Each camera's piece ends half a pixel beyond the object, give or take half a pixel: the one that reaches
-        # farthest would make every edge too wide. It ends half way between what is seen and what is seen past.
+        # Each camera's patch ends half a pixel beyond the object, plus or minus half a pixel: the largest one would
+        # make every edge too wide. The edge is half way between the visible surface and free space.
         wrong |= np.isfinite(beyond_m) & (beyond_m > before_m)
         return wrong, mixed, total
 
     def _free(self, rays: np.ndarray) -> np.ndarray:
-        """Tell along which rays [N, 6] the object cannot be, because views see through or past every place there."""
+        """Return the rays [N, 6] that miss the object, because views see through or past every position on them."""
         with np.errstate(divide="ignore"):
             ends = (self.corners[:, None] - rays[:, :3]) / rays[:, 3:]
         near, far = ends.min(0).max(1), ends.max(0).min(1)
-        free = near >= far  # passes the box around everything that was measured
+        free = near >= far  # misses the bounding box of all measurements
         inside = np.flatnonzero(~free)
         along = near[inside, None] + (far - near)[inside, None] * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         points = rays[inside, None, :3] + along[..., None] * rays[inside, None, 3:]
@@ -206,7 +206,7 @@ class _Drawn:
 
 
 def _squares(camera: Camera, planes: PixelPlanes) -> np.ndarray:
-    """Corners of each pixel's piece of surface, counter-clockwise seen from the camera, [N, 4, 3] [m]."""
+    """Corners of each pixel's surface patch, counter-clockwise seen from the camera, [N, 4, 3] [m]."""
     rows, columns = np.nonzero(planes.facing > FACING_LEAST)
     points, normals = planes.points[rows, columns], planes.normals[rows, columns]
     eye, rotation = camera.world_from_cam[:3, 3], camera.world_from_cam[:3, :3]
@@ -219,6 +219,6 @@ def _squares(camera: Camera, planes: PixelPlanes) -> np.ndarray:
 
 
 def _shrunk(view: View) -> View:
-    """Take a pixel off the object where it borders on the background."""
+    """Shrink the object's mask by a pixel where it borders on the background."""
     kept = binary_erosion(view.mask != MaskLabel.BACKGROUND, np.ones((3, 3)), border_value=1)
     return replace(view, mask=np.where(kept, view.mask, MaskLabel.BACKGROUND).astype(np.uint8))

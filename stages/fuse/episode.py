@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,19 +34,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CloudFacts:
-    """What is known of one fused cloud; the rows of fuse.json."""
+    """Facts of one fused cloud; the rows of fuse.json."""
 
     points: int
     extent_m: list[float]
     """Edges of the bounding box [m]."""
     views: int
-    """Views that saw the object."""
+    """Views that see the object."""
     source: str
     method: str
     disagreement_mm: float | None
     """Median over pairs of views of the median depth difference, before registration [mm]."""
     registered: bool
-    """Whether the views were moved to fit each other."""
+    """Whether the views were registered to each other."""
     warnings: list[str] = field(default_factory=list)
 
 
@@ -65,15 +66,15 @@ def fuse_episode(
     Args:
         recording: Open recording.
         config: Settings of the stage.
-        bad: Cameras that calibrate calls bad, with the fix; they are left out while another sees the object.
-        judged: Whether calibrate has judged the cameras; where not, a look is taken at how depth lies on colour.
+        bad: Cameras with the verdict bad of calibrate, with the fix; they are left out if another one sees the object.
+        judged: Whether calibrate has checked the cameras; otherwise the alignment of depth and colour is checked.
 
     Returns:
         Object cloud in the world frame, metres.
 
     Raises:
-        PlopError: Nothing of an object is seen, units are wrong, or the table is not where it is said to be; it holds
-            the warnings that were gathered before.
+        PlopError: The object is not seen, units are wrong, or the table is not at the stated height; it has the
+            warnings collected before.
     """
     scan = config.source == "scan" or (config.source == "auto" and bool(recording.scan_names))
     views, warnings = _views(recording, config, scan)
@@ -98,7 +99,7 @@ def _fused(
         raise PlopError(
             "No camera sees the object.",
             where=recording.path,
-            expected="pixels that are object (mask) and have depth",
+            expected="pixels of the object (mask) with depth",
             found="none in any camera",
             fix="Check the masks and depth images of this episode.",
             cause=Cause.MASKS,
@@ -166,23 +167,24 @@ def _without_bad(views: list[View], bad: Mapping[str, str], warnings: list[str])
 
 
 def _undecided(view: View) -> np.ndarray:
-    """Pixels that may be object where nobody has segmented yet."""
+    """Return pixels that may be the object in recordings without masks."""
     return view.mask == MaskLabel.UNKNOWN
 
 
 def view_disagreement_mm(views: list[View], masks: list[np.ndarray]) -> float | None:
-    """Compare the object's depth between every pair of views; what hides it from one of them is not looked up.
+    """Compare the object's depth between every pair of views; occlusions are not tested.
 
     Returns:
-        Median over pairs of the median absolute difference [mm]; None when no pair overlaps.
+        Median over pairs of the shown difference [mm]; None when no pair can be compared.
     """
     picks = [
-        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask) for view, mask in zip(views, masks, strict=True)
+        DepthView(view.camera, np.where(mask, view.depth_m, 0), mask, mask)
+        for view, mask in zip(views, masks, strict=True)
     ]
     if len(picks) > 20:
         picks = [picks[i] for i in np.linspace(0, len(picks) - 1, 20).astype(int)]
-    pairs = [disagreement(a, b) for a in picks for b in picks if a is not b]
-    values = [pair.median_mm for pair in pairs if pair.compared >= 20]
+    pairs = [disagreement([pair]) for pair in combinations(picks, 2)]
+    values = [pair.shown_mm for pair in pairs if pair.compared]
     return float(np.median(values)) if values else None
 
 
@@ -194,7 +196,7 @@ def _registered(
     config: FuseConfig,
     warnings: list[str],
 ) -> tuple[list[View], list[PointCloud], bool]:
-    """Move the views to fit each other where they disagree, if that makes them agree better."""
+    """Register the views to each other where they disagree, if that improves their agreement."""
     if before is None or before <= config.icp_above_mm or len(views) < 2:
         return views, clouds, False
     result = register([voxel_average(cloud, config.voxel_m) for cloud in clouds], gate_m=config.icp_gate_m)
@@ -207,21 +209,21 @@ def _registered(
         after = view_disagreement_mm(moved, masks)
         if after is not None and after < before:
             warnings.append(
-                f"the views disagreed by {before:.1f} mm and were registered: they disagree by {after:.1f} mm now"
+                f"the views disagreed by {before:.1f} mm and were registered: they now disagree by {after:.1f} mm"
             )
             return moved, [c.moved(m) for c, m in zip(clouds, result.corrections, strict=True)], True
         refusal = "the views would not overlap then" if after is None else f"they would disagree by {after:.1f} mm"
     text = f"the views disagree by {before:.1f} mm and registration did not help ({refusal}): run `plop calibrate`"
-    warnings.append(Noticed(text, Cause.EXTRINSICS, "Run `plop calibrate`, and mend the cameras that it calls bad."))
+    warnings.append(Noticed(text, Cause.EXTRINSICS, "Run `plop calibrate`, and repair the cameras that it calls bad."))
     return views, clouds, False
 
 
 def _why_not_kept(result: Registration, clouds: list[PointCloud], config: FuseConfig) -> str:
-    """Say why a registration must not be used, "" when it may."""
+    """Return why a registration must not be used, "" when it is accepted."""
     if not result.pairs:
         return "no part of the object's surface is seen by two views"
     if not np.isfinite(result.corrections).all() or not np.isfinite(result.residual_after_mm):
-        return "it found no finite answer"
+        return "it found no finite solution"
     middles = [c.points.mean(0) for c in clouds]
     moved = max(
         float(np.linalg.norm(m[:3, :3] @ p + m[:3, 3] - p)) for m, p in zip(result.corrections, middles, strict=True)
@@ -253,7 +255,7 @@ def _cleaned(cloud: PointCloud, recording: Recording, masked: bool, config: Fuse
 def _check_size(facts: CloudFacts, recording: Recording, config: FuseConfig) -> None:
     if facts.points < config.min_points:
         raise PlopError(
-            "Too few points are left of the object.",
+            "Too few points of the object are left.",
             where=recording.path,
             expected=f"at least {config.min_points}",
             found=f"{facts.points}",
@@ -262,7 +264,7 @@ def _check_size(facts: CloudFacts, recording: Recording, config: FuseConfig) -> 
         )
     if max(facts.extent_m) > config.max_extent_m:
         raise PlopError(
-            "The object is too large to be true.",
+            "The object is implausibly large.",
             where=recording.path,
             expected=f"below {config.max_extent_m} m",
             found=f"{max(facts.extent_m):.2f} m",

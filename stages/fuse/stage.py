@@ -23,7 +23,7 @@ from stages.fuse.episode import EpisodeCloud, fuse_episode
 
 @dataclass(frozen=True)
 class FuseConfig(Settings):
-    """Settings of `fuse`; their defaults are written only here."""
+    """Settings of `fuse`; their defaults are defined only here."""
 
     source: Annotated[Literal["auto", "first-frame", "scan"], COMMON] = "auto"
     """"first-frame" (all cameras), "scan" (the recording's /scan cameras), or "auto": the scan where there is one."""
@@ -34,25 +34,25 @@ class FuseConfig(Settings):
     frame: Annotated[int, Range(0), COMMON] = 0
     """Frame of the interaction that "first-frame" uses."""
     scan_views: Annotated[int, Range(1), Unit("frames")] = 60
-    """At most this many of a scan are used, evenly spread."""
+    """Largest number of scan frames, evenly spread."""
     icp_above_mm: Annotated[float, Range(0), Unit("mm")] = 1.5
-    """Views that disagree by more than this are registered to each other first."""
+    """Disagreement above which views are registered to each other first."""
     icp_gate_m: Annotated[float, Range(0, 1), Unit("m")] = 0.02
     """Largest distance of corresponding points in registration."""
     max_correction_m: Annotated[float, Range(0, 1), Unit("m")] = 0.03
-    """A registration that moves a view further than this is refused."""
+    """Largest motion of a view in an accepted registration."""
     table_margin_m: Annotated[float, Range(0, 1), Unit("m"), COMMON] = 0.004
-    """Without masks, points lower than this above the table are table."""
+    """Without masks, height above the table below which points belong to it."""
     below_table_m: Annotated[float, Range(0, 1), Unit("m")] = 0.002
-    """With masks, points deeper than this below the table are noise."""
+    """With masks, depth below the table beyond which points are noise."""
     outlier_deviations: Annotated[float, Range(0)] = 4.0
     """Robust standard deviations of neighbour distance at which a point is an outlier; 0 keeps all."""
     min_points: Annotated[int, Range(1), Unit("points")] = 100
-    """Fewer than this are no object: the episode is skipped."""
+    """Smallest number of points of an object; with fewer the episode is skipped."""
     max_extent_m: Annotated[float, Range(1e-3, 100), Unit("m")] = 2.0
-    """An object larger than this is a mistake in units."""
+    """Largest plausible object; larger ones indicate wrong units."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core."""
+    """Number of parallel processes, one episode each; -1 is one per core."""
 
 
 def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
@@ -62,14 +62,14 @@ def run(inputs: Inputs, config: FuseConfig, out: Output) -> Summary:
     rows, reasons = done.values, {name: error.first_cause() for name, error in done.errors.items()}
     skipped = {name: reason.one_line() for name, reason in reasons.items()}
     if not rows:
-        reason = next(iter(skipped.values()), "the set holds no episode")
+        reason = next(iter(skipped.values()), "the set has no episode")
         advice = next((each.fix for each in reasons.values() if each.fix), None)
         raise PlopError(
             "No episode could be fused.",
             where=recordings.folder,
             expected="at least one object cloud",
             found=reason,
-            fix=advice or "Ingest recordings with an episode that can be used.",
+            fix=advice or "Ingest recordings with a usable episode.",
         )
     write_json(Clouds(out.path).facts, {"episodes": rows, "skipped": skipped})
     return _summary(rows, skipped)
@@ -125,7 +125,7 @@ def _summary(rows: dict[str, dict], skipped: dict[str, str]) -> Summary:
 
 STAGE = Stage(
     name="fuse",
-    version=3,
+    version=4,
     help="Fuse the first frame of all cameras, or a scan, into one object cloud with normals.",
     config=FuseConfig,
     inputs={"recordings": recordings_input("recordings with camera poses")},

@@ -1,4 +1,4 @@
-"""Which views may be fused: not those that see the table elsewhere than it is; and which have depth beside colour."""
+"""Checks of views before fusion: height of the table, and alignment of depth and colour."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from plop.sensors.checks.support_plane import find_support
 
 
 def check_table(recording: Recording, views: list[View]) -> None:
-    """Refuse views none of which sees the object on a table where the recording says that it is.
+    """Reject views if none of them sees the table at the height stated in the recording.
 
     Raises:
-        PlopError: Pictures are turned, or poses are another robot's; names the heights.
+        PlopError: Images are rotated, or poses are of another robot; names the heights.
     """
     table = recording.table_z_m
     if table is None:
@@ -29,23 +29,23 @@ def check_table(recording: Recording, views: list[View]) -> None:
             for name, plane in sorted(known.items())
         )
         raise PlopError(
-            "The cameras see the table elsewhere than it is.",
+            "The cameras do not see the table at its stated height.",
             where=recording.path,
             expected=f"the plane under the object at table_z = {table:.3f} m",
             found=seen,
-            fix="Run `plop calibrate`: it says whether pictures are turned or poses wrong.",
+            fix="Run `plop calibrate`: it shows whether images are rotated or poses wrong.",
         )
 
 
 def unaligned(views: Sequence[View]) -> list[str]:
-    """Warn of depth that is not aligned to colour, as `calibrate` finds it, in recordings that it has not judged."""
+    """Warn of depth that is not aligned to colour in recordings that `calibrate` has not checked."""
     found: list[str] = []
     for view in views:
         edges = edge_alignment([view])
         if edges is not None and edges.moved(tolerance_px(view.camera.width)):
             text = (
                 f"camera {view.camera.name}: depth is not aligned to colour, shifted by ({-edges.dx_px:.1f}, "
-                f"{-edges.dy_px:.1f}) px, zoom {1 / edges.zoom:.2f}; `plop calibrate` judges it"
+                f"{-edges.dy_px:.1f}) px, zoom {1 / edges.zoom:.2f}; `plop calibrate` checks it"
             )
             found.append(Noticed(text, Cause.DEPTH, "Run `plop calibrate`, and align depth to colour."))
     return found

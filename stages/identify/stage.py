@@ -27,34 +27,39 @@ from plop.tracking.sets import tracked_episodes
 from stages.common_inputs import init_input, recordings_input, tracks_input
 
 FIRST_GUESS = Material(
-    youngs_modulus_pa=1.2e4, damping_per_s=2.0, table_friction=0.4, tool_friction=0.3, cut_friction=0.3
+    youngs_modulus_pa=1.2e4,
+    damping_per_s=2.0,
+    table_friction=0.4,
+    tool_friction=0.3,
+    cut_friction=0.3,
+    table_slip_m_s=0.003,
 )
-"""What fits begin with: a soft dough. It is not the material that scenes have by default."""
+"""Initial material of fits: a soft dough, different from the default material of scenes."""
 
 
 @dataclass(frozen=True)
 class IdentifyConfig(Settings):
-    """Settings of `identify`; their defaults are written only here."""
+    """Settings of `identify`; their defaults are defined only here."""
 
     fit: Annotated[tuple[str, ...], COMMON] = NAMES
-    """Parameters of the material to fit; the others stay at their first guess."""
+    """Parameters of the material to fit; the others keep their initial values."""
     material: Material = FIRST_GUESS
-    """First guess of the material, and what it is where it is not fitted."""
+    """Initial values of the material, which are kept where not fitted."""
     table_cone: Annotated[TableCone, COMMON] = "round"
-    """Friction cone at the table: "round", or "pyramid" as some simulators have it."""
+    """Friction cone at the table: "round", or "pyramid" as in some simulators."""
     start: Annotated[Literal["auto", "settled", "unloaded"], COMMON] = "auto"
-    """Object at the first frame: "settled" under its weight, "unloaded" and about to sag, or "auto": what fits."""
+    """Object at the first frame: "settled" under its weight, "unloaded" and about to sag, or "auto": the better fit."""
     spacing_m: Annotated[float, Range(0, 0.1), Unit("m"), COMMON] = 0.0
     """Distance of the particles; 0 chooses about 1300 of them."""
     iterations: Annotated[int, Range(0), Unit("steps"), COMMON] = 5
-    """Most Gauss-Newton steps."""
+    """Largest number of Gauss-Newton steps."""
     split: Annotated[Split, COMMON] = "train"
-    """Episodes to fit to. What is fitted to test episodes cannot be scored on them; "all" is for a model that is only
+    """Episodes to fit to. A model fitted to test episodes cannot be scored on them; "all" is for a model that is only
     scored on other recordings."""
     seed: Annotated[Seed, COMMON] = 0
-    """Chooses the points that are followed."""
+    """Seed of the choice of tracked points."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Processes; -1 is one a core."""
+    """Number of parallel processes; -1 is one per core."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,7 +71,7 @@ class IdentifyConfig(Settings):
                 where="fit",
                 expected=f"some of {', '.join(PARAMETERS)}",
                 found="none",
-                fix="Leave --fit out for the usual ones.",
+                fix="Omit --fit for the default ones.",
             )
 
 
@@ -74,7 +79,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     """Fit the engine and write model.json.
 
     Raises:
-        PlopError: A setting that cannot be, no usable episode, or an unstable engine.
+        PlopError: An invalid setting, no usable episode, or an unstable engine.
     """
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
@@ -117,10 +122,10 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
 
 
 def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
-    """Refuse recordings without an episode to fit to before anything is tracked.
+    """Reject recordings without an episode to fit to before anything is tracked.
 
     Raises:
-        PlopError: The split holds none.
+        PlopError: The split is empty.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     if not _names(recordings, config):
@@ -129,7 +134,7 @@ def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
             where=recordings.folder,
             expected=f"an episode of split {config.split}",
             found="none",
-            fix='Change --split: "all" takes every episode.',
+            fix='Change --split: "all" uses every episode.',
         )
 
 
@@ -159,7 +164,7 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
     }
     warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
     warnings += [
-        f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, give it and leave it out of --fit."
+        f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, set it and remove it from --fit."
         for name, e in found.estimates.items()
         if not e.determined
     ]
@@ -168,7 +173,7 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
 
 def _why(estimate: Estimate) -> str:
     if estimate.at_bound:
-        return f"{short_number(estimate.value)} is the end of its range: a limit, not a measurement"
+        return f"{short_number(estimate.value)} is a bound of its range: a limit, not a measurement"
     ends = [short_number(end) if isfinite(end) else "anything" for end in (estimate.low, estimate.high)]
     return " to ".join(ends if len(set(ends)) > 1 else ends[:1])
 
@@ -179,11 +184,11 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=8,
+    version=9,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={
-        "recordings": recordings_input("what was measured", Choice.UNAMBIGUOUS),
+        "recordings": recordings_input("the measurements", Choice.UNAMBIGUOUS),
         "init": init_input("Gaussians at frame 0"),
         "tracks": tracks_input("the filter's states"),
     },

@@ -1,9 +1,10 @@
-"""Cameras whose pose cannot be right: find the convention, or the unit of depth, in which it would be.
+"""Detection of wrong conventions of camera poses, and of wrong units of depth.
 
-The judge is the table. A camera that sees the workspace sees a horizontal plane at the table's height, from above; a
-pose under which none of the largest planes of its depth is such a plane is wrong. A convention in which the same six
-numbers put one there for every camera is named. It is never applied: the data must be corrected, for every program that
-reads them. What keeps the table level and in place (a turn about the vertical) is not found.
+The criterion is the table. A camera that sees the workspace sees a horizontal plane at the table's height, from above;
+a pose under which none of the largest planes of its depth is such a plane is wrong. A convention in which the same six
+numbers give such a plane for every camera is reported. It is never applied: the data must be corrected, for every
+program that reads them. Errors that keep the table level and at its height (a rotation about the vertical) are not
+found.
 """
 
 from __future__ import annotations
@@ -23,24 +24,24 @@ from plop.geometry.rigid import transform_points
 from stages.ingest.masks import Picture
 
 LOOSE_DEG, LOOSE_M = 12.0, 0.08
-"""A camera whose plane is nearer to the table than this is not accused: real poses are 1 to 2 deg off, so 2 to 4 cm at
-1 m, and `plop calibrate` is there for them."""
+"""Smallest reported distance of a camera's plane from the table: errors of real poses are 1 to 2 deg, so 2 to 4 cm at
+1 m, and `plop calibrate` corrects them."""
 TILT_DEG, HEIGHT_M = 5.0, 0.05
-"""A reading under which the plane is nearer than this puts the camera right: the same errors with a margin."""
+"""Largest distance of the plane under a correct convention: the same errors with a margin."""
 APART_M = 0.07
-"""How far apart the cameras' tables may then lie: sqrt(2) HEIGHT_M, as the errors are independent [m]."""
+"""Largest distance between the cameras' tables then: sqrt(2) HEIGHT_M, as the errors are independent [m]."""
 SMALLEST_PLANE = 0.08
-"""A plane that holds a smaller share of a camera's points is not looked at."""
+"""Smallest share of a camera's points on a plane."""
 IN_WORKSPACE = 0.05
 """Smallest share of a camera's points in the workspace, on or above its table."""
 TIE = 0.1
-"""Guesses whose clouds agree as well, to this share of their points, cannot be told apart: all are named."""
+"""Guesses whose clouds agree equally well, to this share of their points, are indistinguishable: all are reported."""
 NONE_IN_BOX = 0.01
-"""Another unit of depth is thought of only where a smaller share of the points lies in the workspace."""
+"""Share of the points in the workspace below which another unit of depth is tested."""
 RANGE_M = (0.15, 4.0)
 """Median depth of a camera that sees a workspace [m]."""
 NEAR_M = 0.02
-"""Points of two cameras nearer than this are of one surface [m]."""
+"""Points of two cameras closer than this are of one surface [m]."""
 DEPTH_UNITS = {
     0.1: "0.1 mm (RealSense D405)",
     0.2: "0.2 mm (1/5000 m, TUM)",
@@ -49,12 +50,12 @@ DEPTH_UNITS = {
     1000.0: "m",
     0.001: "um",
 }
-"""Millimetres a count -> the unit's name."""
+"""Millimetres per count -> the unit's name."""
 
 
 @dataclass(frozen=True)
 class _Look:
-    """What a camera measured, in its own axes."""
+    """Measurement of a camera, in its own axes."""
 
     points: np.ndarray
     """Shape [N, 3] [m]."""
@@ -64,7 +65,7 @@ class _Look:
 
 @dataclass(frozen=True)
 class _Guess:
-    """One way to read the data of a camera."""
+    """One interpretation of the data of a camera."""
 
     name: str
     pose: np.ndarray
@@ -74,7 +75,7 @@ class _Guess:
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a guess puts a camera's table."""
+    """The table of a camera under a guess."""
 
     tilt_deg: float
     height_m: float
@@ -90,17 +91,17 @@ def check_conventions(
     table_z_m: float | None,
     episode: str,
 ) -> None:
-    """Refuse cameras that another convention, or another unit of depth, puts right.
+    """Reject cameras that are correct under another convention, or another unit of depth.
 
     Args:
-        pictures: First picture of each camera.
+        pictures: First image of each camera.
         stored: Their poses as stored, [x, y, z, a, b, c] each.
         workspace: Lowest and highest corner, shape [2, 3] [m].
-        table_z_m: Height of the table where the user gave it [m].
+        table_z_m: Height of the table, if given by the user [m].
         episode: Name for the message.
 
     Raises:
-        PlopError: Names the cameras and what to read differently. A camera that nothing puts right passes.
+        PlopError: Names the cameras and the correct convention. A camera without such a convention is accepted.
     """
     looks = {name: _look(picture) for name, picture in pictures.items() if name in stored}
     own = {name: _Guess("", pictures[name].camera.world_from_cam) for name in looks}
@@ -117,34 +118,36 @@ def check_conventions(
 
 def _refusal(names: list[str], likely: list[tuple[_Guess, float]], as_stored: list[str], episode: str) -> PlopError:
     units = likely[0][0].scale != 1
-    told = ", or ".join(f"{guess.name} (the table is then level at {height:.3f} m)" for guess, height in likely[:4])
+    likely_text = ", or ".join(
+        f"{guess.name} (the table is then level at {height:.3f} m)" for guess, height in likely[:4]
+    )
     planes = f"as stored, the largest plane of each is {', '.join(as_stored)} (180 deg: seen from below)"
     if units:
         factors = " or ".join(f"{guess.scale:g}" for guess, _ in likely)
-        which = "" if len(likely) == 1 else " (table_z in plop_episode.json would tell which)"
+        which = "" if len(likely) == 1 else " (set table_z in plop_episode.json to decide)"
         return PlopError(
-            "Depth is in another unit.",
+            "The depth is in another unit.",
             where=f"{episode}: camera {', '.join(names)}",
             expected="millimetres",
-            found=told,
+            found=likely_text,
             cause=Cause.DEPTH,
-            fix=f"Multiply the depth pictures by {factors} and run again{which}. (If they are in "
+            fix=f"Multiply the depth images by {factors} and run again{which}. (If they are in "
             "millimetres, workspace or table_z of plop_episode.json is wrong.)",
         )
     return PlopError(
-        "Poses of cameras are in another convention.",
+        "Poses of cameras use another convention.",
         where=f"{episode}: camera {', '.join(names)}",
         expected="camera -> robot base, metres, extrinsic xyz Euler angles in radians, OpenCV axes "
         "(right, down, forward)",
-        found=f"probably {told}; {planes}",
+        found=f"probably {likely_text}; {planes}",
         cause=Cause.EXTRINSICS,
-        fix="Convert the poses to plop's convention and run again. (If they are in it, workspace or "
+        fix="Convert the poses to plop's convention and run again. (If they already use it, workspace or "
         "table_z of plop_episode.json is wrong.)",
     )
 
 
 def _look(picture: Picture, count: int = 3000) -> _Look:
-    """Take points and the three largest planes."""
+    """Extract points and the three largest planes."""
     measured = picture.depth_m > 0
     points = (picture.camera.pixel_directions() * picture.depth_m[..., None])[measured].astype(np.float64)
     points = points[:: max(1, len(points) // count)]
@@ -163,7 +166,7 @@ def _look(picture: Picture, count: int = 3000) -> _Look:
 
 
 def _fits(look: _Look, guess: _Guess, workspace: np.ndarray) -> Iterator[_Fit]:
-    """Place each plane of a camera in the world."""
+    """Transform each plane of a camera to the world."""
     world = transform_points(guess.pose, look.points * guess.scale)
     across = ((world[:, :2] >= workspace[0, :2]) & (world[:, :2] <= workspace[1, :2])).all(1)
     for plane, middle in look.planes:
@@ -201,7 +204,7 @@ def _strict(look: _Look, guess: _Guess, workspace: np.ndarray, table_z_m: float 
 def _apart(
     looks: Mapping[str, _Look], own: Mapping[str, _Guess], workspace: np.ndarray, table_z_m: float | None
 ) -> list[str]:
-    """Give all cameras where each has a level plane, but at heights that cannot be one table; else none."""
+    """Return all cameras if each has a level plane, but at heights inconsistent with one table; else none."""
     heights = [
         [fit.height_m for fit in _fits(look, own[name], workspace) if fit.tilt_deg < LOOSE_DEG]
         for name, look in looks.items()
@@ -224,9 +227,9 @@ def _best(
     workspace: np.ndarray,
     table_z_m: float | None,
 ) -> list[tuple[_Guess, float]]:
-    """Give the guesses that put all `names` right beside the others, with the table's height; the likeliest first.
+    """Return the guesses under which all `names` agree with the others, with the table's height; the likeliest first.
 
-    One guess is the same for all of `names`. Fewer departures are likelier, then clouds of cameras that agree.
+    One guess applies to all of `names`. Fewer departures are likelier, then clouds of cameras that agree.
     """
     found = []
     astray = all(_share_in_box(looks[name], own[name], workspace) < NONE_IN_BOX for name in names)
@@ -263,7 +266,7 @@ def _guesses(own: _Guess, pose6: np.ndarray, *, units: bool) -> Iterator[_Guess]
 
 
 def _agreement(clouds: list[np.ndarray]) -> float:
-    """Share of points above the table that another camera sees, too; 0 for a single camera."""
+    """Return the share of points above the table that another camera also sees; 0 for a single camera."""
     shares = [
         float((cKDTree(other).query(cloud)[0] < NEAR_M).mean())
         for i, cloud in enumerate(clouds)

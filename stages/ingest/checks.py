@@ -1,4 +1,4 @@
-"""What can be wrong with a simulated episode although its files are whole."""
+"""Plausibility checks of a simulated episode with intact files."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from plop.geometry.meshes.tool_checks import check_tool_reach
 from plop.geometry.rigid import invert_rigid, transform_points
 from plop.lazy_open3d import o3d
 from plop.recordings.readers.mesh.sequence import MeshSequence
+from stages.ingest.no_contact import no_contact_error
 from stages.ingest.resting import check_table
 from stages.ingest.sequence_times import check_clock
 from stages.ingest.settings import SimulatedConfig
-from stages.ingest.untouched import untouched
 
 _TOUCH_M = 0.003
 _USUAL_M = 0.05
-"""The larger of object and tool usually has at least this size [m]."""
+"""Usual smallest size of the larger of object and tool [m]."""
 _FLATTEST = 20.0
-"""Object and tool are at least this small a part of the smallest size."""
+"""Smallest size of object and tool, as a share of the smallest size of the larger."""
 _BLOWN_UP = 4.0
-"""Parts that fall apart spread; farther than four times the largest object only what has blown up gets."""
+"""Largest extent over time, in units of the largest object: only diverged simulations exceed it."""
 _UNITS = {"decimetres": ("dm", 0.1), "centimetres": ("cm", 0.01), "millimetres": ("mm", 1e-3), "inches": ("in", 0.0254)}
 
 
 def check_plausible(sequence: MeshSequence, path: Path, config: SimulatedConfig) -> list[str]:
-    """Refuse an episode whose numbers are no metres and seconds, or whose parts do not belong together.
+    """Reject an episode whose numbers are not metres and seconds, or whose parts are inconsistent.
 
     Args:
         sequence: The episode.
-        path: File that holds its arrays, for the messages; its JSON lies beside it.
+        path: File with its arrays, for the messages; its JSON is beside it.
         config: Gives workspace_m, largest_m and smallest_m.
 
     Returns:
-        Notes on what is odd but believed.
+        Notes on unusual but accepted values.
 
     Raises:
-        PlopError: Size, place, clock, table or tool cannot be right; names file and key.
+        PlopError: Size, position, clock, table or tool are implausible; names file and key.
     """
     side = path.with_suffix(".json")
     check_scale(sequence, path, largest_m=config.largest_m, smallest_m=config.smallest_m)
@@ -49,19 +49,19 @@ def check_plausible(sequence: MeshSequence, path: Path, config: SimulatedConfig)
 
 
 def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smallest_m: float) -> None:
-    """Refuse an object or a tool that is no plausible size in metres.
+    """Reject an object or a tool without a plausible size in metres.
 
-    What a robot cuts or presses is 1 to 50 cm long, and so are its tools; the larger of both lies between 5 and 30 cm
-    nearly always. A range of 2 to 50 cm for the larger tells a factor of ten either way.
+    Objects that a robot cuts or presses are 1 to 50 cm long, and so are its tools; the larger of both is between 5 and
+    30 cm nearly always. A range of 2 to 50 cm for the larger detects a factor of ten in either direction.
 
     Args:
         sequence: The episode.
-        path: File that holds its arrays.
+        path: File with its arrays.
         largest_m: Longest edge that object and tool may have [m].
         smallest_m: Longest edge that the larger of both must have [m].
 
     Raises:
-        PlopError: Too large, too small or blown up; names the units that would be right.
+        PlopError: Too large, too small or diverged; names the units that would be right.
     """
     tool = float(np.ptp(sequence.tool_vertices, axis=0).max())
     over_time = np.ptp(sequence.vertices, axis=1).max(1)
@@ -74,7 +74,7 @@ def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smalles
     for what, size in sizes.items():
         if size > largest_m or size < smallest_m / _FLATTEST or larger < smallest_m:
             fits = {name: key for name, (key, scale) in _UNITS.items() if smallest_m <= larger * scale <= largest_m}
-            judged = size if larger >= smallest_m else larger  # one of both alone, or the whole scene
+            judged = size if larger >= smallest_m else larger  # one of both, or the whole scene
             small = next((factor for factor in (10, 100, 1000) if factor * judged > _USUAL_M), None)
             guess = (
                 f": {' or '.join(fits)}?"
@@ -90,8 +90,8 @@ def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smalles
                 where=f"{path}: {key}",
                 expected=f"{smallest_m:g} to {largest_m:g} m for the larger of object and tool",
                 found=f"{size:.4g} m{guess}",
-                fix=f"Convert it to metres; where object, tool and poses share the unit, state it in "
-                f'{path.with_suffix(".json").name}: "units": {{"length": {unit}}}. Where the size '
+                fix=f"Convert it to metres; where object, tool and poses share the unit, declare it in "
+                f'{path.with_suffix(".json").name}: "units": {{"length": {unit}}}. If the size '
                 "is right: --largest-m, --smallest-m.",
             )
     if over_time.max() > _BLOWN_UP * largest_m:
@@ -100,16 +100,16 @@ def check_scale(sequence: MeshSequence, path: Path, *, largest_m: float, smalles
             where=f"{path}: vertices, frame {int(over_time.argmax())}",
             expected=f"at most {_BLOWN_UP * largest_m:g} m at any time",
             found=f"{over_time.max():.4g} m",
-            fix="The simulation probably blew up: leave it out.",
+            fix="The simulation probably diverged: leave it out.",
         )
 
 
 def check_place(sequence: MeshSequence, *, workspace_m: float) -> None:
-    """Refuse an object that starts far from the world's origin.
+    """Reject an object that starts far from the world's origin.
 
     Args:
         sequence: The episode.
-        workspace_m: Farthest distance at which the object may start [m].
+        workspace_m: Largest initial distance of the object [m].
 
     Raises:
         PlopError: It is farther away.
@@ -117,10 +117,10 @@ def check_place(sequence: MeshSequence, *, workspace_m: float) -> None:
     middle = (sequence.vertices[0].min(0) + sequence.vertices[0].max(0)) / 2
     if np.linalg.norm(middle) > workspace_m:
         raise PlopError(
-            "The object lies outside the workspace.",
+            "The object is outside the workspace.",
             where=sequence.name,
             expected=f"within {workspace_m:g} m of the world's origin",
-            found=f"middle at {np.round(middle, 3).tolist()} m",
+            found=f"centre at {np.round(middle, 3).tolist()} m",
             fix="Check the frame and the unit, or raise workspace_m.",
         )
 
@@ -142,16 +142,16 @@ def tool_gap_m(sequence: MeshSequence) -> float:
 
 
 def check_contact(sequence: MeshSequence, path: Path) -> None:
-    """Refuse an episode in which the tool never touches the object: no model learns contact from it.
+    """Reject an episode in which the tool never touches the object: no model learns contact from it.
 
     Raises:
-        PlopError: The tool stays away; names file, key and the smallest distance.
+        PlopError: There is no contact; names file, key and the smallest distance.
     """
     gap = tool_gap_m(sequence)
     if gap > _TOUCH_M:
-        raise untouched(
+        raise no_contact_error(
             f"{path}: world_from_tool",
             _TOUCH_M,
-            f"{sequence.name}, {1000 * gap:.1f} mm at its nearest",
+            f"{sequence.name}, {1000 * gap:.1f} mm at its closest",
             "Correct the tool's poses or mesh",
         )

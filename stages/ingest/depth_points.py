@@ -1,4 +1,4 @@
-"""World points of a depth picture, and the table among them."""
+"""World points of a depth image, and the height of the table."""
 
 from __future__ import annotations
 

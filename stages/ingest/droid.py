@@ -1,4 +1,4 @@
-"""Turn DROID raw episodes into recordings: discovery, clocks, poses, depth, masks."""
+"""Convert DROID raw episodes to recordings: discovery, clocks, poses, depth, masks."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from stages.ingest.droid_write import WriteOptions, write_episode
 from stages.ingest.masks import MaskRules
 
 Corner = Annotated[tuple[float, float, float], Range(-WORKSPACE_M, WORKSPACE_M), Unit("m")]
-"""Of a box, robot base."""
+"""Corner of a box, robot base."""
 
 
 @dataclass(frozen=True)
 class DroidConfig(Settings):
-    """Settings of `ingest droid`; their defaults are written only here."""
+    """Settings of `ingest droid`; their defaults are defined only here."""
 
     environment: Annotated[str, COMMON] = ""
     """Name of the environment; empty = the lab's name."""
@@ -48,35 +48,35 @@ class DroidConfig(Settings):
     test_every: Annotated[int, Range(2, 1e6), Unit("episodes")] = 5
     """Without `test`, every n-th episode is for testing, and at least the last of several."""
     size: Annotated[int, Range(8, 8192), Unit("px"), COMMON] = 320
-    """Longest side of the stored pictures; larger ones are shrunk, intrinsics with them."""
+    """Longest side of the stored images; larger ones are downscaled, with their intrinsics."""
     workspace_min: Annotated[Corner, COMMON] = (0.2, -0.45, -0.1)
     """Lowest corner of the workspace where plop_episode.json gives none, robot base."""
     workspace_max: Annotated[Corner, COMMON] = (0.85, 0.45, 0.5)
     """Highest corner of the workspace where plop_episode.json gives none, robot base."""
     touch_m: Annotated[float, Range(0, 1), Unit("m")] = 0.015
-    """Distance to the object that counts as touching: the tool's mesh and its mount are known to about this."""
+    """Largest distance to the object that counts as contact: the accuracy of the tool's mesh and mount."""
     keep_untouched: bool = False
     """Keep episodes in which the tool never comes within touch_m of the object, instead of skipping them."""
     binary_masks: bool = False
     """With --masks: any value but 0 is the object (else the values are labels 0, 1, 2, 255)."""
     cameras: DroidCameraSettings = DroidCameraSettings()
-    """What the files do not tell about the cameras."""
+    """Facts about the cameras that are missing in the files."""
     rows: RowChoice = RowChoice()
-    """Which rows of a trajectory become frames."""
+    """Selection of the rows of a trajectory."""
     mask: MaskRules = MaskRules()
-    """How masks are made."""
+    """Rules of the masks."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core."""
+    """Number of parallel processes, one episode each; -1 is one per core."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (np.array(self.workspace_min) < self.workspace_max).all():
             raise PlopError(
-                "The workspace has no inside.",
+                "The workspace is empty.",
                 where="workspace_min, workspace_max",
                 expected="min below max on every axis",
                 found=f"{self.workspace_min} .. {self.workspace_max}",
-                fix="Exchange the numbers that are the wrong way round.",
+                fix="Swap the numbers that are in the wrong order.",
             )
 
 
@@ -89,7 +89,7 @@ def run(inputs: Inputs, config: DroidConfig, out: Output) -> Summary:
         out: Receives episodes/<name>.h5, reports/<name>.json and episodes.json.
 
     Raises:
-        PlopError: A setting cannot be, there is no episode, or none that can be used.
+        PlopError: A setting is invalid, there is no episode, or none is usable.
     """
     root = inputs["raw"].path
     found = find_episodes(root.resolve())
@@ -123,7 +123,7 @@ def _chosen(found: list[DroidFolder], config: DroidConfig, root: Path) -> list[D
     ]
     if not chosen:
         raise PlopError(
-            "No episode is chosen.",
+            "No episode is selected.",
             where=root,
             expected=f"names like {', '.join(config.episodes)}, outcome {config.outcome}",
             found=", ".join(folder.name for folder in found[:5])
@@ -175,7 +175,7 @@ def _ingest(
     name: str,
     out: Output,
 ) -> dict[str, Any]:
-    """Ingest one episode; gives its report."""
+    """Ingest one episode; return its report."""
     folder = folders[name]
     episode = open_episode(folder, options, config.rows)
     written = write_episode(
@@ -189,7 +189,7 @@ def _ingest(
 
 
 def _facts(folder: DroidFolder) -> dict[str, Any]:
-    """Begin the report of an episode."""
+    """Create the report of an episode."""
     return {
         "lab": folder.lab,
         "outcome": folder.outcome,
@@ -199,12 +199,12 @@ def _facts(folder: DroidFolder) -> dict[str, Any]:
 
 
 def _skipped(folder: DroidFolder, error: PlopError) -> dict[str, Any]:
-    """Report why an episode cannot be used."""
+    """Report why an episode is not usable."""
     reason = error.first_cause()
     said = _relative(reason.one_line(), folder.root)
     return {
         **_facts(folder),
-        "skipped": said[:1] + said[1:].replace(f"{folder.name}: ", ""),  # the name stands before it already
+        "skipped": said[:1] + said[1:].replace(f"{folder.name}: ", ""),  # the name precedes it already
         "fix": _relative(reason.fix or "", folder.root),
         "warnings": [_relative(text, folder.root) for text in error.noticed],
     }
@@ -218,11 +218,11 @@ def _finish(
     if not usable:
         advice = next((str(report["fix"]) for report in reports.values() if report.get("fix")), "")
         raise PlopError(
-            "No episode can be used.",
+            "No episode is usable.",
             where=root,
-            expected="one usable episode or more",
+            expected="at least one usable episode",
             found="\n    ".join(f"{name}: {reason}" for name, reason in skipped.items()),
-            fix=f"{advice} See docs/how-to/droid-layout.md for what an episode must have.".strip(),
+            fix=f"{advice} See docs/how-to/droid-layout.md for the requirements.".strip(),
         )
     test = _test_names(usable, config)
     train = [name for name in usable if name not in test]
@@ -262,7 +262,7 @@ def _test_names(usable: list[str], config: DroidConfig) -> list[str]:
 
 
 def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
-    """List the raw files that are read; SVO files count only where the ZED SDK can read them."""
+    """List the raw files that are read; SVO files only where the ZED SDK can read them."""
     from plop.recordings.readers.droid.depth import zed_sdk_present
 
     ignored = {"trajectory_im128.h5"}
@@ -275,7 +275,7 @@ def raw_files(folder: Path, config: DroidConfig) -> list[Path]:
 
 
 def _relative(text: str, root: Path) -> str:
-    """Name files as seen from the raw folder: a payload holds no path of this machine."""
+    """Return paths relative to the raw folder: a payload must not contain absolute paths."""
     text = text.replace(f"{root}{os.sep}", "")
     return re.sub(rf"{re.escape(str(root))}(?![\w-])", ".", text)
 
@@ -283,11 +283,11 @@ def _relative(text: str, root: Path) -> str:
 INGEST_DROID = Stage(
     name="ingest",
     version=2,
-    help="Turn episodes of a DROID robot into recordings.",
+    help="Convert episodes of a DROID robot to recordings.",
     config=DroidConfig,
     inputs={
         "raw": InputSpec((), "Folder of DROID raw episodes: <LAB>/{success|failure}/<date>/<time>/."),
-        "masks": InputSpec((), "Masks made elsewhere: <episode>/<serial>/<frame>.png.", optional=True),
+        "masks": InputSpec((), "External masks: <episode>/<serial>/<frame>.png.", optional=True),
         "intrinsics": InputSpec((), "intrinsics.json, by uuid; default: the raw folder's.", optional=True),
         "extrinsics": InputSpec((), "cam2base_extrinsics.json; default: the raw folder's.", optional=True),
     },

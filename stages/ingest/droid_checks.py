@@ -1,4 +1,4 @@
-"""Look at a DROID episode before it is written: does every camera see, is the object there, do poses agree?"""
+"""Checks of a DROID episode before it is written: valid images, visible object, consistent poses."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from stages.ingest.masks import Picture
 TABLE_TOLERANCE_M = 0.02
 VIEWS_TOLERANCE_M = 0.02
 SHARED_LEAST = 0.15
-"""Least share of a camera's points that lie on the largest flat surface another camera sees: cameras that watch one
-object see what it stands on; planes that only cross share a strip as wide as the tolerance. Of 120 made-up right pairs
+"""Smallest share of a camera's points on the largest flat surface of another camera: cameras that see one object also
+see its support; planes that only intersect share a strip as wide as the tolerance. Of 120 simulated correct pairs
 (tables of 0.7 to 6 m, a wall or none, depth noise up to 15 mm at 1 m) none is below 0.2 and 3 are below 0.3; of 20 with
-a camera turned by 30 deg and moved by 100 mm 18 are below 0.15."""
+a camera rotated by 30 deg and moved by 100 mm 18 are below 0.15."""
 CAMERAS_FIX = (
     "Check the cameras' extrinsics: camera -> robot base, metres, extrinsic xyz Euler angles in radians, "
     "camera axes right, down, forward."
 )
-"""What to do where cameras contradict each other or the table."""
+"""What to do about cameras that contradict each other or the table."""
 MOVED_M, MOVED_DEG, MOVED_WITHIN_S = 0.01, 1.0, 600.0
 
 
 def sees_nothing(picture: Picture) -> str:
-    """Say why a picture is of no use, "" when it is."""
+    """Return why an image is unusable, "" when it is usable."""
     if float(picture.rgb.std()) < 1.5:
-        return f"the picture is of one colour (mean {picture.rgb.mean():.0f} of 255)"
+        return f"the image has a single colour (mean {picture.rgb.mean():.0f} of 255)"
     if not (picture.depth_m > 0).any():
         return "no pixel has depth"
     return ""
@@ -55,10 +55,10 @@ def object_cloud(pictures: Mapping[str, Picture], masks: Mapping[str, np.ndarray
 def check_object(
     pictures: Mapping[str, Picture], clouds: Mapping[str, np.ndarray], workspace: np.ndarray, episode: str
 ) -> list[str]:
-    """Make sure that some camera sees the object in the first frame.
+    """Check that at least one camera sees the object in the first frame.
 
     Raises:
-        PlopError: No camera does; the message says where the measured points are instead.
+        PlopError: No camera does; the message gives the positions of the measured points.
     """
     blind = [serial for serial, cloud in clouds.items() if not len(cloud)]
     if len(blind) < len(clouds):
@@ -76,7 +76,7 @@ def check_object(
             expected=box,
             found=f"points around {middle} (most within {low} .. {high}) m",
             fix="Set workspace and table_z in plop_episode.json (metres, robot base); "
-            "points ten or a thousand times too far mean wrong units or extrinsics.",
+            "points ten or a thousand times too far indicate wrong units or extrinsics.",
             cause=Cause.MASKS,
         )
     raise PlopError(
@@ -84,7 +84,7 @@ def check_object(
         where=episode,
         expected=f"an object above the table in the {box}",
         found=f"{int(inside.sum())} points in the box, all of table, tool or hand",
-        fix="Check table_z and workspace in plop_episode.json, or give --masks.",
+        fix="Check table_z and workspace in plop_episode.json, or use --masks.",
         cause=Cause.MASKS,
     )
 
@@ -96,7 +96,7 @@ def check_views(
     table_z_m: float,
     episode: str,
 ) -> list[str]:
-    """Warn about cameras whose table or object is not where the others see it: a sign of wrong extrinsics."""
+    """Warn about cameras whose table or object is inconsistent with the others: a sign of wrong extrinsics."""
     warnings = _torn_planes(pictures, episode)
     for serial, picture in pictures.items():
         points = world_points(picture.camera, picture.depth_m)[picture.depth_m > 0]
@@ -104,7 +104,7 @@ def check_views(
         if height is not None and abs(height - table_z_m) > TABLE_TOLERANCE_M:
             text = (
                 f"{episode}: camera {serial} sees the table {1000 * (height - table_z_m):+.0f} mm from "
-                f"table_z = {table_z_m:.3f} m: extrinsics or table_z are off (plop calibrate)"
+                f"table_z = {table_z_m:.3f} m: extrinsics or table_z are wrong (plop calibrate)"
             )
             warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     names = [serial for serial, cloud in clouds.items() if len(cloud) > 20]
@@ -117,7 +117,7 @@ def check_views(
             if min(near) > VIEWS_TOLERANCE_M:
                 text = (
                     f"{episode}: cameras {first} and {second} see the object {1000 * min(near):.0f} mm "
-                    "apart: extrinsics of one are off; run `plop calibrate`"
+                    "apart: the extrinsics of one are wrong; run `plop calibrate`"
                 )
                 warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     return warnings
@@ -141,14 +141,14 @@ def _torn_planes(pictures: Mapping[str, Picture], episode: str) -> list[str]:
             text = (
                 f"{episode}: cameras {first} and {second} contradict each other: the largest flat surface (table) "
                 f"of one lies {_between(planes[first], planes[second], clouds[second])} from the other's: "
-                "extrinsics of one or both are off"
+                "the extrinsics of one or both are wrong"
             )
             warnings.append(Noticed(text, Cause.EXTRINSICS, CAMERAS_FIX))
     return warnings
 
 
 def _between(one: Plane, other: Plane, points: np.ndarray) -> str:
-    """Say how two planes lie to each other where the points of the second are."""
+    """Describe distance and angle between two planes at the points of the second."""
     angle = np.degrees(np.arccos(min(1.0, abs(float(one.normal @ other.normal)))))
     return f"{1000 * float(np.median(np.abs(one.signed_distance(points)))):.0f} mm and {angle:.0f} deg"
 
@@ -156,7 +156,7 @@ def _between(one: Plane, other: Plane, points: np.ndarray) -> str:
 def closest_touch_m(
     tool_points: np.ndarray, world_from_tool: np.ndarray, object_points: np.ndarray
 ) -> tuple[float, int]:
-    """Give how near the tool comes to where the object lies in the first frame [m], and the frame.
+    """Return the smallest distance of the tool from the object's initial position [m], and the frame.
 
     Args:
         tool_points: Points on the tool, shape [N, 3], tool frame [m].

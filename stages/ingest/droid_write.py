@@ -23,29 +23,29 @@ from stages.ingest.depth_points import estimate_table_z, world_points
 from stages.ingest.droid_checks import check_object, check_views, closest_touch_m, object_cloud, sees_nothing
 from stages.ingest.folder_masks import FolderMasker
 from stages.ingest.masks import GeometricMasker, Masker, MaskRules, Picture
-from stages.ingest.untouched import untouched
+from stages.ingest.no_contact import no_contact_error
 
 
 @dataclass(frozen=True)
 class WriteOptions:
-    """How an episode is written."""
+    """Options of writing an episode."""
 
     environment: str
     size: int
     workspace: np.ndarray
-    """Used where plop_episode.json gives none, shape [2, 3] [m]."""
+    """Default where plop_episode.json has none, shape [2, 3] [m]."""
     rules: MaskRules
     masks: Path | None
     binary_masks: bool
     touch_m: float
-    """Distance of tool and object that counts as touching [m]."""
+    """Largest distance of tool and object that counts as contact [m]."""
     keep_untouched: bool
-    """Write episodes, too, in which the tool stays farther away."""
+    """Also write episodes without contact."""
 
 
 @dataclass
 class Written:
-    """What was written."""
+    """Facts of a written recording."""
 
     frames: int
     cameras: list[str]
@@ -66,13 +66,13 @@ def write_episode(
 
     Args:
         episode: The episode.
-        path: Where the recording goes.
+        path: Path of the recording.
         options: Sizes and rules.
-        progress: Called with frames done and frames in all.
+        progress: Called with the number of finished frames and of all frames.
 
     Raises:
-        PlopError: No camera sees the object, the tool never touches it, or a file of the episode fails on the way. It
-            holds the warnings that were gathered before, those of the episode included.
+        PlopError: No camera sees the object, the tool never touches it, or a file of the episode cannot be read. It
+            has the warnings collected before, including those of the episode.
     """
     warnings: list[str] = []
     with remembering(episode.warnings), remembering(warnings):
@@ -97,7 +97,7 @@ def _written(
         masker = FolderMasker(options.masks, frames, binary=options.binary_masks, geometric=geometric)
         warnings += masker.warnings()
     clouds = object_cloud(first, {serial: masker.mask(picture) for serial, picture in first.items()})
-    warnings += check_views(first, clouds, workspace, table_z, name)  # before what wrong extrinsics lead to
+    warnings += check_views(first, clouds, workspace, table_z, name)  # before the consequences of wrong extrinsics
     warnings += check_object(first, clouds, workspace, name)
     gap = _closest_touch(episode, np.concatenate(list(clouds.values())), options)
     cameras = [camera for camera in episode.cameras if camera.serial in first]
@@ -132,7 +132,7 @@ def _written(
 
 
 def _first_pictures(episode: DroidEpisode, options: WriteOptions, warnings: list[str]) -> dict[str, Picture]:
-    """Read the first frame of every camera and leave out cameras that see nothing."""
+    """Read the first frame of every camera and leave out cameras without usable images."""
     pictures, reasons = {}, []
     for camera in episode.cameras:
         rgb, depth = next(camera.images(episode.rows[:1], *camera.size(options.size)))
@@ -145,9 +145,9 @@ def _first_pictures(episode: DroidEpisode, options: WriteOptions, warnings: list
             pictures[camera.serial] = picture
     if not pictures:
         raise PlopError(
-            "No camera sees anything.",
+            "No camera has a usable image.",
             where=episode.folder.folder,
-            expected="a picture with depth",
+            expected="an image with depth",
             found="; ".join(reasons),
             fix="Check the videos and depth of this episode.",
             cause=Cause.DEPTH,
@@ -180,7 +180,7 @@ def _table_height(
     points = np.concatenate([world_points(p.camera, p.depth_m)[p.depth_m > 0] for p in pictures.values()])
     height = estimate_table_z(points, workspace)
     if height is None:
-        warnings.append(f"{episode.folder.name}: no table found; its height is taken as the workspace's floor")
+        warnings.append(f"{episode.folder.name}: no table found; its height is assumed to be the workspace's floor")
         return float(workspace[0, 2])
     warnings.append(f"{episode.folder.name}: plop_episode.json gives no table_z; the depth shows {height:.3f} m")
     return height
@@ -189,17 +189,17 @@ def _table_height(
 def _closest_touch(episode: DroidEpisode, cloud: np.ndarray, options: WriteOptions) -> float:
     gap, frame = closest_touch_m(_surface_points(episode.tool), episode.world_from_tool, cloud)
     if gap > options.touch_m and not options.keep_untouched:
-        raise untouched(
+        raise no_contact_error(
             episode.folder.folder,
             options.touch_m,
-            f"{1000 * gap:.0f} mm at its nearest, in frame {frame}, row {episode.rows[frame]}",
+            f"{1000 * gap:.0f} mm at its closest, in frame {frame}, row {episode.rows[frame]}",
             "Check flange_from_tool, the units of the tool's mesh, and interaction",
         )
     return gap
 
 
 def _surface_points(mesh: Mesh, count: int = 2000) -> np.ndarray:
-    """Spread points over a mesh, the same ones every time, shape [N, 3]."""
+    """Spread points over a mesh, deterministically, shape [N, 3]."""
     body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     points, _ = trimesh.sample.sample_surface(body, count, seed=0)
     return np.concatenate([mesh.vertices, np.asarray(points)])
@@ -214,7 +214,7 @@ def _write_pictures(
     progress: Callable[[int, int], None],
     warnings: list[str],
 ) -> float:
-    """Write all cameras; gives the mean area of the object's mask [px]."""
+    """Write all cameras; return the mean area of the object's mask [px]."""
     areas: list[int] = []
     for number, camera in enumerate(cameras):
         width, height = camera.size(options.size)
@@ -260,4 +260,4 @@ def _write_scan(
         seen += bool((mask == MaskLabel.OBJECT).any())
         writer.write_frame(camera.serial, index, rgb, depth, mask, group="scan")
     if seen < len(scan.rows) / 2:
-        warnings.append(f"{episode.folder.name}: the scan shows the object in {seen} of {len(scan.rows)} frames only")
+        warnings.append(f"{episode.folder.name}: the scan shows the object in only {seen} of {len(scan.rows)} frames")

@@ -1,4 +1,4 @@
-"""Object masks that were made elsewhere, one picture per frame."""
+"""External object masks, one image per frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stages.ingest.masks import GeometricMasker, Picture
 
 
 class FolderMasker:
-    """Take masks made elsewhere: `<folder>/<episode>/<serial>/<frame>.png`, values as in MaskLabel.
+    """Read external masks: `<folder>/<episode>/<serial>/<frame>.png`, values as in MaskLabel.
 
     Args:
         folder: The folder of masks.
@@ -36,7 +36,7 @@ class FolderMasker:
         }
 
     def warnings(self) -> list[Noticed]:
-        """Say what was assumed about the numbers."""
+        """Return the assumptions about the numbers."""
         return [
             Noticed(note, Cause.MASKS, "Check the numbers of the masks.")
             for pictures in self.pictures.values()
@@ -47,7 +47,7 @@ class FolderMasker:
         """See Masker.
 
         Raises:
-            PlopError: There is no mask for this frame, or its values are no labels.
+            PlopError: There is no mask for this frame, or its values are not labels.
         """
         pictures = self.pictures[picture.episode, picture.camera.name]
         path = pictures.paths.get(picture.frame)
@@ -56,7 +56,7 @@ class FolderMasker:
                 "A frame has no mask.",
                 where=f"{pictures.folder}: frame {picture.frame}",
                 expected=f"{picture.frame:06d}.png",
-                found=f"no such picture; {pictures.range_text()}",
+                found=f"no such image; {pictures.range_text()}",
                 fix="Write one mask per frame of the video, counted from 0.",
                 cause=Cause.MASKS,
             )
@@ -72,7 +72,7 @@ class FolderMasker:
 
 
 def _mask_values(path: Path) -> np.ndarray:
-    """Read a mask's values as stored, uint8, [H, W]: of a palette picture the indices, never the colours."""
+    """Read a mask's values as stored, uint8, [H, W]: for a palette image the indices, never the colours."""
     try:
         with Image.open(path) as picture:
             mode, values = picture.mode, np.asarray(picture)
@@ -89,7 +89,7 @@ def _mask_values(path: Path) -> np.ndarray:
         return values.astype(np.uint8)
     if values.dtype != np.uint8 or (values.ndim == 3 and not (values[..., :1] == values[..., :3]).all()):
         raise PlopError(
-            "A mask cannot be used.",
+            "A mask is not valid.",
             where=path,
             expected="an 8-bit PNG of one channel, or with a palette",
             found=f"{values.dtype}, {values.shape} ({mode})",
@@ -108,7 +108,7 @@ def _checked_labels(values: np.ndarray, path: Path) -> np.ndarray:
             "A mask has other values than labels.",
             where=path,
             expected="0 background, 1 object, 2 tool, 255 undecided",
-            found=f"the values {sorted(present)[:8]}" + (": two values, so object or not" if two else ""),
+            found=f"the values {sorted(present)[:8]}" + (": two values, object or not" if two else ""),
             fix="Use --binary-masks: any value but 0 means the object."
             if two
             else "Relabel it, or use --binary-masks if any value but 0 means the object.",

@@ -1,4 +1,4 @@
-"""Object masks for real pictures: workspace box, table plane and tool removal, refined by a colour model."""
+"""Object masks for real images: workspace box, table plane and tool removal, refined by a colour model."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from stages.ingest.depth_points import world_points
 
 @dataclass(frozen=True)
 class MaskRules(Settings):
-    """How object masks are made; the defaults are written only here."""
+    """How object masks are made; the defaults are defined only here."""
 
     table_clear_m: Annotated[float, Range(0, 0.5), Unit("m")] = 0.006
-    """Points lower than this above the table belong to the table."""
+    """Height above the table below which points belong to it."""
     tool_margin_m: Annotated[float, Range(0, 0.5), Unit("m")] = 0.008
-    """Measured points this near to the tool's surface along the ray are the tool's."""
+    """Largest distance along the ray between measured points of the tool and its surface."""
     tool_margin_px: Annotated[int, Range(0, 100), Unit("px")] = 2
-    """Pixels around the tool's silhouette that are undecided when they are as near as the tool."""
+    """Width of the band around the tool's silhouette that is undecided where its depth is that of the tool."""
     hand_radius_m: Annotated[float, Range(0, 1), Unit("m")] = 0.06
     """Radius of the capsule around hand and wrist whose pixels are undecided; 0 = off."""
     hand_from_m: Annotated[float, Range(-2, 2), Unit("m")] = -0.12
@@ -35,17 +35,17 @@ class MaskRules(Settings):
     hand_to_m: Annotated[float, Range(-2, 2), Unit("m")] = 0.10
     """End of that capsule along the flange's z axis."""
     refine_px: Annotated[int, Range(0, 100), Unit("px")] = 3
-    """Half width of the band along the outline that the colour model decides; 0 = geometry only."""
+    """Half width of the band along the outline that is segmented by the colour model; 0 = geometry only."""
     refine_rounds: Annotated[int, Range(0, 100)] = 2
     """Iterations of the graph cut."""
     min_area_px: Annotated[int, Range(0, 1e6), Unit("px")] = 12
-    """Smaller pieces of the object's mask are dropped."""
+    """Smallest connected part of the object's mask; smaller ones are discarded."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.hand_to_m < self.hand_from_m:
             raise PlopError(
-                "The hand's capsule ends before it begins.",
+                "The end of the hand's capsule is before its start.",
                 where="mask.hand_to_m, mask.hand_from_m",
                 expected=f"hand_to_m of {self.hand_from_m:g} m or more",
                 found=f"{self.hand_to_m:g} m",
@@ -55,7 +55,7 @@ class MaskRules(Settings):
 
 @dataclass(frozen=True)
 class Picture:
-    """What a mask is made from."""
+    """Input of a mask."""
 
     camera: Camera
     rgb: np.ndarray
@@ -65,22 +65,22 @@ class Picture:
     world_from_tool: np.ndarray
     """[4, 4]"""
     world_from_flange: np.ndarray | None = None
-    """[4, 4]; None leaves the hand in"""
+    """[4, 4]; None keeps the hand"""
     episode: str = ""
     frame: int = 0
     """Frame number of the video."""
 
 
 class Masker(Protocol):
-    """Makes the mask of one picture."""
+    """Makes the mask of one image."""
 
     def mask(self, picture: Picture) -> np.ndarray:
-        """Give MaskLabel per pixel, [H, W] uint8."""
+        """Return MaskLabel per pixel, [H, W] uint8."""
         ...
 
 
 class GeometricMasker:
-    """Mask what is inside the workspace, above the table and neither tool nor hand.
+    """Mask the part inside the workspace, above the table, that is neither tool nor hand.
 
     Args:
         workspace: Lowest and highest corner, shape [2, 3], world [m].
@@ -118,7 +118,7 @@ class GeometricMasker:
         return out
 
     def tool_pixels(self, picture: Picture) -> tuple[np.ndarray, np.ndarray]:
-        """Give the pixels that show the tool, and undecided pixels along its silhouette; bool, [H, W] each."""
+        """Return the pixels that show the tool, and undecided pixels along its silhouette; bool, [H, W] each."""
         camera, depth = picture.camera, picture.depth_m
         expected = self._tool_depth(camera, picture.world_from_tool)
         unmeasured = ~(np.isfinite(depth) & (depth > 0))
@@ -132,7 +132,7 @@ class GeometricMasker:
     def _without_table(
         self, refined: np.ndarray, solid: np.ndarray, measured: np.ndarray, points: np.ndarray, picture: Picture
     ) -> np.ndarray:
-        """Take back pixels that colour added but whose depth shows the table beside the object, not its foot."""
+        """Remove pixels added by colour whose depth shows the table beside the object."""
         rows, columns = np.nonzero(refined & ~solid & measured)
         if not len(rows):
             return refined
@@ -166,12 +166,12 @@ class GeometricMasker:
 def refine(
     rgb: np.ndarray, solid: np.ndarray, outside: np.ndarray, measured: np.ndarray, band_px: int, rounds: int
 ) -> np.ndarray:
-    """Let colour decide along the outline and where depth is missing (GrabCut: mixture models and a graph cut).
+    """Segment by colour along the outline and where depth is missing (GrabCut: mixture models and a graph cut).
 
     Args:
         rgb: [H, W, 3] uint8.
         solid: The object by geometry, bool, [H, W].
-        outside: Pixels that are surely not the object, bool, [H, W].
+        outside: Pixels that are certainly not the object, bool, [H, W].
         measured: Pixels with depth, bool, [H, W].
         band_px: Half width of the undecided band [px].
         rounds: Iterations.
@@ -204,7 +204,7 @@ def refine(
 
 
 def drop_small(mask: np.ndarray, min_area_px: int) -> np.ndarray:
-    """Drop connected pieces of a bool mask that are smaller than `min_area_px`."""
+    """Discard connected parts of a bool mask that are smaller than `min_area_px`."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] >= min_area_px
     large[0] = False

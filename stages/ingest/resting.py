@@ -1,4 +1,4 @@
-"""Does the object lie on its table? If not: would it with another axis up?"""
+"""Check that the object lies on its table, and if not, whether it would with another up axis."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from plop.recordings.readers.declared_units import WORLD_FROM_UP
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _CONTACT_M, _CONTACT_SHARE = 0.003, 0.05
-"""An object on its table may be this deep in it or this high above: 3 mm and 5 % of its height. Soft bodies press 1 to
-2 mm into a simulated table; 114 recordings of two simulators begin within 0.1 mm."""
+"""Largest depth in or height above its table of an object on it: 3 mm and 5 % of its height. Soft bodies penetrate
+a simulated table by 1 to 2 mm; 114 recordings of two simulators start within 0.1 mm."""
 _TOOL_DEEPER_M = 0.02
-"""A tool that cuts through goes below the table in a simulator, DiSECt's by 8 mm; deeper than this it is noted [m]."""
+"""Depth of a tool below the table that is noted: in a simulator it cuts through, DiSECt's by 8 mm [m]."""
 _FALLS_M = 1e-3
-"""An object above its table whose middle sinks by this is falling [m]."""
+"""Smallest sinking of the centre of a falling object above its table [m]."""
 
 
 def check_table(sequence: MeshSequence, path: Path) -> list[str]:
-    """Refuse an object that starts in its table, or that would stand on it only if another axis were up.
+    """Reject an object that starts in its table, or that would be on it only with another up axis.
 
     Args:
         sequence: The episode.
@@ -31,7 +31,7 @@ def check_table(sequence: MeshSequence, path: Path) -> list[str]:
         Notes: an object that stays above its table, one that sinks into it later, a tool deep below it.
 
     Raises:
-        PlopError: Names heights and, where there is one, the axis that puts it right.
+        PlopError: Names heights and, if there is one, the correct axis.
     """
     height = sequence.table_z_m
     if height is None:
@@ -44,21 +44,21 @@ def check_table(sequence: MeshSequence, path: Path) -> list[str]:
         return _tool_below(sequence, path, height) + _sinks_later(sequence, height)
     axis = _better_axis(sequence, height)
     what = f"an object from z = {first[:, 2].min():.4g} to {first[:, 2].max():.4g} m in the first frame"
-    on_table = f"an object that stands on table_z_m = {height:g} m"
+    on_table = f"an object on table_z_m = {height:g} m"
     if axis and not (gap > 0 and "up" in sequence.declared):
         raise PlopError(
-            "The object does not stand on its table: another axis seems to be up.",
+            "The object is not on its table: the up axis seems to be wrong.",
             where=f"{path}: table_z_m",
             expected=f"{on_table}, {sequence.up} up",
             found=what,
-            fix=f"With {axis} up it stands on it: {_turn(sequence.up, axis)}. State it in "
-            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses; where the axes are '
+            fix=f"With {axis} up it is on the table: {_turn(sequence.up, axis)}. Declare it in "
+            f'{path.name}: "units": {{"up": "{axis}"}}, or rotate vertices and poses; if the axes are '
             "right, correct table_z_m (null: no table).",
         )
     if gap < 0:
         below = "far below" if height > first[:, 2].max() else "partly in"
         raise PlopError(
-            f"The object lies {below} its table.",
+            f"The object is {below} its table.",
             where=f"{path}: table_z_m",
             expected=on_table,
             found=f"{what}: {1000 * -gap:.3g} mm too low",
@@ -75,7 +75,7 @@ def _allowed_m(points: np.ndarray) -> float:
 
 
 def _better_axis(sequence: MeshSequence, height: float) -> str | None:
-    """Find the axis of the files that, taken for up, puts the object on the table; the flattest contact wins."""
+    """Find the up axis with which the object is on the table; the flattest contact wins."""
     fitting = {}
     for axis, turn in WORLD_FROM_UP.items():
         points = sequence.vertices[0] @ (turn @ WORLD_FROM_UP[sequence.up].T).T
@@ -86,7 +86,7 @@ def _better_axis(sequence: MeshSequence, height: float) -> str | None:
 
 
 def _turn(read: str, axis: str) -> str:
-    """Say how coordinates change when `axis` instead of `read` is up, e.g. (x, y, z) -> (x, -z, y)."""
+    """Describe the change of coordinates when `axis` instead of `read` is up, e.g. (x, y, z) -> (x, -z, y)."""
     rows = np.round(WORLD_FROM_UP[read].T @ WORLD_FROM_UP[axis]).astype(int)
     names = [("-" if row.min() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in rows]
     return f"(x, y, z) -> ({', '.join(names)})"
@@ -100,7 +100,7 @@ def _sinks_later(sequence: MeshSequence, height: float) -> list[str]:
 
 
 def _tool_below(sequence: MeshSequence, path: Path, height: float) -> list[str]:
-    """Note a tool deep in the table; refuse where another axis, for which the object stands as well, keeps it out."""
+    """Note a tool deep in the table; reject it if another up axis, also consistent with the object, avoids this."""
     deep = height - _lowest_tool(sequence, np.eye(3))
     if deep <= _TOOL_DEEPER_M:
         return []
@@ -108,12 +108,12 @@ def _tool_below(sequence: MeshSequence, path: Path, height: float) -> list[str]:
     turn = WORLD_FROM_UP[axis] @ WORLD_FROM_UP[sequence.up].T if axis else np.eye(3)
     if axis and "up" not in sequence.declared and height - _lowest_tool(sequence, turn) < _CONTACT_M:
         raise PlopError(
-            "The tool is deep in the table: another axis seems to be up.",
+            "The tool is deep in the table: the up axis seems to be wrong.",
             where=f"{path}: table_z_m",
             expected=f"a tool above table_z_m = {height:g} m, {sequence.up} up",
             found=f"a tool {1000 * deep:.3g} mm below it",
-            fix=f"With {axis} up it stays above: {_turn(sequence.up, axis)}. State the axis in "
-            f'{path.name}: "units": {{"up": "{axis}"}}, or turn vertices and poses.',
+            fix=f"With {axis} up it stays above: {_turn(sequence.up, axis)}. Declare the axis in "
+            f'{path.name}: "units": {{"up": "{axis}"}}, or rotate vertices and poses.',
         )
     return [f"the tool goes {1000 * deep:.3g} mm below the table"]
 

@@ -1,4 +1,4 @@
-"""Which episodes of a raw folder are taken."""
+"""Selection of episodes of a raw folder."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from plop.recordings.readers.side_file import RawEpisode, known_environments
 def select(entries: Sequence[RawEpisode], *, environment: str, episodes: str, where: Path) -> list[RawEpisode]:
     """Choose the episodes of one environment.
 
-    One whose JSON cannot be read, and whose name tells no environment that the others have, may be of any: it is
-    chosen, so that reading it tells what is wrong with it, rather than left out without a word.
+    One whose JSON cannot be read, and whose name contains no environment of the others, may be of any: it is
+    selected, so that reading it reports the error, instead of being left out silently.
 
     Args:
         entries: Everything in the folder.
-        environment: Name of the environment; "" takes the only one there is.
+        environment: Name of the environment; "" uses the only one.
         episodes: Glob over names.
         where: The folder, for messages.
 
     Raises:
-        PlopError: Nothing fits, or several environments would.
+        PlopError: Nothing matches, or several environments do.
     """
     known = known_environments(entries)
     if environment and environment not in known:
@@ -38,16 +38,16 @@ def select(entries: Sequence[RawEpisode], *, environment: str, episodes: str, wh
     chosen = [entry for entry in fitting if fnmatchcase(entry.name, episodes)]
     if not chosen:
         raise PlopError(
-            "No episode has such a name.",
+            "No episode matches this name.",
             where=where,
-            expected=f"names that fit {episodes!r}",
+            expected=f"names that match {episodes!r}",
             found=", ".join(entry.name for entry in fitting[:8]) + (" ..." if len(fitting) > 8 else ""),
             fix="Correct --episodes.",
         )
     found = sorted({entry.environment for entry in chosen} & set(known))
     if len(found) > 1:
         raise PlopError(
-            "The folder holds several environments.",
+            "The folder contains several environments.",
             where=where,
             expected="one environment for each set of recordings",
             found=", ".join(found),

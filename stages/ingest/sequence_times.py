@@ -1,4 +1,4 @@
-"""Are the times of a simulated episode seconds? Their size and step, and how fast things would move, tell."""
+"""Check that the times of a simulated episode are seconds, by their size, their step and the resulting speeds."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from plop.recordings.readers.declared_units import SECONDS
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
 LONGEST_STEP_S = 2.0
-"""Median step beyond which frames no longer show a motion [s]."""
+"""Largest median step of frames that resolve a motion [s]."""
 SPEED_M_S = (3e-4, 3.0)
-"""Speed of the fastest motion: slower is a creep test, faster a shot. Robots cut and press at 1 mm/s to 0.3 m/s
-(DiSECt's knives 0.05 to 0.11): times a thousand times too long or too short always leave this range [m/s]."""
+"""Plausible speed of the fastest motion: slower is a creep test, faster an impact. Robots cut and press at 1 mm/s to
+0.3 m/s (DiSECt's knives 0.05 to 0.11): times wrong by a factor of 1000 are always outside this range [m/s]."""
 _STEP_S = (1e-5, LONGEST_STEP_S)
-"""Median steps that are offered as right: every step of a simulation to two seconds [s]."""
+"""Median steps of a suggested unit: from every step of a simulation to two seconds [s]."""
 _STILL_M = 1e-6
 _LONGEST_FRAME_STEP = 1000.0
 _NAMES = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
 
 def check_clock(sequence: MeshSequence, path: Path) -> list[str]:
-    """Refuse a single frame, and times that are no seconds: frame numbers, or another unit by step or speed.
+    """Reject a single frame, and times that are not seconds: frame numbers, or another unit by step or speed.
 
-    Times whose unit a file declares are believed; what is odd about them is noted.
+    Times with a declared unit are accepted; unusual values are noted.
 
     Args:
         sequence: The episode, times in seconds.
-        path: File that holds its arrays; its JSON lies beside it.
+        path: File with its arrays; its JSON is beside it.
 
     Returns:
         Notes.
 
     Raises:
-        PlopError: Nothing can move, or the times are in another unit; the message names the one that would be right.
+        PlopError: There is one frame only, or the times are in another unit; the message names the plausible one.
     """
     times, steps = sequence.times, np.diff(sequence.times)
     if not len(steps):
         raise PlopError(
-            "The episode is too short: nothing moves in it.",
+            "The episode is too short.",
             where=f"{path}: times",
             expected="2 frames or more",
             found="1 frame",
@@ -58,7 +58,9 @@ def check_clock(sequence: MeshSequence, path: Path) -> list[str]:
         else None
     )
     if "time" in sequence.declared:
-        return [f"{odd} The unit of its times is declared, and believed: {_read_as(step, fast)}"] if odd else []
+        return (
+            [f"{odd} The unit of its times is declared and therefore accepted: {_read_as(step, fast)}"] if odd else []
+        )
     side, whole = path.with_suffix(".json").name, bool((times == np.round(times)).all())
     fits = [
         unit
@@ -70,22 +72,22 @@ def check_clock(sequence: MeshSequence, path: Path) -> list[str]:
     ]
     if whole and step <= LONGEST_STEP_S:
         raise PlopError(
-            "The times look like frame numbers.",
+            "The times seem to be frame numbers.",
             where=f"{path}: times",
             expected="seconds",
             found=f"{times[0]:g}, {times[1]:g} ... {times[-1]:g}: whole numbers only",
-            fix=f'Divide them by the frame rate, or state it in {side}: "units": '
+            fix=f'Divide them by the frame rate, or declare it in {side}: "units": '
             f'{{"frames_per_second": 30}}. If they are seconds: "units": {{"time": "s"}}'
             + (', if milliseconds: "ms".' if "ms" in fits else "."),
         )
     if odd is None:
         return []
     if fits:
-        fix = f'Convert them to seconds, or state their unit in {side}: "units": {{"time": "{fits[0]}"}}.'
+        fix = f'Convert them to seconds, or declare their unit in {side}: "units": {{"time": "{fits[0]}"}}.'
     elif slow > SPEED_M_S[1] and SPEED_M_S[0] < fast / 1000 < SPEED_M_S[1]:
         fix = "They are about 1000 times too short: multiply them by 1000."
     else:
-        fix = f'Write them in seconds, or state their unit in {side}: "units": {{"time": ...}}.'
+        fix = f'Write them in seconds, or declare their unit in {side}: "units": {{"time": ...}}.'
     guess = [_NAMES[unit] for unit in fits] + ["frame numbers"] * (whole and step < _LONGEST_FRAME_STEP)
     raise PlopError(
         odd,
@@ -93,7 +95,7 @@ def check_clock(sequence: MeshSequence, path: Path) -> list[str]:
         expected=f"seconds: a median step of at most {LONGEST_STEP_S:g} s, a motion of "
         f"{1000 * SPEED_M_S[0]:g} mm/s to {SPEED_M_S[1]:g} m/s",
         found=_read_as(step, fast) + (f": {' or '.join(guess)}?" if guess else ""),
-        fix=f'{fix} Where they are right: "units": {{"time": "s"}}.',
+        fix=f'{fix} If they are right: "units": {{"time": "s"}}.',
     )
 
 
@@ -102,9 +104,9 @@ def _read_as(step: float, fast: float) -> str:
 
 
 def _speeds(sequence: MeshSequence) -> tuple[float, float]:
-    """Give the tool's median speed and the largest of tool and object [m/s]; a possible one where all is still.
+    """Return the tool's median speed and the largest of tool and object [m/s]; a plausible one if nothing moves.
 
-    The tool moves as a robot can; an object may be flung away. The object counts where the tool rests.
+    The tool moves like a robot; an object may be thrown away. The object is used if the tool rests.
     """
     corners = np.stack([transform_points(pose, sequence.tool_vertices) for pose in sequence.world_from_tool])
     tool, thing = (np.linalg.norm(np.diff(points, axis=0), axis=-1).max(1) for points in (corners, sequence.vertices))

@@ -17,26 +17,26 @@ class SimulatedConfig(Settings):
     cameras: CameraSettings = CameraSettings()
     """Cameras, light and depth sensors."""
     environment: Annotated[str, COMMON] = ""
-    """Environment to take, e.g. "prism-jelly"; empty takes the only one in the folder."""
+    """Environment to use, e.g. "prism-jelly"; empty uses the only one in the folder."""
     episodes: Annotated[str, COMMON] = "*"
-    """Glob over the names of the episodes to take."""
+    """Glob over the names of the episodes to use."""
     test: Annotated[tuple[str, ...], COMMON] = ()
-    """Globs of the episodes kept for the test; none keeps the last quarter of the names, at least one."""
+    """Globs of the test episodes; empty selects the last quarter of the names, at least one."""
     skip_bad: Annotated[bool, COMMON] = False
     """Leave out episodes that cannot be read, with the reason, instead of stopping."""
     keep_untouched: bool = False
     """Keep episodes in which the tool never comes within 3 mm of the object, as in a free fall."""
     workspace_m: Annotated[float, Range(1e-3, 100), Unit("m")] = 1.0
-    """Farthest distance from the world's origin at which the object may start."""
+    """Largest initial distance of the object from the world's origin."""
     largest_m: Annotated[float, Range(1e-6, 100), Unit("m")] = 0.5
-    """Longest edge that object and tool may have; what is larger is taken for another unit."""
+    """Longest edge of object and tool; larger values indicate another unit."""
     smallest_m: Annotated[float, Range(1e-6, 100), Unit("m")] = 0.02
-    """Longest edge that the larger of object and tool must have; what is smaller is taken for another unit."""
+    """Smallest longest edge of the larger of object and tool; smaller values indicate another unit."""
     from_rest: bool = False
-    """Begin at time 0 with the rest shape where the first frame lies later. DiSECt lets an object go at time 0
-    and stores the first frame 1/30 s later, while it bounces: from a recording alone its speed cannot be known."""
+    """Start at time 0 with the rest shape where the first frame is later. DiSECt releases an object at time 0
+    and stores the first frame 1/30 s later, while it bounces: its speed is unknown from a recording alone."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core."""
+    """Number of parallel processes, one episode each; -1 is one per core."""
     seed: Annotated[Seed, COMMON] = 0
     """Seed of texture and noise; the texture depends on it and on the environment's name only."""
 
@@ -44,7 +44,7 @@ class SimulatedConfig(Settings):
         super().__post_init__()
         if self.largest_m < self.smallest_m:
             raise PlopError(
-                "The largest object is smaller than the smallest.",
+                "The largest size is smaller than the smallest.",
                 where="largest_m, smallest_m",
                 expected=f"largest_m of {self.smallest_m:g} m or more",
                 found=f"{self.largest_m:g} m",
@@ -57,8 +57,8 @@ class DisectConfig(SimulatedConfig):
     """Settings of `ingest disect`."""
 
     test: Annotated[tuple[str, ...], COMMON] = ("*_part_004", "*_part_005", "*[!t]_001")
-    """Globs of the episodes kept for the test: part recordings 004 and 005, and plain cuts 001
-    (`[!t]` spares part_001); none keeps the last quarter of the names."""
+    """Globs of the test episodes: part recordings 004 and 005, and plain cuts 001
+    (`[!t]` excludes part_001); empty selects the last quarter of the names."""
 
 
 @dataclass(frozen=True)

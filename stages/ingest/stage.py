@@ -39,7 +39,7 @@ def _run(
             fix="Correct the path.",
         )
     entries = select(list_entries(raw), environment=config.environment, episodes=config.episodes, where=raw)
-    given = () if config.test == type(config)().test else config.test  # the defaults need not fit every folder
+    given = () if config.test == type(config)().test else config.test  # the defaults need not match every folder
     warnings = check_patterns([entry.name for entry in entries], given, option="--test", where=raw)
     raw_episodes = {entry.name: entry for entry in entries}
     work = partial(_ingest_one, raw_episodes, read, config)
@@ -50,9 +50,9 @@ def _run(
     usable = [entry for entry in entries if entry.name not in skipped]
     if not usable:
         raise PlopError(
-            "No episode can be used.",
+            "No episode is usable.",
             where=raw,
-            expected="at least one good episode",
+            expected="at least one usable episode",
             found="\n    ".join(f"{name}: {why}" for name, why in skipped.items()),
             fix="Correct the first of these, then run the same command again.",
         )
@@ -70,7 +70,7 @@ def _ingest_one(
     name: str,
     out: Output,
 ) -> list[str]:
-    """Write one recording; give what is odd about it."""
+    """Write one recording; return notes on unusual values."""
     entry = raw_episodes[name]
     arrays = entry.path.with_suffix(".npz")
     sequence = read(entry.path)

@@ -1,4 +1,4 @@
-"""The surface of a simulated object over time: one order of vertices, nothing lost, an outside."""
+"""Checks of the surface of a simulated object over time: constant vertex order, no lost data, outward faces."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from plop.geometry.meshes.tool_checks import check_tool_mesh
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _LEAPS, _ONTO, _BENT = 0.5, 0.2, 0.3
-"""A vertex changes its number where it leaps by half an edge or more against its neighbours, lands five times nearer to
-where another one was (or as near as the others have moved), leaves its place to another, and has an edge that changes
-by 30 %. Bodies that move or turn as a whole keep their edges; in 114 recordings of two simulators an edge changes by
-23 % in one frame at most."""
+"""A vertex changes its index if it jumps by half an edge or more relative to its neighbours, lands five times closer to
+the previous position of another one (or as close as the others have moved), is replaced by another one, and has an edge
+that changes by 30 %. Rigid motions keep edges; in 114 recordings of two simulators an edge changes by at most 23 % in
+one frame."""
 _MISPLACED_SHARE = 0.5
-"""Of the vertices that leap, at least so many do so: chance places one in ten so near."""
+"""Smallest share of the jumping vertices that do so: by chance one in ten lands so close."""
 _STRETCH, _FAR = 3.0, 0.25
-"""An edge is torn where it becomes three times as long and a quarter of the object's size longer in one frame."""
+"""An edge is torn if it becomes three times as long and longer by a quarter of the object's size in one frame."""
 _TORN_SHARE = 0.02
-"""Torn edges beyond this share are no strings between two halves but another surface."""
+"""Share of torn edges above which the surface is different, not only torn between two halves."""
 _SAMPLED = 5
 
 
 def sound_surface(sequence: MeshSequence, path: Path) -> tuple[MeshSequence, list[str]]:
-    """Check the surfaces of object and tool, and turn the object's faces so that they look outwards.
+    """Check the surfaces of object and tool, and flip the object's faces so that they point outwards.
 
     Args:
         sequence: The episode.
         path: File that holds its arrays.
 
     Returns:
-        The episode, with turned faces where that is certain, and notes.
+        The episode, with flipped faces where that is certain, and notes.
 
     Raises:
         PlopError: Vertices change their order, parts of the surface or the tool are lost.
@@ -47,7 +47,7 @@ def sound_surface(sequence: MeshSequence, path: Path) -> tuple[MeshSequence, lis
 
 
 def check_order(sequence: MeshSequence, path: Path) -> list[str]:
-    """Refuse vertices that change their number from one frame to the next, and such that coincide all at once.
+    """Reject vertices that change their index from one frame to the next, or suddenly coincide.
 
     Returns:
         Notes on single edges that tear.
@@ -71,7 +71,10 @@ def check_order(sequence: MeshSequence, path: Path) -> list[str]:
             torn = (now - before > _FAR * size) & (now > _STRETCH * np.maximum(before, np.median(before)))
             if _swapped(sequence, frame, edges, before, now):
                 raise _reordered(
-                    path, frame, "The order of the vertices changes over time.", "vertices leap onto other ones' places"
+                    path,
+                    frame,
+                    "The order of the vertices changes over time.",
+                    "vertices jump to positions of other ones",
                 )
             if torn.mean() > _TORN_SHARE:
                 raise _reordered(
@@ -83,7 +86,7 @@ def check_order(sequence: MeshSequence, path: Path) -> list[str]:
             if torn.any() and not notes:
                 notes.append(
                     f"{int(torn.sum())} of {len(edges)} edges of the surface become over {_STRETCH:g} times "
-                    f"as long from frame {frame - 1} to {frame}: did the simulation blow up?"
+                    f"as long from frame {frame - 1} to {frame}: did the simulation diverge?"
                 )
         before, longest = now, np.maximum(longest, now)
     return notes
@@ -94,7 +97,7 @@ def _lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _swapped(sequence: MeshSequence, frame: int, edges: np.ndarray, before: np.ndarray, now: np.ndarray) -> bool:
-    """Tell whether vertices take each other's places in this frame: the set barely moves, its members leap."""
+    """Return whether vertices swap positions in this frame: the set barely moves, but its members jump."""
     old, new = sequence.vertices[frame - 1], sequence.vertices[frame]
     move = new - old
     leap = np.linalg.norm(move, axis=1)
@@ -115,7 +118,7 @@ def _swapped(sequence: MeshSequence, frame: int, edges: np.ndarray, before: np.n
 
 
 def _against_neighbours(move: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """How far each vertex moves against its neighbours, the upper median of them, [V]; 0 where there are none."""
+    """Return the motion of each vertex relative to its neighbours, their upper median, [V]; 0 where there are none."""
     ends = np.concatenate([edges, edges[:, ::-1]])
     apart = np.linalg.norm(move[ends[:, 0]] - move[ends[:, 1]], axis=1)
     order = np.lexsort((apart, ends[:, 0]))
@@ -125,7 +128,7 @@ def _against_neighbours(move: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _check_rest(sequence: MeshSequence, edges: np.ndarray, rest: np.ndarray, path: Path) -> None:
-    """Refuse rest vertices in another order than the vertices: edges say so, wherever the rest shape lies."""
+    """Reject rest vertices in another order than the vertices, by their edges, independent of the rest pose."""
     if sequence.rest_vertices is None:
         return
     first = _lengths(sequence.vertices[0], edges)
@@ -136,7 +139,7 @@ def _check_rest(sequence: MeshSequence, edges: np.ndarray, rest: np.ndarray, pat
         raise PlopError(
             "rest_vertices and vertices are not in the same order.",
             where=f"{path}: rest_vertices",
-            expected="the rest place of each vertex, in the order of vertices",
+            expected="the rest position of each vertex, in the order of vertices",
             found=f"{100 * changed:.0f} % of the edges differ by half or more from the first frame",
             fix="Export both with one order, or leave rest_vertices out.",
         )
@@ -145,7 +148,7 @@ def _check_rest(sequence: MeshSequence, edges: np.ndarray, rest: np.ndarray, pat
 def _check_lost(
     sequence: MeshSequence, edges: np.ndarray, now: np.ndarray, longest: np.ndarray, frame: int, path: Path
 ) -> None:
-    """Refuse a frame in which neighbouring vertices lie at exactly one place although they were or are apart."""
+    """Reject a frame in which neighbouring vertices coincide exactly although they were or are separate."""
     gone = (now == 0) & (longest > 0)
     at_zero = (sequence.vertices[frame] == 0).all(1)
     moved = at_zero & ~(sequence.vertices[max(frame - 1, 0)] == 0).all(1) & ~(sequence.rest == 0).all(1)
@@ -160,9 +163,9 @@ def _check_lost(
 
 def _lost(path: Path, found: str, frame: int) -> PlopError:
     return PlopError(
-        "Vertices of the surface fall together.",
+        "Vertices of the surface coincide.",
         where=f"{path}: vertices, frame {frame}",
-        expected="every vertex at a place of its own",
+        expected="every vertex at a distinct position",
         found=found,
         fix="Part of the data was lost or set to zero: export the episode again.",
     )
@@ -180,7 +183,7 @@ def _reordered(path: Path, frame: int, problem: str, found: str) -> PlopError:
 
 
 def _outwards(sequence: MeshSequence) -> tuple[MeshSequence, list[str]]:
-    """Turn faces so that neighbours agree and closed pieces have a positive volume; note what is open or collapsed."""
+    """Flip faces so that neighbours agree and closed parts have a positive volume; note open or collapsed parts."""
     frames = np.unique(np.linspace(0, len(sequence) - 1, _SAMPLED).astype(int))
     joined = welded(np.concatenate([sequence.rest[None], sequence.vertices[frames]]), sequence.faces)
     collapsed = is_collapsed(joined)
@@ -191,13 +194,13 @@ def _outwards(sequence: MeshSequence) -> tuple[MeshSequence, list[str]]:
         return sequence, notes
     topology = Topology.of(joined[~collapsed])
     if not topology.orientable:
-        return sequence, [*notes, "no turning makes neighbouring faces of the surface agree on an outside"]
+        return sequence, [*notes, "the faces of the surface cannot be oriented consistently"]
     turned = topology.turned.copy()
     if not topology.is_closed:
         crowded = f", {topology.crowded_edges} with more than two" if topology.crowded_edges else ""
         notes.append(
             f"the surface is not closed ({topology.free_edges} edges with one face{crowded}): scores that "
-            "need the truth's inside or volume do not hold for it"
+            "need the inside or the volume of the truth are not valid for it"
         )
     outer = sequence.faces[~collapsed].copy()
     outer[turned] = outer[turned][:, ::-1]
@@ -210,16 +213,16 @@ def _outwards(sequence: MeshSequence) -> tuple[MeshSequence, list[str]]:
     which = np.flatnonzero(~collapsed)[turned]
     faces[which] = faces[which][:, ::-1]
     notes.append(
-        f"{len(which)} of {len(faces)} faces were clockwise seen from outside, or not as their neighbours, "
-        "and were turned round"
+        f"{len(which)} of {len(faces)} faces were clockwise seen from outside, or inconsistent with their neighbours, "
+        "and were flipped"
     )
     return replace(sequence, faces=faces), notes
 
 
 def _inside_out(vertices: np.ndarray, faces: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Tell which pieces are inside out, bool, shape [P]: those that lie in no other one, with a negative volume.
+    """Return which parts are inside out, bool, shape [P]: those inside no other part, with a negative volume.
 
-    What lies within another piece (a hollow, a stone) may look either way, and is turned with the one around it.
+    A part within another one (a hollow, a stone) may have either orientation, and is flipped with the outer one.
     """
     volume = volumes(vertices, faces, piece)
     count = len(volume)

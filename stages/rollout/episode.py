@@ -1,7 +1,7 @@
-"""Roll out one episode: states, rendered views and, if wanted, splat files; then its video and a still of it.
+"""Roll out one episode: states, rendered views and, on request, splat files; then its video and a picture of it.
 
-The prediction sees frame 0 (its Gaussians and its depth), the tool's motion, the times and the table. Measured
-images of later frames go into the video beside it (and the choice of its camera), nowhere else.
+The prediction uses frame 0 (its Gaussians and its depth), the tool's motion, the times and the table. Measured
+images of later frames are used only in the video (and for the choice of its camera).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def roll_out(
 
     Args:
         model: Predicts.
-        recordings: The set that holds the episode.
+        recordings: The set with the episode.
         name: The episode.
         init: Gaussians of this episode.
         config: Settings.
@@ -91,7 +91,7 @@ def roll_out(
 def _film(
     recording: Recording, tool: Gaussians, camera: str, files: Rollout, config: RolloutConfig, out: Output
 ) -> None:
-    """Write the video and a still of its most telling frame, from the files of the rollout."""
+    """Write the video and a picture of its frame with the largest difference, from the files of the rollout."""
     frames = len(recording)
     rate = config.video_rate_hz or (frames - 1) / float(np.ptp(recording.time_s))
     with (
@@ -111,7 +111,7 @@ def _film(
 
 
 def _check_same_object(start: Gaussians, recording: Recording, least: float) -> None:
-    """Refuse a fit whose Gaussians do not lie where frame 0 shows the object (or the tool before it)."""
+    """Reject a fit whose Gaussians are not where frame 0 shows the object (or the tool in front of it)."""
     if len(recording) < 2:
         raise PlopError(
             "There is nothing to predict.",

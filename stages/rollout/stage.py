@@ -26,37 +26,37 @@ from stages.rollout.episode import roll_out
 
 @dataclass(frozen=True)
 class RolloutConfig(Settings):
-    """Settings of `rollout`; their defaults are written only here."""
+    """Settings of `rollout`; their defaults are defined only here."""
 
     split: Annotated[Split, COMMON] = "test"
-    """Which episodes."""
+    """Split of the episodes."""
     episodes: str = "*"
     """Only episodes whose name matches this pattern, e.g. "*_004"."""
     seed: Seed = 0
-    """Seed of whatever the model draws (the displacement of a split)."""
+    """Seed of the model's random numbers (displacements of splits)."""
     device: Annotated[str, COMMON] = AUTO_DEVICE
-    """Where a learned model runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    """Device of a learned model: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     backend: Backend = "auto"
     """Renderer: "numba" (CPU), "gsplat" (CUDA), "torch" (slow reference) or "auto"."""
     video_camera: str = ""
     """Camera of the video; when empty, the one whose measured image changes most."""
     video_rate_hz: Annotated[float, Range(0, 1000), Unit("Hz")] = 0.0
-    """Frames per second of the video; 0 keeps the recording's time."""
+    """Frames per second of the video; 0 plays in real time."""
     animation: bool = False
     """Write every frame as a splat PLY too, `animation/frame_<number>.ply`."""
     other_environment: bool = False
     """Roll out a model on an environment that it was not trained on."""
     min_inside: Share = 0.5
-    """Least part of the fitted Gaussians inside frame 0's masks; below, the fit is of another object."""
+    """Smallest share of the fitted Gaussians inside frame 0's masks; below, the fit is of another object."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core. On a GPU one after the other."""
+    """Number of parallel processes, one episode each; -1 is one per core. Sequential on a GPU."""
 
 
 def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
-    """Write states, views, a video and a still of it for each chosen episode.
+    """Write states, views, a video and a picture of it for each selected episode.
 
     Raises:
-        PlopError: Nothing chosen, an episode without a fit, a model or a fit of another object, states that are
+        PlopError: Nothing selected, an episode without a fit, a model or a fit of another object, states that are
             not finite.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
@@ -86,7 +86,7 @@ def _roll_out(
 
 
 def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str]:
-    """Pick episodes by split and pattern.
+    """Select episodes by split and pattern.
 
     Raises:
         PlopError: Nothing is left.
@@ -95,7 +95,7 @@ def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str
     names = [name for name in pool if fnmatchcase(name, config.episodes)]
     if not names:
         raise PlopError(
-            "No episode is chosen.",
+            "No episode is selected.",
             where=recordings.folder,
             expected=f"an episode of split {config.split} that matches {config.episodes}",
             found=", ".join(pool) or "no episode in this split",
@@ -130,7 +130,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
 
 STAGE = Stage(
     name="rollout",
-    version=10,
+    version=11,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

@@ -22,9 +22,9 @@ from plop.render.virtual_cameras.recorder import Disturbances, cameras_of, distu
 from plop.render.virtual_cameras.settings import CameraSettings
 
 BASE_FROM_WORLD = pose_from_euler_xyz(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
-"""The object stands half a metre in front of the robot."""
+"""The object is half a metre in front of the robot."""
 FLANGE_FROM_TOOL = np.array([0.0, 0.0, 0.22, np.pi, 0.0, 0.0])
-"""The flange looks down and carries the tool's lower end 22 cm below it: metres, Euler radians."""
+"""The flange points down, with the tool's lower end 22 cm below it: metres, Euler radians."""
 _FIRST = datetime(2024, 1, 1, 12, 0, 0)
 _AROUND_M = 0.06
 
@@ -39,7 +39,7 @@ def write_droid(
     *,
     seed: int = 0,
 ) -> None:
-    """Write one episode; nothing that looks finished is in the folder before it is whole.
+    """Write one episode atomically.
 
     Args:
         folder: The raw folder; the episode goes to SIM/success/<date>/<time> in it.
@@ -47,8 +47,8 @@ def write_droid(
         k: Number of the episode: its minute.
         sequence: The episode.
         settings: Cameras and noise, the same as of the recording.
-        disturbances: What is wrong with the cameras.
-        seed: Of texture and noise.
+        disturbances: Faults of the cameras.
+        seed: Seed of texture and noise.
 
     Raises:
         PlopError: The rig has fewer than two cameras.
@@ -60,7 +60,7 @@ def write_droid(
             where="simulate.cameras.count",
             expected="2 or more",
             found=str(len(ring)),
-            fix="Set simulate.cameras.count to 2 or more, or leave --droid out.",
+            fix="Set simulate.cameras.count to 2 or more, or omit --droid.",
         )
     end = float(sequence.times[-1])
     slow = resampled(sequence, np.arange(0, end + STEP_MS / 2000, STEP_MS / 1000))
@@ -96,7 +96,7 @@ def write_droid(
 
 
 def _notes(sequence: MeshSequence) -> dict[str, object]:
-    """Say what plop_episode.json says: the tool, the workspace and the table, in the robot's base."""
+    """Return the content of plop_episode.json: the tool, the workspace and the table, in the robot's base."""
     points = np.concatenate([sequence.rest, *sequence.vertices]) + BASE_FROM_WORLD[:3, 3]
     low, high = points.min(0) - _AROUND_M, points.max(0) + _AROUND_M
     return {
@@ -115,7 +115,7 @@ def _pose6(pose: np.ndarray) -> np.ndarray:
 
 
 def _integer_centres(camera: Camera) -> np.ndarray:
-    """Give K as DROID stores it, pixel centres at integers."""
+    """Return K in DROID's convention, pixel centres at integers."""
     matrix = camera.intrinsics.copy()
     matrix[:2, 2] -= 0.5
     return matrix

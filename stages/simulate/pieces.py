@@ -1,4 +1,4 @@
-"""What a run keeps of its finished pieces, so that a killed one goes on: the hidden effects, and their response."""
+"""Stored results of a run's finished pieces, for resuming: the hidden effects, and their response."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Pieces:
         return [self.scene.episode_name(k) for k in range(self.scene.episodes)]
 
     def hidden(self, known: dict[str, EffectType], choose: Callable[[], Sequence[Effect]]) -> list[Effect]:
-        """Give the hidden effects: those of the run before, or chosen now."""
+        """Return the hidden effects: those of the interrupted run, or chosen now."""
         if self.out.is_done("hidden"):
             return [known[name](**values) for name, values in open_answer(self.folder)["effects"].items()]
         chosen = list(choose())
@@ -39,13 +39,13 @@ class Pieces:
         return chosen
 
     def keep_response(self, k: int, sequence: MeshSequence, hidden: Sequence[Effect]) -> None:
-        """Keep how far the hidden effects moved episode k."""
+        """Store the displacement caused by the hidden effects in episode k."""
         squares = self.response.squares(k, sequence.vertices) if hidden else (0.0, 1)
         self.folder.mkdir(exist_ok=True)
         (self.folder / f"response_{k:03d}.json").write_text(json.dumps(squares))
 
     def rms_m(self) -> float:
-        """Root mean square of what the hidden effects moved, over surface, frames and episodes [m]."""
+        """Root mean square of the displacement caused by the hidden effects, over surface, frames and episodes [m]."""
         kept = [json.loads((self.folder / f"response_{k:03d}.json").read_text()) for k in range(self.scene.episodes)]
         total, count = np.sum(kept, axis=0)
         return float(np.sqrt(total / count))

@@ -32,32 +32,34 @@ QUIET_FLOOR_M = 0.001
 
 @dataclass(frozen=True)
 class SimulateConfig(Settings):
-    """Settings of `simulate`; their defaults are written only here."""
+    """Settings of `simulate`; their defaults are defined only here."""
 
     cameras: CameraSettings = CameraSettings(depth_noise_m=0.001)
     """Cameras, light and depth sensors."""
     hide: Annotated[tuple[str, ...], COMMON] = ()
     """Effect to hide: EFFECT=AMPLITUDE, EFFECT.PARAMETER=VALUE, or random."""
     snr: Annotated[float, Range(0, 1e6), COMMON] = 0.0
-    """Scale each hidden effect so that it moves the object by so many times the noise floor (root mean square
-    over surface, frames and episodes); the floor is cameras.depth_noise_m. 0 leaves given amplitudes as they are."""
+    """Signal-to-noise ratio to which each hidden effect is scaled: displacement (root mean square over surface, frames
+    and episodes) over the noise floor, which is cameras.depth_noise_m. 0 keeps the given amplitudes."""
     fault: tuple[str, ...] = ()
     """Sensor fault: NAME=VALUE of the first camera, or NAME=VALUE@CAMERA; clock, pose_error, pose_drift,
     depth_scale, depth_bias."""
     episodes: Annotated[int, Range(0, 999), COMMON] = 0
-    """Number of episodes; 0 takes the scene's."""
+    """Number of episodes; 0 uses the scene's."""
     test: Annotated[tuple[str, ...], COMMON] = ()
-    """Globs of the episodes kept for the test; none keeps the last quarter of the names, at least one."""
+    """Globs of the test episodes; empty selects the last quarter of the names, at least one."""
     colour_noise: Annotated[float, Range(0, 255)] = 2.0
     """Standard deviation of noise added to each colour channel, of 255."""
     arm_m: Annotated[float, Range(0, 0.999), Unit("m")] = 0.0
-    """Width of an arm that holds the tool and hides part of each view; 0 leaves it out."""
+    """Width of an arm that holds the tool and hides part of each view; 0: no arm."""
     droid: bool = False
-    """Write the episodes as DROID raw episodes, too, below droid/."""
+    """Also write the episodes as DROID raw episodes, below droid/."""
     seed: Annotated[Seed, COMMON] = 0
-    """Seed of texture and noise; added to the scene's, it draws motions and hidden effects."""
+    """Seed of texture and noise; added to the scene's, also of motions and hidden effects."""
+    motions_seed: Annotated[int, Range(-1)] = -1
+    """Seed of the motions: the seed of other recordings repeats theirs; -1 takes `seed`."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Episodes at a time, each in a process; -1 is one a core."""
+    """Number of parallel processes, one episode each; -1 is one per core."""
 
 
 def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
@@ -69,7 +71,7 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
         out: Receives episodes/<name>.h5, episodes.json, answer/sealed.json and perhaps droid/.
 
     Raises:
-        PlopError: A scene, effect or fault that cannot be used, a tool that never touches, or an unstable run.
+        PlopError: An invalid scene, effect or fault, a tool that never touches, or an unstable run.
     """
     scene = read_scene(inputs["scene"].path, config)
     files = [inputs["effect_file"].path] if "effect_file" in inputs else []
@@ -101,13 +103,14 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
 
 
 def read_scene(path: Path, config: SimulateConfig) -> Scene:
-    """Read the scene, with the seed and the number of episodes that the settings ask for."""
+    """Read the scene, with the seed and the number of episodes of the settings."""
     scene = Scene.read(path)
-    return replace(scene, seed=scene.seed + config.seed, episodes=config.episodes or scene.episodes)
+    seed = config.seed if config.motions_seed < 0 else config.motions_seed
+    return replace(scene, seed=scene.seed + seed, episodes=config.episodes or scene.episodes)
 
 
 def noise_floor_m(config: SimulateConfig) -> float:
-    """Give what counts as noise of a measured point [m]."""
+    """Return the noise of a measured point [m]."""
     return config.cameras.depth_noise_m or QUIET_FLOOR_M
 
 
@@ -127,6 +130,7 @@ def _choose(
         effects=effects,
         jobs=1 if "effect_file" in inputs else config.jobs,
         progress=lambda share: out.progress(0, scene.episodes, f"amplitude {share:.0%}"),
+        seed=Scene.read(inputs["scene"].path).seed + config.seed,
     )
 
 
@@ -139,7 +143,7 @@ def _episode(
     name: str,
     out: Output,
 ) -> None:
-    """Simulate and record one episode, and keep how far the hidden effects, given by their values, moved it."""
+    """Simulate and record one episode, and store the displacement caused by the hidden effects."""
     pieces, known = Pieces(out, scene), library(files)
     k, hidden = pieces.names.index(name), [known[key](**given) for key, given in values.items()]
     out.progress(0, 1, f"{name}: simulating")
@@ -160,12 +164,12 @@ def _find_raw(name: str, path: Path) -> Path:
 
 STAGE = Stage(
     name="simulate",
-    version=3,
+    version=4,
     help="Simulate a scene (TOML) of a soft object and a tool, with or without hidden effects, into recordings.",
     config=SimulateConfig,
     inputs={
         "scene": InputSpec(
-            (), "TOML file of the scene; a bare name takes a shipped one: block.toml, sphere.toml, cylinder.toml."
+            (), "TOML file of the scene; a bare name selects a shipped one: block.toml, sphere.toml, cylinder.toml."
         ),
         "effect_file": InputSpec((), "Python file with effects of your own.", optional=True),
     },

@@ -1,7 +1,7 @@
-"""Checkpoints: everything that a stopped training needs to go on as if it had not been stopped.
+"""Checkpoints: the complete state of a training run, for resuming with identical results.
 
 checkpoint.safetensors holds weights, averaged weights and Adam's moments, its header the step and the best
-score so far. No pickles. The file is whole or absent.
+score so far. No pickles. The file is complete or absent.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from plop.artifacts.layouts import Model
 
 @dataclass(frozen=True)
 class Progressed:
-    """How far a training has come."""
+    """Progress of a training run."""
 
     step: int
     best_error_m: float
@@ -49,7 +49,7 @@ def load_checkpoint(
     """Restore a checkpoint into model, averaged weights and optimiser.
 
     Returns:
-        How far it had come; None when there is none, or none that fits.
+        Its progress; None when there is no checkpoint, or none that matches.
     """
     path = Model(folder).checkpoint
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""What the settings and the training set make of the model: its form and units."""
+"""The model's configuration from the settings, and its units from the training set."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from stages.train.settings import TrainConfig
 from stages.train.tracks import Track
 
 _FRAMES_MEASURED = 5
-"""Frames of a track, the first one too, that tell how closely its Gaussians keep together."""
+"""Frames of a track, including the first, for measuring the cohesion of its Gaussians."""
 _KEPT = 0.9
-"""Share of the episodes that keep the bound of cohesion: a press bends more than a cut and is not to be held back."""
+"""Quantile of the cohesion limit over episodes: a press deforms more than a cut and must not be restricted."""
 
 
 def model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
@@ -33,9 +33,10 @@ def model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
 
 
 def stray_m(tracks: list[Track]) -> float:
-    """Measure how far Gaussians lie from where their neighbours put them [m].
+    """Measure the distance of Gaussians from the positions predicted by their neighbours [m].
 
-    Nine episodes of ten keep it. Where an engine made some up, those alone count: the others hold the filter's noise.
+    Nine of ten episodes satisfy it. Simulated episodes are used alone, if there are any: the others contain the
+    filter's noise.
     """
     episodes = {track.name: track for track in tracks}.values()
     found = []

@@ -1,6 +1,6 @@
-"""The log of a training: log.jsonl (one JSON object a step), and the same for TensorBoard where that is installed.
+"""The log of a training run: log.jsonl (one JSON object per step), and the same for TensorBoard if installed.
 
-After a stop, what was logged beyond the checkpoint is dropped, so that no step stands there twice.
+When a run resumes, entries after the checkpoint are discarded, so that no step is logged twice.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from plop.artifacts.layouts import Model
 
 
 class Journal:
-    """Write one line a step."""
+    """Writes one line per step."""
 
     def __init__(self, file: Any, board: Any) -> None:
         self._file = file
@@ -26,11 +26,11 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, folder: Path, from_step: int, *, enabled: bool) -> Iterator[Journal]:
-        """Open the log of a folder to go on at a step.
+        """Open the log of a folder to resume at a step.
 
         Args:
-            folder: Where log.jsonl and tensorboard/ are.
-            from_step: First step to be logged; later lines are dropped.
+            folder: Folder of log.jsonl and tensorboard/.
+            from_step: First step to log; later lines are discarded.
             enabled: A disabled journal writes nothing.
         """
         if not enabled:
@@ -48,7 +48,7 @@ class Journal:
                     board.close()
 
     def write(self, step: int, loss: float, terms: dict[str, float]) -> None:
-        """Log one step: the loss, its terms, counts of Gaussians, splits and merges a frame."""
+        """Log one step: the loss, its terms, counts of Gaussians, splits and merges per frame."""
         if self._file is None:
             return
         rounded = {name: float(f"{value:.6g}") for name, value in terms.items()}
@@ -77,5 +77,5 @@ def _lines(path: Path) -> list[dict[str, Any]]:
         try:
             found.append(json.loads(line))
         except ValueError:
-            break  # A killed run may leave half a line.
+            break  # A killed run may leave an incomplete line.
     return found

@@ -1,7 +1,7 @@
 """The loss of one optimisation step (PLOP, Eq. 14-15): rollouts from the filter's states.
 
 Each window is rolled out for its horizon. Every predicted frame is compared with one measured view
-(rendering loss) and with the filter's track, and pays the physical terms.
+(rendering loss) and with the filter's track; the physical terms are added.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from stages.train.tracks import Track
 from stages.train.windows import Window, disturbed_start
 
 ROTATION_ARM_M = 0.01
-"""Length at which a wrong turn of a Gaussian counts like a wrong place [m]."""
+"""Length that converts rotation errors of a Gaussian to position errors [m]."""
 SMOOTH_M = 1e-5
-"""Errors below cost their square [m]. In most frames of a cut hardly anything moves, and what moves by itself there
-by a few hundredths of a millimetre a frame has drifted by half a millimetre at the end: it must cost something."""
+"""Error below which the loss is quadratic [m]. In most frames of a cut hardly anything moves, and a spurious motion of
+a few hundredths of a millimetre per frame drifts by half a millimetre until the end: it must be penalised."""
 
 
 @dataclass
 class _Rollout:
-    """One window on its way."""
+    """State of one window during its rollout."""
 
     window: Window
     track: Track
@@ -42,7 +42,7 @@ class _Rollout:
     rows: Tensor
     """Row of the track's Gaussians that each Gaussian descends from, shape [N]."""
     offset: Tensor
-    """Disturbance of the start, by row of the track, shape [N0, 3] [m]."""
+    """Perturbation of the start, by row of the track, shape [N0, 3] [m]."""
 
 
 class TrainingStep(nn.Module):
@@ -62,7 +62,7 @@ class TrainingStep(nn.Module):
             tracks: Track of each window.
             weights: Weights of the terms.
             images: Weights of the rendering loss.
-            noise_m: Disturbance of the start states [m].
+            noise_m: Perturbation of the start states [m].
 
         Returns:
             Mean loss per window and step, and its terms and counts for the log.
@@ -105,7 +105,7 @@ def _splits(rows: Tensor) -> int:
 def _advance(
     rollout: _Rollout, predicted: ParticleState, k: int, model: PlopModel, weights: LossWeights, images: RenderWeights
 ) -> dict[str, Tensor]:
-    """Score one predicted frame, then resample it in place; gives the weighted terms."""
+    """Score one predicted frame, then resample it in place; return the weighted terms."""
     frame = rollout.window.start + k + 1
     before = rollout.state.gaussians
     terms = _physical_terms(rollout.pairs, before, predicted, weights, images.depth_unit_m)
@@ -142,10 +142,10 @@ def _physical_terms(
 
 
 def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Tensor:
-    """Mean distance to the track, of turns at an arm's length, and of shapes, smooth below `SMOOTH_M` [m].
+    """Mean distance to the track in position, rotation (times an arm's length) and shape, smooth below `SMOOTH_M` [m].
 
-    The track's Gaussians keep their scales. Without the shapes the rendering loss teaches scales and opacities a
-    little drift in each frame, which no window of a few frames shows and which thins the object out over an episode.
+    The track's Gaussians keep their scales. Without the shape term the rendering loss causes a small drift of scales
+    and opacities in each frame, which is invisible in windows of a few frames and thins out the object over an episode.
     """
     track, rows, now = rollout.track, rollout.rows, predicted.gaussians
     shift = now.means - (track.means[frame] + rollout.offset)[rows]
@@ -157,7 +157,7 @@ def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Ten
 
 
 def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
-    if rollout.track.recording_path is None:  # nobody has taken images of what was made up
+    if rollout.track.recording_path is None:  # simulated episodes have no images
         return gaussians.means.new_zeros(())
     with Recording.open(rollout.track.recording_path) as recording:
         names = recording.camera_names

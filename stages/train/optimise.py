@@ -1,7 +1,7 @@
 """The optimisation: horizon curriculum, averaged weights, checkpoints, several processes.
 
-Started by `torchrun`, each process takes its share of every batch and PyTorch averages the gradients;
-the first process alone writes. Which windows a step sees depends on seed and step only, so the loss of
+Under `torchrun` each process has its share of every batch and PyTorch averages the gradients;
+only the first process writes. The windows of a step depend on seed and step only, so the loss of
 several processes is that of one on the same batch.
 """
 
@@ -42,17 +42,17 @@ def optimise(
     about: Mapping[str, Any] | None = None,
     device: torch.device | str = "cpu",
 ) -> dict[str, float]:
-    """Train a model and write the weights that roll out the training episodes best.
+    """Train a model and write the weights with the smallest rollout error on the training episodes.
 
     Args:
-        config: The model's form and units.
-        track: Gives the track of an episode by its number.
+        config: The model's configuration and units.
+        track: Returns the track of an episode by its number.
         episodes: Number of training episodes.
         plan: Schedule, and weights of the loss.
-        out: Where to write; a checkpoint found there is taken up.
-        judged: Episodes from the first on whose rollouts choose the weights; all when absent.
-        about: What the model is a model of; kept beside the weights.
-        device: Where the model is trained; `track` gives tracks that live there.
+        out: Output; training resumes from a checkpoint found there.
+        judged: Number of first episodes whose rollouts select the weights; all when absent.
+        about: Facts about the modelled object; stored with the weights.
+        device: Device of the training, and of the tracks that `track` returns.
 
     Returns:
         {"best_step", "rollout_error_mm"} of the chosen weights and {"loss"} of the last step.
@@ -107,7 +107,7 @@ def _one_step(
 
 
 def averaged_model(model: nn.Module, decay: float) -> AveragedModel:
-    """Begin the running average of a model's weights; the decay grows from 0 so that the start does not linger."""
+    """Start the running average of a model's weights; the decay grows from 0 so that initial weights are forgotten."""
 
     def moved(average: Tensor, value: Tensor, number: Tensor | int) -> Tensor:
         return average.lerp(value, 1 - min(decay, int(number) / (9 + int(number))))

@@ -1,4 +1,4 @@
-"""The processes that train together: one by default, several under `torchrun`."""
+"""The processes of a training run: one by default, several under `torchrun`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Processes:
-    """This process among those that train together."""
+    """This process in the group."""
 
     rank: int
     count: int
     device: torch.device
-    """Where this process computes."""
+    """Device of this process."""
 
     @property
     def first(self) -> bool:
@@ -34,10 +34,10 @@ class Processes:
     @classmethod
     @contextmanager
     def join(cls, device: torch.device | str = "cpu") -> Iterator[Processes]:
-        """Join the group that `torchrun` started; alone without it.
+        """Join the group started by `torchrun`; a single process without it.
 
         Args:
-            device: Where this process computes: on CUDA the processes talk over NCCL, else over gloo.
+            device: Device of this process: CUDA uses NCCL, otherwise gloo.
         """
         device = torch.device(device)
         count = int(os.environ.get("WORLD_SIZE", "1"))
@@ -53,7 +53,7 @@ class Processes:
             dist.destroy_process_group()
 
     def wait(self) -> None:
-        """Wait until every process has come this far."""
+        """Wait for all processes."""
         if self.count > 1:
             dist.barrier()
 
@@ -73,7 +73,7 @@ class Processes:
 
 
 def share(items: Sequence[Item], processes: Processes) -> list[Item]:
-    """Give this process's part of a batch; all parts have the same size.
+    """Return this process's part of a batch; all parts have the same size.
 
     Raises:
         PlopError: The batch cannot be shared evenly.

@@ -31,12 +31,12 @@ from plop.setting_kinds import (
 
 @dataclass(frozen=True)
 class LossWeights(Settings):
-    """Weights of the terms of the loss; lengths count in `render.depth_unit_m`, as depth does."""
+    """Weights of the terms of the loss; lengths are in `render.depth_unit_m`, like depth."""
 
     track: Weight = 1.0
     """Weight of the distance to the filter's track."""
     image: Weight = 1.0
-    """Weight of the rendering loss in the second phase; 0 renders nothing."""
+    """Weight of the rendering loss in the second phase; 0 disables rendering."""
     rigid: Weight = 1.0
     """Weight Lambda_r of the rigidity term."""
     rotation: Weight = 0.05
@@ -44,41 +44,41 @@ class LossWeights(Settings):
     isometry: Weight = 1.0
     """Weight Lambda_i of the isometry term."""
     sever: bool = True
-    """A blade severs neighbours in the last three terms; the paper keeps them."""
+    """Whether a blade separates neighbours in the last three terms; the paper keeps them."""
 
 
 @dataclass(frozen=True)
 class MadeUpConfig(VariationRanges):
-    """How many episodes the engine makes up, and how far they may differ from the recorded ones."""
+    """Number of simulated episodes, and how far they may differ from the recorded ones."""
 
     episodes: Annotated[int, Range(0), Unit("episodes"), Formerly("made_up")] = 24
-    """How many are made up where an engine is given."""
+    """Number of simulated episodes if an engine is given."""
 
 
 @dataclass(frozen=True)
 class Schedule(Settings):
-    """How long and how fast."""
+    """Training schedule."""
 
     seed: Annotated[Seed, COMMON] = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
     track_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 700
-    """Optimisation steps on the filter's tracks alone."""
+    """Optimisation steps on the filter's tracks only."""
     image_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 100
     """Optimisation steps after those, with the rendering loss."""
     batch: Annotated[int, Range(1), Unit("windows")] = 2
-    """Windows in a step, over all processes."""
+    """Windows per step, over all processes."""
     horizon: Annotated[int, Range(1), Unit("frames"), COMMON] = 4
     """Longest horizon of a window; the curriculum starts at 1 and doubles."""
     learning_rate: Annotated[float, Range(0, 1), COMMON] = 3e-3
     """Largest learning rate of Adam; rises over the first tenth, then falls by a cosine."""
     averaging: Share = 0.98
-    """Decay of the averaged weights that are kept."""
+    """Decay of the averaged weights."""
     noise_m: Annotated[float, Range(0, 1), Unit("m")] = 0.001
-    """Disturbance of a window's start."""
+    """Perturbation of a window's start."""
     mirror: bool = True
-    """See windows mirrored half of the time."""
+    """Mirror half of the windows."""
     validate_every: Annotated[int, Range(1), Unit("steps")] = 100
-    """Steps between rollouts of the training episodes, from which the best weights are chosen."""
+    """Steps between rollouts of the training episodes, which select the best weights."""
     checkpoint_every: Annotated[int, Range(1), Unit("steps")] = 25
     """Steps between checkpoints."""
 
@@ -88,7 +88,7 @@ class Schedule(Settings):
         return self.track_steps + self.image_steps
 
     def horizon_at(self, step: int) -> int:
-        """Horizon of the curriculum: 1, 2, 4, ... each for the same time, so the longer, the fewer steps."""
+        """Horizon of the curriculum: 1, 2, 4, ... each for the same time, so longer horizons have fewer steps."""
         horizons = [2**level for level in range(max(self.horizon, 1).bit_length()) if 2**level < self.horizon]
         horizons.append(self.horizon)
         shares = np.cumsum([1 / horizon for horizon in horizons])
@@ -106,38 +106,37 @@ class Schedule(Settings):
 
 @dataclass(frozen=True)
 class TrainConfig(Schedule):
-    """Settings of `train`; their defaults are written only here."""
+    """Settings of `train`; their defaults are defined only here."""
 
     frame: Literal["tool", "world"] = "tool"
     """Frame of the network: turns with the tool, or the world (the paper's)."""
     coupled: bool = True
-    """A particle also takes a learned share of the tool's motion at its place; off in the paper."""
+    """A particle also follows a learned share of the tool's motion at its position; off in the paper."""
     cohesion: bool = True
-    """In a rollout a Gaussian keeps to its neighbours on its side of the cut, as near as in the tracks; off in the
-    paper."""
+    """Limit the distance of a Gaussian from its neighbours on its side of the cut in a rollout, as in the tracks; off
+    in the paper."""
     cut_faces: bool = True
-    """In a rollout a blade narrows the Gaussians that it passes, so that none reaches across the cut; off in the
+    """In a rollout a blade narrows the Gaussians that it passes, so that none extends across the cut; off in the
     paper."""
     folds: Annotated[int, Range(0, but=1), Unit("models")] = 0
-    """Models trained besides, each without its share of the episodes (2 or more; 0: none), so that `diagnose` can tell
-    how far the model is off in episodes that it has not seen."""
+    """Number of cross-validation folds: further models, each trained without its share of the episodes (2 or more; 0:
+    none), from which `diagnose` estimates the error of the model in unseen episodes."""
     network: I2NConfig = I2NConfig()
-    """Size and form of the network."""
+    """Size and type of the network."""
     resampling: ResamplingConfig = ResamplingConfig()
     """When Gaussians merge and split."""
     weights: LossWeights = LossWeights()
     """Weights of the terms of the loss."""
     render: RenderWeights = RenderWeights()
-    """Weights of the rendering loss, in the tracks, too."""
+    """Weights of the rendering loss, also in the tracks."""
     update: UpdateConfig = UpdateConfig()
-    """The filter that makes the tracks."""
+    """Settings of the filter that makes the tracks."""
     made_up: MadeUpConfig = MadeUpConfig()
-    """Episodes that an engine makes up."""
+    """Simulated episodes of an engine."""
     device: str = AUTO_DEVICE
-    """Where it runs: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
+    """Device: "cpu", "cuda", "cuda:<number>", or "auto": cuda where there is one."""
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
-    """Tracks that are made at a time, made-up ones as well, each in a process; -1 is one a core. On a GPU one after
-    the other."""
+    """Number of parallel processes for tracks and simulated episodes; -1 is one per core. Sequential on a GPU."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -147,5 +146,5 @@ class TrainConfig(Schedule):
                 where="track_steps, image_steps",
                 expected="at least one step",
                 found="0 and 0",
-                fix="Give one of them a number of steps.",
+                fix="Set one of them to a number of steps.",
             )

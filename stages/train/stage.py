@@ -1,10 +1,10 @@
 """train: learn the dynamics of an object from its training episodes (PLOP, Sec. III-D).
 
-1. Follow the object through every training episode with the filter (tracks).
-2. Optimise the model: first on the tracks alone, then with the rendering loss, horizons growing.
-3. Keep the averaged weights that roll out the training episodes best.
+1. Track the object through every training episode with the filter (tracks).
+2. Optimise the model: first on the tracks only, then with the rendering loss, with growing horizons.
+3. Keep the averaged weights with the smallest rollout error on the training episodes.
 
-With an engine, episodes that it makes up are learned from, too (`stages.train.made_up`).
+With an engine, simulated episodes are used as well (`stages.train.simulated_episodes`).
 
 With `folds`, further models are trained first, each without its share of the episodes.
 """
@@ -34,12 +34,12 @@ from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
 from stages.common_inputs import init_input, recordings_input
 from stages.train.form import model_config
-from stages.train.lessons import Lessons
-from stages.train.made_up import MadeUp, engine_model, make_up
 from stages.train.optimise import optimise
 from stages.train.processes import Processes
 from stages.train.settings import TrainConfig
+from stages.train.simulated_episodes import SimulatedEpisode, engine_model, simulate_episodes
 from stages.train.tracks import Track, track_episode
+from stages.train.training_set import TrainingSet
 
 
 @deterministic()
@@ -47,27 +47,24 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     """Train a model on the training episodes of a recording set.
 
     Args:
-        inputs: "recordings", "init" (fitted Gaussians of frame 0) and, if wanted, the "engine" that makes up episodes.
+        inputs: "recordings", "init" (fitted Gaussians of frame 0) and, optionally, the "engine" for simulated episodes.
         config: Settings.
         out: Receives model.safetensors, model.json, log.jsonl, tensorboard/, tracks/ and made-up/; folds/<k>/ with the
-            same but for the tracks.
+            same except the tracks.
 
     Returns:
         Figures of the tracks and of the chosen weights.
 
     Raises:
-        PlopError: No training episode, one without fitted Gaussians, or an engine that is none, of another object, or
-            fitted to test episodes.
+        PlopError: No training episode, one without fitted Gaussians, or an engine that is not one, of another object,
+            or fitted to test episodes.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     if "engine" in inputs:
         engine_model(inputs["engine"].path)
         _check_engine_is_clean(inputs["engine"].path, recordings, recordings_content(inputs["recordings"].manifest))
         check_same_object(
-            inputs["engine"].path,
-            recordings.environment,
-            [],
-            fix="Give the engine that was fitted to these recordings.",
+            inputs["engine"].path, recordings.environment, [], fix="Use the engine that was fitted to these recordings."
         )
     if not recordings.train:
         raise PlopError(
@@ -75,15 +72,15 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
             where=recordings.folder,
             expected="at least 1",
             found=f"{len(recordings.test)} test episodes",
-            fix="Choose fewer test episodes where these recordings are made: --test.",
+            fix="Choose fewer test episodes when ingesting or simulating these recordings: --test.",
         )
     if config.folds > len(recordings.train):
         raise PlopError(
-            "The training episodes cannot be dealt out to so many folds.",
+            "There are too few training episodes for this number of folds.",
             where="train.folds",
             expected=f"0, or 2 to {len(recordings.train)}",
             found=str(config.folds),
-            fix="Choose another number; each fold learns without its share of the episodes.",
+            fix="Choose another number; each fold is trained without its share of the episodes.",
         )
     with Processes.join(chosen_device(config.device)) as processes:
         if processes.first:
@@ -94,15 +91,15 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
 
 
 def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list[str]) -> None:
-    """Refuse an engine that was fitted to test episodes, or has an effect that was: the network would learn from them.
+    """Reject an engine that, or an effect of which, was fitted to test episodes: the network would learn from them.
 
     Raises:
-        PlopError: It was; says how to fit one that was not.
+        PlopError: It was; explains how to fit a valid one.
     """
     seen = seen_by(engine, recordings.test, content)
     if seen:
         raise PlopError(
-            "The engine was fitted to episodes that are for testing.",
+            "The engine was fitted to test episodes.",
             where=Model(engine).facts,
             expected="an engine fitted to training episodes only",
             found=", ".join(seen),
@@ -113,16 +110,18 @@ def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
     followed, warnings = _make_up(recordings, inputs, config, out)
-    lessons = Lessons(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
-    sizes = [_size_m(lessons.track(i)) for i in range(len(lessons.recorded))]
+    training_set = TrainingSet(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
+    sizes = [_size_m(training_set.track(i)) for i in range(len(training_set.recorded))]
     about = {
         "environment": recordings.environment,
         "size_m": np.median(sizes, axis=0).tolist(),
         "made_up": len(followed),
     }
     for k in range(config.folds):
-        _train_fold(k, lessons, config, out, about)
-    model, chosen = train_on(lessons.track, len(lessons), config, out, about=about, judged=len(lessons.recorded))
+        _train_fold(k, training_set, config, out, about)
+    model, chosen = train_on(
+        training_set.track, len(training_set), config, out, about=about, judged=len(training_set.recorded)
+    )
     return Summary(
         figures={
             **tracked,
@@ -137,12 +136,12 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
     )
 
 
-def _train_fold(k: int, lessons: Lessons, config: TrainConfig, out: Output, about: Mapping[str, Any]) -> None:
-    """Train a model without every `folds`-th episode, once; its model.json tells which (`plop.models.judges_of`)."""
-    piece, left_out = f"fold-{k}", lessons.recorded[k :: config.folds]
+def _train_fold(k: int, training_set: TrainingSet, config: TrainConfig, out: Output, about: Mapping[str, Any]) -> None:
+    """Train a model without every `folds`-th episode, once; model.json names these (`plop.models.judges_of`)."""
+    piece, left_out = f"fold-{k}", training_set.recorded[k :: config.folds]
     if out.is_done(piece):
         return
-    kept = lessons.without(left_out)
+    kept = training_set.without(left_out)
     folder = Model(out.path).folds / str(k)
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -172,15 +171,15 @@ def train_on(
     """Optimise a model on tracks.
 
     Args:
-        track: Gives the track of an episode by its number, on the configured device.
+        track: Returns the track of an episode by its number, on the configured device.
         episodes: Number of tracks.
         config: Settings.
         out: Receives model.safetensors, model.json, log.jsonl and tensorboard/.
-        about: What the model is a model of; kept beside the weights.
-        judged: Episodes from the first on whose rollouts choose the weights; all when absent.
+        about: Facts about the modelled object; stored with the weights.
+        judged: Number of first episodes whose rollouts select the weights; all when absent.
 
     Returns:
-        The model's form and units, and the figures of the chosen weights.
+        The model's configuration and units, and the figures of the chosen weights.
     """
     model = model_config(config, [track(i) for i in range(episodes)])
     chosen = optimise(
@@ -195,7 +194,7 @@ def _size_m(track: Track) -> np.ndarray:
 
 
 def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out: Output) -> dict[str, float]:
-    """Follow the object through the training episodes that have no track yet; gives the tracks' mean errors."""
+    """Track the object through the training episodes that have no track yet; return the tracks' mean errors."""
     work = partial(_make_track, recordings, init, config)
     done = out.map(recordings.train, work, jobs=jobs_on(config.device, config.jobs), of="track")
     errors = done.values.values()
@@ -228,26 +227,23 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name:
 
 def _make_up(
     recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output
-) -> tuple[list[MadeUp], list[str]]:
-    """Let the engine make up episodes, where there is one; gives those that it followed, and a warning of others."""
+) -> tuple[list[SimulatedEpisode], list[str]]:
+    """Simulate episodes with the engine, if there is one; return the successful ones, and a warning of failures."""
     if "engine" not in inputs:
         return [], []
-    return make_up(recordings, inputs["init"].path, inputs["engine"].path, config, out)
+    return simulate_episodes(recordings, inputs["init"].path, inputs["engine"].path, config, out)
 
 
 STAGE = Stage(
     name="train",
-    version=10,
+    version=11,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
-        "recordings": recordings_input("Recordings; only training episodes are opened."),
+        "recordings": recordings_input("Recordings; only training episodes are used."),
         "init": init_input("Gaussians of frame 0.", choice=Choice.LATEST),
         "engine": InputSpec(
-            ("identify", "augment"),
-            "Engine that makes up episodes to learn from, too.",
-            optional=True,
-            choice=Choice.NAMED,
+            ("identify", "augment"), "Engine for simulated training episodes.", optional=True, choice=Choice.NAMED
         ),
     },
     run=run,

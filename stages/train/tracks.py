@@ -1,7 +1,7 @@
 """Tracks: the filter's states of every training episode, from which training starts its rollouts.
 
-Made from the images alone, by a filter that predicts with constant velocity. One file an episode,
-tracks/<episode>.h5 (Trajectory, group "updated"), kept when training is stopped and goes on.
+Made from the images only, by a filter that predicts with constant velocity. One file per episode,
+tracks/<episode>.h5 (Trajectory, group "updated"), kept when training is interrupted and resumes.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ def track_episode(
     *,
     weights: RenderWeights | None = None,
 ) -> dict[str, float]:
-    """Follow the object through one episode and write its track.
+    """Track the object through one episode and write its track.
 
     Args:
         recording_path: The episode.
         splat_path: Gaussians at frame 0.
         track_path: File to write.
         config: The filter's update.
-        on_frame: Called with (frames done, frames in all).
-        device: Where the filter runs.
-        weights: Weights of the rendering loss; the usual ones when absent.
+        on_frame: Called with (finished frames, all frames).
+        device: Device of the filter.
+        weights: Weights of the rendering loss; the defaults when absent.
 
     Returns:
         Mean over frames and cameras: {"depth_mm", "l1"} of the updated states.
@@ -67,7 +67,7 @@ def track_episode(
 
 
 def append_state(writer: TrajectoryWriter, frame: int, state: ParticleState, **extra: Tensor | np.ndarray) -> None:
-    """Add a state to a track's file, with whatever else belongs to the frame."""
+    """Add a state to a track's file, with further arrays of the frame."""
     writer.append(
         "updated",
         frame,
@@ -85,7 +85,7 @@ class Track:
 
     name: str
     recording_path: Path | None
-    """Where the images are; None for an episode that was made up."""
+    """Path of the images; None for a simulated episode."""
     initial: Gaussians
     means: Tensor
     """Shape [T, N, 3] [m]."""
@@ -119,14 +119,14 @@ class Track:
 def load_track(
     name: str, recording_path: Path, track_path: Path, device: torch.device | str = "cpu", *, made_up: bool = False
 ) -> Track:
-    """Read a track to a device; some episodes stay in memory, however many there are.
+    """Read a track to a device; a limited number of episodes is cached in memory.
 
     Args:
         name: The episode.
-        recording_path: Its recording; of a made-up one the recording that it is like.
+        recording_path: Its recording; for a simulated one the recording that it varies.
         track_path: The track's file.
-        device: Where its tensors live.
-        made_up: The file holds the tool's motion (`stages.train.made_up`); the recording's does not count.
+        device: Device of its tensors.
+        made_up: Whether the file has its own tool motion (see `stages.train.simulated_episodes`).
     """
     with Trajectory(track_path) as track, Recording.open(recording_path) as recording:
         frames = track.frames("updated")

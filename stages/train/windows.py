@@ -1,7 +1,7 @@
-"""Windows: short stretches of episodes from which one optimisation step learns.
+"""Windows: short segments of episodes for one optimisation step.
 
-Which windows a step gets depends on the seed and the number of the step alone, so that a run that was
-stopped goes on as if it had not been.
+The windows of a step depend only on the seed and the number of the step, so that a resumed run has the
+same result as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from stages.train.tracks import Track
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of one episode and the draws that belong to it."""
+    """A segment of one episode and its random draws."""
 
     episode: int
     start: int
@@ -25,10 +25,10 @@ class Window:
     horizon: int
     """Steps to predict."""
     mirror: tuple[bool, bool]
-    """Whether the step is seen mirrored across the frame's x and y axes."""
+    """Whether the step is mirrored across the frame's x and y axes."""
     noise_seed: int
     cameras: tuple[int, ...]
-    """Camera to compare with, as a number to be taken modulo the count, one for each step."""
+    """Camera to compare with, as a number modulo the count, one for each step."""
 
 
 def draw_windows(
@@ -36,7 +36,7 @@ def draw_windows(
 ) -> list[Window]:
     """Draw the windows of one optimisation step.
 
-    Half of them start anywhere, half where the object moves: most frames of a cut show hardly any motion.
+    Half of them start at any frame, half where the object moves: most frames of a cut show hardly any motion.
 
     Args:
         motions: For each episode the mean motion of each step, shape [T - 1] [m].
@@ -44,7 +44,7 @@ def draw_windows(
         horizon: Steps in each; shorter where the episode is.
         seed: The run's seed.
         step: Number of the optimisation step.
-        mirror: Draw reflections too.
+        mirror: Also draw reflections.
     """
     rng = np.random.default_rng([seed, step])
     windows = []
@@ -64,10 +64,10 @@ def draw_windows(
 
 
 def disturbed_start(track: Track, window: Window, noise_m: float) -> tuple[ParticleState, torch.Tensor]:
-    """Give the window's first state, displaced a little as a rollout's own errors would.
+    """Return the window's first state, perturbed like the errors of a rollout.
 
-    The disturbance is a shift of the whole object, an opening of the cut and independent noise; the
-    history carries a share of it. Every fourth window stays as it is.
+    The perturbation is a shift of the whole object, an opening of the cut and independent noise; the
+    history includes a share of it. Every fourth window is unperturbed.
 
     Args:
         track: The episode's track.
@@ -75,8 +75,8 @@ def disturbed_start(track: Track, window: Window, noise_m: float) -> tuple[Parti
         noise_m: Standard deviation of each part [m]; 0 for none.
 
     Returns:
-        The state, and the displacement of each Gaussian, shape [N, 3] [m]: it belongs to the targets too,
-        since no model can know that the object lay elsewhere.
+        The state, and the displacement of each Gaussian, shape [N, 3] [m]: it is added to the targets, too,
+        since no model can know that the object was elsewhere.
     """
     state = track.state(window.start)
     means = state.gaussians.means
@@ -85,7 +85,7 @@ def disturbed_start(track: Track, window: Window, noise_m: float) -> tuple[Parti
         return state, torch.zeros_like(means)
 
     def drawn(*shape: int) -> torch.Tensor:
-        """Draw on the CPU: the same numbers wherever the training runs."""
+        """Draw on the CPU: the same numbers on every device."""
         return torch.randn(shape, generator=generator, device="cpu").to(means)
 
     shift = drawn(1, 3) + state.side[:, None] * drawn(1, 3)

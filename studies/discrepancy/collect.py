@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from plop.diagnosis.candidates import candidates_of
+from plop.diagnosis.hypotheses import candidates_of
 from plop.diagnosis.responses import Job, run_job
 from plop.identification.identify import NAMES, identify, spacing_for, starts_settled
 from plop.physics.adapters.filled import EngineBase

@@ -195,7 +195,7 @@ def test_one_that_was_passed_over_is_told(tmp_path: Path):
 @pytest.mark.parametrize("below", ["", "sub", "sub/deeper"])
 def test_a_file_cannot_be_a_workspace(tmp_path: Path, below: str):
     (tmp_path / "file").write_text("")
-    with pytest.raises(PlopError, match="a file stands") as caught:
+    with pytest.raises(PlopError, match="there is a file at") as caught:
         Store(tmp_path / "file" / below)
     assert "--workspace" in str(caught.value.fix) and caught.value.where == str(tmp_path / "file")
 

@@ -19,7 +19,7 @@ ROW = {
     "gain": 0.123456,
     "gain_error": 0.01,
     "p": 0.005,
-    "contrast_p": None,
+    "strength": 12.5,
     "passes": True,
     "reasons": [],
     "help": "dropped",
@@ -31,13 +31,12 @@ FACTS = {
     "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt."},
     "error": 2.000049,
     "floor": None,
-    "closed_share": 0.5,
+    "searches": 400,
     "episodes": ["a"],
     "reference_episodes": [],
     "seconds": 1.0,
-    "shams": "dropped",
+    "limits": "dropped",
     "ranking": [ROW, *({**ROW, "effect": f"law_{k}"} for k in range(RANKED + 1))],
-    "base": {**ROW, "effect": "stiffness"},
 }
 
 
@@ -94,6 +93,6 @@ def test_a_diagnosis_is_kept_with_its_version_and_the_best_effects(tmp_path):
     kept = collected(store, "unseen1")
     assert store.asked == ["unseen1"] and kept["diagnose_version"] == 14
     assert (kept["verdict"], kept["named"], kept["error"], kept["floor"]) == ("EFFECT", ["tilt"], 2.0, None)
-    assert [row["effect"] for row in kept["ranking"]] == ["tilt", "law_0", "law_1", "law_2", "stiffness"]
+    assert [row["effect"] for row in kept["ranking"]] == ["tilt", "law_0", "law_1", "law_2"]
     assert kept["ranking"][0]["parameters"] == {"gx": {"value": 1.2346, "low": None, "high": 2.0, "unit": "m/s^2"}}
     assert "dropped" not in json.dumps(kept)

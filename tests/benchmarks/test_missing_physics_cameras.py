@@ -22,15 +22,13 @@ LAW = {
     "gain": 0.9,
     "gain_error": 0.1,
     "p": 0.005,
-    "contrast": 8.0,
-    "contrast_p": 0.001,
+    "strength": 18.0,
     "reasons": [],
     "parameters": {"gx_m_s2": {"value": 1.1, "low": 0.9, "high": 1.3}},
 }
 DIAGNOSIS = {
     "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "Missing: tilt.", "evidence": {"left": 2.0}},
     "ranking": [{"effect": "tilt", **LAW}, {"effect": "drag", **LAW}],
-    "base": {"effect": "stiffness", **LAW},
     "error": 9.0,
     "floor": 1.0,
     "dropped": {},
@@ -49,7 +47,7 @@ def loop(tmp_path: Path, monkeypatch) -> SimpleNamespace:
     def plop(self: Cameras, *words: str) -> None:
         typed.append(list(words))
         if words[0] == "simulate" and "--snr" in words and float(words[words.index("--snr") + 1]) > state.strongest:
-            raise SignalTooWeakError("The effect cannot give the wanted signal in these motions.")
+            raise SignalTooWeakError("The effect cannot give the requested signal in these motions.")
 
     def find(name: str) -> SimpleNamespace:
         folder = tmp_path / name
@@ -83,7 +81,7 @@ def test_the_answer_is_opened_after_the_verdict(loop):
     row = loop.loop.carry_out(Run("snr4-tilt", Group.SINGLE, 3, TILT, 4.0), None)
     assert [words[0] for words in loop.typed] == ["simulate", "diagnose"] and loop.opened == [2]
     assert (row.ranks, row.snr, row.left, row.rms_mm) == ([1], 2.0, 2.0, 1.0)
-    assert set(row.parameters) == {"tilt", "drag", "stiffness"} and row.base == {"tool_friction": 0.24}
+    assert set(row.parameters) == {"tilt", "drag"} and row.base == {"tool_friction": 0.24}
 
 
 def test_half_the_signal_is_taken_where_the_whole_cannot_be_had(loop):
@@ -104,7 +102,7 @@ def test_a_law_outside_the_library_is_left_out_of_the_diagnosis(loop):
 def test_of_two_laws_the_second_is_looked_for_beside_the_first(loop):
     row = loop.loop.carry_out(Run("pair-a-b", Group.PAIR, 3, BOTH, 4.0), None)
     assert [words[0] for words in loop.typed] == ["simulate", "diagnose", "augment", "diagnose"]
-    assert row.tests["tilt"]["contrast_p"] == 0.001
+    assert row.tests["tilt"]["strength"] == 18.0
     assert loop.typed[-1][2] == loop.typed[-2][-1] and row.next_named == ["tilt"]
 
 

@@ -12,9 +12,9 @@ from benchmarks.missing_physics import points
 from benchmarks.missing_physics.plan import DEVELOPED, SNRS, Run, points_plan
 from benchmarks.missing_physics.points import Points, fitted_engine, named_effects
 from benchmarks.missing_physics.row import Group, Row
-from plop.diagnosis.finding import Finding
 from plop.diagnosis.verdict import Verdict
 from plop.errors import PlopError, SignalTooWeakError
+from plop.parameters import Estimate
 from plop.physics.effects.library import library
 
 TYPES = library()
@@ -30,10 +30,10 @@ def found(kind: str, named: list[str]) -> SimpleNamespace:
     parameters = {
         "swelling": {"rate_per_s": 0.1},
         "fibres": {"ratio": 2.0, "angle_deg": 45.0},
-        "base": {"d_ln_e": -0.4, "d_per_s": 20.0},
+        "stiffness": {"d_ln_e": -0.4},
     }
     findings = [
-        Finding(name, "physics", {k: {"value": v} for k, v in values.items()}, 0.5, 0.1, 0.0, None)
+        SimpleNamespace(name=name, parameters={k: Estimate(v) for k, v in values.items()})
         for name, values in parameters.items()
     ]
     return SimpleNamespace(verdict=Verdict(kind, named, ""), findings=findings)

@@ -154,7 +154,7 @@ def test_results_of_easy_handeye_are_read(tmp_path, kind):
         (lambda c: c["parameters"].update(tracking_base_frame="camera_link"), "without camera axes"),
         (lambda c: c["transform"]["translation"].update(x=700.0), "millimetres"),
         (lambda c: c["transform"]["rotation"].update(w=0.9), "length 1"),
-        (lambda c: c["transform"]["translation"].update(x=float("nan")), "no numbers"),
+        (lambda c: c["transform"]["translation"].update(x=float("nan")), "not finite"),
         (lambda c: c["transform"].pop("rotation"), "rotation"),
     ],
 )

@@ -139,7 +139,7 @@ def test_hand_eye_poses_place_a_fixed_camera(tmp_path):
 @pytest.mark.parametrize(
     ("facts", "message"),
     [
-        ({"base_from_gripper": []}, "pair up"),
+        ({"base_from_gripper": []}, "not as many robot poses"),
         ({"mount": "ceiling"}, "mount"),
         ({"cam_from_board": [[1, 2], [3]]}, "cannot be read"),
     ],

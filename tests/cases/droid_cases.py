@@ -297,7 +297,7 @@ CASES: list[Case] = [
         CLOCK,
         _clocks(lambda t: t[0] + (t - t[0]) / 1000, lambda t: t[0] + (t - t[0]) / 1000),
         INGEST,
-        refused=("as short or as long", "in seconds it would last"),
+        refused=("duration of the recording", "in seconds it would span"),
     ),
     Case(
         "droid_clock_frame_numbers",
@@ -344,14 +344,14 @@ CASES: list[Case] = [
         NUMBERED,
         _made(_rename(_depth_folders, lambda n: f"{2 * n:06d}.png")),
         INGEST,
-        refused=("numbers of the depth pictures", "2 more than the last"),
+        refused=("numbers of the depth images", "increase by 2"),
     ),
     Case(
         "droid_depth_of_a_d405",
         "realsenseai/librealsense#12918",
         _depth_counts(10_000),
         INGEST,
-        refused=("depth is in another unit", "D405", "Multiply the depth pictures by 0.1"),
+        refused=("depth is in another unit", "D405", "Multiply the depth images by 0.1"),
         never=("set workspace",),
     ),
     Case(
@@ -363,7 +363,7 @@ CASES: list[Case] = [
             ]
         ),
         INGEST,
-        refused=("uint8", "scaled for looking at", "16-bit"),
+        refused=("uint8", "scaled for display", "16-bit"),
     ),
     Case(
         "droid_depth_npy",
@@ -400,7 +400,7 @@ CASES: list[Case] = [
         "",
         _made(_link_elsewhere),
         INGEST,
-        refused=("leaves the raw folder", "a link that leads"),
+        refused=("outside the raw folder", "a link to the outside"),
     ),
     Case("droid_camera_names", "RoboOrchardLab#22, robomimic#135", _made(_camera_names), INGEST, right=_right),
     Case("droid_byte_order_mark", "Windows editors", _made(_byte_order_mark), INGEST, never=("warning",), right=_right),
@@ -409,7 +409,7 @@ CASES: list[Case] = [
         "nagadomi/nunif#163",
         _made(_top_and_bottom),
         INGEST,
-        refused=("one above the other", "stereo3d=abl:sbsl"),
+        refused=("stacked vertically", "stereo3d=abl:sbsl"),
     ),
     Case("droid_poses_opengl", POSES, _poses(_axes(OPENGL)), INGEST, refused=(GL, *CONVENTION)),
     Case("droid_poses_opengl_one_camera", POSES, _poses(_axes(OPENGL), one=True), INGEST, refused=(GL,)),

@@ -74,9 +74,9 @@ def test_help_says_what_an_input_is_and_what_is_made_on_the_way(monkeypatch, cap
     monkeypatch.setenv("COLUMNS", "300")
     assert main(["diagnose", "--help"]) == 0
     shown = {line.split()[1]: line for line in capsys.readouterr().out.splitlines() if "--" in line}
-    assert "the filter's states. Address of an artifact of filter. [default: (made on the way)]" in shown["--tracks"]
-    assert "(made on the way, or none)" in shown["--reference-tracks"]
-    assert "(the latest that fits)" in shown["--model"]
+    assert "the filter's states. Address of an artifact of filter. [default: (made if missing)]" in shown["--tracks"]
+    assert "(made if missing, or none)" in shown["--reference-tracks"]
+    assert "(the latest match)" in shown["--model"]
 
 
 def test_run_skip_and_json(workspace: Path, capsys: pytest.CaptureFixture[str]):
@@ -84,7 +84,7 @@ def test_run_skip_and_json(workspace: Path, capsys: pytest.CaptureFixture[str]):
     assert main(command) == 0
     assert "done in" in capsys.readouterr().out
     assert main(command) == 0
-    assert "already there" in capsys.readouterr().out
+    assert "exists already" in capsys.readouterr().out
     assert main([*command, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["skipped"] is True
@@ -190,7 +190,7 @@ def test_what_is_there_already_is_shown_again(workspace: Path, capsys: pytest.Ca
     first = capsys.readouterr().out.splitlines()
     assert main(command) == 0
     again = capsys.readouterr().out.splitlines()
-    assert "already there" in again[0] and again[1:] == first[1:] and any("pieces" in line for line in again)
+    assert "exists already" in again[0] and again[1:] == first[1:] and any("pieces" in line for line in again)
     assert main([*command, "-q"]) == 0
     assert capsys.readouterr().out == ""
 

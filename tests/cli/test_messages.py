@@ -56,7 +56,7 @@ def test_no_workspace_is_said_and_none_is_made(tmp_path, monkeypatch, capsys, wo
 def test_a_workspace_that_is_a_file(tmp_path, capsys):
     (tmp_path / "file").touch()
     assert main(["status", "-w", str(tmp_path / "file")]) == 1
-    assert "a file stands where its folder would be" in capsys.readouterr().err
+    assert "there is a file at its path" in capsys.readouterr().err
 
 
 def test_status_of_an_empty_folder_ends_with_how_to_begin(tmp_path, monkeypatch, capsys):

@@ -92,7 +92,7 @@ def test_results_with_more_environments_stay(
     before = (place / "docs" / "results" / "disect.json").read_bytes()
     made(monkeypatch, failing=("sphere-foam",))
     assert main(["reproduce", "raw", "-q"]) == 1
-    assert "also hold sphere-foam, which this run lacks" in capsys.readouterr().err
+    assert "also contain sphere-foam, which this run lacks" in capsys.readouterr().err
     assert main(["reproduce", "raw", "-q", "--env", "prism-jelly", "--out", "docs"]) == 0
     assert (place / "docs" / "results" / "disect.json").read_bytes() == before
     assert results(place / "reproduce" / "results" / "disect.json")[1] == ["prism-jelly"]

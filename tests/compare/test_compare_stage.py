@@ -78,7 +78,7 @@ def test_another_object_is_refused_unless_asked_for(inputs, sinking, tmp_path):
 def test_what_recordings_and_model_tell_is_refused_before_anything_is_tracked(inputs):
     there = {name: inputs[name] for name in ("recordings", "model")}
     stage.STAGE.check_inputs(there, CompareConfig())
-    with pytest.raises(PlopError, match="No episode is chosen") as caught:
+    with pytest.raises(PlopError, match="No episode is selected") as caught:
         stage.STAGE.check_inputs(there, CompareConfig(episodes="ball_*"))
     assert "box_000" in str(caught.value.found) and caught.value.fix
 

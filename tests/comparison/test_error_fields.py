@@ -10,8 +10,8 @@ from plop.comparison.error_fields import band_text, error_field, tables
 from plop.comparison.field_file import read_field, stored_field, write_field
 from plop.errors import PlopError
 from plop.physics.engine.tool_motion import ToolMotion
-from plop.tracking.carrier import Carrier, fine_surface
 from plop.tracking.episode import Episode, convex_surface
+from plop.tracking.motion_interpolation import MotionInterpolation, fine_surface
 from plop.tracking.phases import PHASES, spans, view_tool
 from tests.support.compare_scene import FRAMES, PHASE_NAMES, cut_and_push, moved, surface_points
 
@@ -120,8 +120,8 @@ def test_a_divided_surface_stays_closed_and_keeps_its_volume():
 def test_what_is_carried_moves_with_its_own_side(episode):
     places = np.array([[-0.002, 0.0, 0.03], [0.002, 0.0, 0.03]])
     start = surface_points(300)
-    carrier = Carrier(start, episode.patch, places)
-    assert carrier.places_at(moved(start, 6)) == pytest.approx(moved(places, 6), abs=1e-9)
+    motion = MotionInterpolation(start, episode.patch, places)
+    assert motion.places_at(moved(start, 6)) == pytest.approx(moved(places, 6), abs=1e-9)
 
 
 def test_bands_are_written_in_millimetres():

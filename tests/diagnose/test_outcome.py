@@ -5,10 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from plop.diagnosis.contrast import Products
 from plop.diagnosis.finding import Finding
+from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
 from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.search import Score
 from plop.parameters import NOT_DETERMINED, Estimate
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import _row, rows_of
@@ -16,26 +20,31 @@ from tests.support.diagnoses import diagnosis, verdict
 
 
 def finding(name: str, low: float, high: float, gain: float = 0.5, **more: Estimate) -> Finding:
-    [first, *_] = library(())[name].amplitudes
+    kind = library(())[name]
+    [first, *_] = kind.amplitudes
     value = Estimate((low + high) / 2, low, high, first.unit)
-    return Finding(name, "physics", {first.name: value, **more}, gain, 0.1, 0.005, None)
+    [candidate, *_] = [c for c in candidates_of(library(()), [name]) if c.effect == name]
+    [hypothesis, *_] = hypotheses_of([candidate])
+    none = np.zeros(4)
+    score = Score(hypothesis, Products(np.eye(4), none), 1.0, 0.1, 3, 0.005, none + gain, none + gain, 1e-3)
+    return Finding(name, kind.kind, {first.name: value, **more}, score, gain, 0.1, ())
 
 
 def test_rows_say_what_the_recordings_determine_by_the_range_of_each_law():
     tried = Estimate(0.1, unit="s", alternatives=(0.03, 0.3), fitted=False)
-    open_ended = _row(finding("adhesion", 184.0, 7890.0, release_s=tried), library(()), None).parameters
+    open_ended = _row(finding("adhesion", 184.0, 7890.0, release_s=tried), library(())).parameters
     assert not open_ended["traction_pa"].determined and not open_ended["release_s"].determined
     alone = replace(tried, alternatives=())
-    known = _row(finding("adhesion", 184.0, 700.0, release_s=alone), library(()), None).parameters
+    known = _row(finding("adhesion", 184.0, 700.0, release_s=alone), library(())).parameters
     assert known["traction_pa"].determined and known["release_s"].determined
-    assert _row(finding("tilt", 0.1, 0.2), {}, None).parameters["gx_m_s2"].determined, "a law of the user's"
+    assert _row(finding("tilt", 0.1, 0.2), {}).parameters["gx_m_s2"].determined, "a law of the user's"
 
 
 def test_the_table_says_that_a_law_does_not_help_instead_of_minus_200_per_cent():
-    rows = [_row(finding("adhesion", 184.0, 7890.0), library(()), 1e-3)]
-    rows.append(_row(finding("tilt", 0.1, 0.2, gain=-2.0), library(()), 1e-3))
-    base = _row(finding("stiffness", -0.1, 0.2, gain=-1.5), library(()), None)
-    shown = rows_of(diagnosis(verdict("EFFECT", "adhesion"), *rows, base=base))
+    rows = [_row(finding("adhesion", 184.0, 7890.0), library(()))]
+    rows.append(_row(finding("tilt", 0.1, 0.2, gain=-2.0), library(())))
+    base = _row(finding("stiffness", -0.1, 0.2, gain=-1.5), library(()))
+    shown = rows_of(diagnosis(verdict("EFFECT", "adhesion"), *rows, base))
     assert [row["explains"] for row in shown] == ["50.0 ± 10.0 %", "does not help", "does not help"]
     assert NOT_DETERMINED in shown[0]["parameter"] and NOT_DETERMINED not in shown[1]["parameter"]
     assert not any(re.search(r"-\d", reason) for row in rows[1:] for reason in row.why_not())
@@ -56,7 +65,7 @@ def test_the_table_says_that_a_law_does_not_help_instead_of_minus_200_per_cent()
 def test_what_is_wrong_in_a_file_is_named_by_its_place(spoil, where):
     from plop.errors import PlopError
 
-    facts = diagnosis(verdict("EFFECT", "tilt"), _row(finding("tilt", 0.1, 0.2), library(()), 1e-3)).to_json()
+    facts = diagnosis(verdict("EFFECT", "tilt"), _row(finding("tilt", 0.1, 0.2), library(()))).to_json()
     assert Diagnosis.from_json(facts).ranking[0].effect == "tilt"
     spoil(facts)
     with pytest.raises(PlopError) as caught:

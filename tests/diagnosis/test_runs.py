@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from plop.diagnosis import runs as runs_module
-from plop.diagnosis.candidates import candidates_of
+from plop.diagnosis.hypotheses import candidates_of
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.diagnosis.runs import Runs, code_digest, digest
 from plop.errors import PlopError

@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.candidates import Column
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.error_size import ErrorSize
+from plop.diagnosis.hypotheses import Column
 from plop.diagnosis.responses import Answer, Job, run_job
-from plop.diagnosis.unnamed import among
-from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.library import library
 from tests.support.coarse_episodes import BASE, coarse_episode
@@ -34,7 +31,7 @@ class Three(World):
 
 
 def test_a_law_that_moves_nothing_is_told_with_a_limit_that_nothing_reaches():
-    found = Three().told({"swelling": 0.2}, ["swelling", "adhesion"])
+    found = Three().diagnosed({"swelling": 0.2}, ["swelling", "adhesion"])
     assert found.verdict.named == ("swelling",)
     assert "moves nothing" in found.dropped["adhesion"]
     assert found.limits["adhesion"].amplitude is None and found.limits["swelling"].amplitude is not None
@@ -50,17 +47,10 @@ def test_what_the_runs_are_for_is_told_before_they_are_made():
         world.run,
         reference=world.measured(2, {}),
         effects=["swelling"],
-        shams=99,
-        told=lambda step: steps.append((step, world.ran)),
+        announce=lambda step: steps.append((step, world.ran)),
     )
-    assert [step for step, _ in steps] == [
-        "no law",
-        "every law, recordings",
-        "every law, reference",
-        "where laws begin",
-        "amplitudes of the best",
-    ]
-    assert [ran for _, ran in steps[:2]] == [0, 12]  # six episodes and six of the reference, without any law
+    assert [step for step, _ in steps] == ["no law", "every law", "amplitudes of the best"]
+    assert [ran for _, ran in steps[:2]] == [0, 36]  # six episodes and six of the reference, in three discretisations
 
 
 def test_a_law_with_one_setting_that_runs_can_be_judged():
@@ -72,7 +62,7 @@ def test_a_law_with_one_setting_that_runs_can_be_judged():
         return [Answer(None, "unstable") if bad else answer for bad, answer in zip(fails, run(jobs), strict=True)]
 
     world.run = one_fails
-    found = world.told({}, ["adhesion"])
+    found = world.diagnosed({}, ["adhesion"])
     assert found.dropped["adhesion"].startswith("it moves nothing") and "adhesion" in found.verdict.text
     assert any("release_s=0.03" in key and why == "unstable" for key, why in found.dropped.items())
 
@@ -86,34 +76,29 @@ class OneWay(World):
 
 
 def test_a_law_of_which_nothing_can_be_taken_away_keeps_its_place():
-    found = OneWay().told({"swelling": 0.2}, ["swelling", "toughness"])
+    found = OneWay().diagnosed({"swelling": 0.2}, ["swelling", "toughness"])
     assert found.verdict.named == ("swelling",)
     assert "toughness" in {f.name for f in found.findings} and "toughness" not in found.dropped
 
 
 def test_a_verdict_speaks_of_the_laws_that_were_tried():
-    found = Three().told({}, ["swelling", "adhesion"])
+    found = Three().diagnosed({}, ["swelling", "adhesion"])
     assert found.verdict.kind == "NOTHING DETECTABLE"
     assert "that were tried can be detected" in found.verdict.text and "swelling" in found.verdict.text
-    whole = Three().told({}, library())
+    whole = Three().diagnosed({}, library())
     assert "of the library" in whole.verdict.text
 
 
 def test_a_law_that_cannot_be_run_is_told_and_not_among_those_tried():
     world = Three()
     world.broken = ("drag",)
-    found = diagnose(world.measured(1, {}), BASE, library(), world.run, reference=world.measured(2, {}), shams=99)
+    found = diagnose(world.measured(1, {}), BASE, library(), world.run, reference=world.measured(2, {}))
     assert found.dropped["drag"] == "unstable"
     assert "that were tried" in found.verdict.text and "drag" not in found.verdict.text
     world.broken = ("swelling", "drag")
     with pytest.raises(PlopError, match="No law could be judged") as caught:
-        world.told({}, ["swelling", "drag"])
+        world.diagnosed({}, ["swelling", "drag"])
     assert "unstable" in str(caught.value.found)
-
-
-def test_what_names_something_keeps_its_text():
-    verdict = Verdict(VerdictKind.EFFECT, ("tilt",), "Missing: tilt.")
-    assert among(verdict, ["tilt"], ErrorSize(1.0, 1.0)) is verdict
 
 
 @pytest.mark.parametrize("body", ["1 / 0", "raise SystemExit(0)", "body.v = None", "effect = type(self)(a=99.0)"])

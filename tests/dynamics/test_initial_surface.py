@@ -64,7 +64,7 @@ def test_gaussians_in_one_plane_enclose_nothing(episode):
     on_top = fitted.select(torch.nonzero(fitted.means[:, 2] > 0.0395).squeeze(1))
     flat = on_top.with_(means=on_top.means * torch.tensor([1.0, 1.0, 0.0]) + torch.tensor([0.0, 0.0, 0.04]))
     frame = replace(FirstFrame.of(recording), table_z_m=None)
-    with pytest.raises(PlopError, match="enclose nothing"):
+    with pytest.raises(PlopError, match="enclose no volume"):
         frame.surface(flat.means.double().numpy())
 
 

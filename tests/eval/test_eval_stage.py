@@ -182,7 +182,7 @@ def test_missing_rollouts_fits_and_damaged_views_are_errors(inputs, tmp_path):
 
 def test_settings_that_make_no_sense_are_refused(inputs, tmp_path):
     expect_error(inputs, tmp_path, "out of range", emd_every=-1)
-    expect_error(inputs, tmp_path, "wrong kind", lpips_net="resnet")
+    expect_error(inputs, tmp_path, "invalid value", lpips_net="resnet")
     expect_error(inputs, tmp_path, "no such camera", picture_camera="top")
 
 

@@ -37,7 +37,7 @@ def test_prediction_update_and_innovation_are_kept(inputs, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("exclude", "problem"), [(("cam7",), "no such camera"), (("cam0", "cam1", "cam2"), "left out")]
+    ("exclude", "problem"), [(("cam7",), "no such camera"), (("cam0", "cam1", "cam2"), "are excluded")]
 )
 def test_excluded_cameras_are_checked_before_work_begins(inputs, tmp_path, exclude, problem):
     with pytest.raises(PlopError, match=problem) as caught:

@@ -110,7 +110,7 @@ def test_a_registration_that_is_no_number_is_not_kept(tmp_path, monkeypatch, bro
     monkeypatch.setattr(episode, "register", register)
     summary = fuse(tmp_path / "set", tmp_path / "out")
     assert summary.table[0]["registered"] is False
-    assert "no finite answer" in summary.warnings[0]
+    assert "no finite solution" in summary.warnings[0]
 
 
 VERDICTS = [
@@ -127,7 +127,7 @@ def test_that_every_camera_is_bad_is_said_first(tmp_path, verdict, told):
     (folder / "calibration.json").write_text(json.dumps(facts))
     warnings = fuse(folder, tmp_path / "out").warnings
     assert told == bool(
-        warnings and "calls all 2 cameras of it bad (c0: its depth disagrees by 11.6 mm)" in warnings[0]
+        warnings and "calls all 2 of its cameras bad (c0: its depth disagrees by 11.6 mm)" in warnings[0]
     )
 
 
@@ -137,8 +137,11 @@ def test_bad_cameras_stand_before_an_object_that_cannot_be(tmp_path):
     (folder / "calibration.json").write_text(json.dumps({"episodes": {"a": {"cameras": VERDICTS}}}))
     with pytest.raises(PlopError) as caught:
         fuse(folder, tmp_path / "out", FuseConfig(max_extent_m=0.01))
-    assert caught.value.found.startswith("`plop calibrate` calls all 2 cameras") and "too large" in caught.value.found
-    assert str(caught.value.fix).startswith("Mend the cameras first")
+    assert (
+        caught.value.found.startswith("`plop calibrate` calls all 2 of its cameras")
+        and "implausibly large" in caught.value.found
+    )
+    assert str(caught.value.fix).startswith("Repair the cameras first")
 
 
 def thickness(points: np.ndarray) -> float:

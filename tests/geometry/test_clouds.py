@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.calibration.depth_agreement import DepthView, disagreement, interpolate_depth
+from plop.geometry.calibration.bundle_adjust import interpolate_depth
+from plop.geometry.calibration.depth_agreement import DepthView, disagreement
+from plop.geometry.calibration.local_planes import local_planes
+from plop.geometry.cameras import Camera
 from plop.geometry.clouds.cloud_ply import read_cloud, write_cloud
 from plop.geometry.clouds.plane import find_plane
 from plop.geometry.clouds.pointcloud import (
@@ -118,13 +121,32 @@ def test_millimetres_and_negative_depth_are_refused():
 
 def test_right_cameras_agree_and_a_shift_is_measured():
     (a, _, depth_a, mask), (b, _, depth_b, _) = views(ring(12))[:2]
-    source, target = DepthView(a, depth_a, mask == 1), DepthView(b, depth_b, mask >= 0)
-    good = disagreement(source, target)
-    assert good.compared > 500 and good.median_mm < 0.3 and good.ratio == pytest.approx(1, abs=1e-3)
-    farther = disagreement(source, DepthView(b, np.where(depth_b > 0, depth_b + 0.01, 0), mask >= 0))
-    assert farther.bias_mm == pytest.approx(10, abs=0.3)
-    nothing = disagreement(source, DepthView(b, np.zeros_like(depth_b), mask >= 0))
-    assert nothing.compared == 0 and np.isnan(nothing.median_mm)
+    whole = mask >= 0
+    source, target = DepthView(a, depth_a, mask == 1, mask == 1), DepthView(b, depth_b, whole, mask == 1)
+    good = disagreement([(source, target)])
+    assert good.compared > 500 and good.difference_mm < 0.3 and good.ratio == pytest.approx(1, abs=1e-3)
+    farther = disagreement([(source, replace(target, depth_m=np.where(depth_b > 0, depth_b + 0.01, 0)))])
+    assert farther.bias_mm == pytest.approx(10, abs=0.3) and farther.shown_mm == pytest.approx(10, rel=0.2)
+    nothing = disagreement([(source, replace(target, depth_m=np.zeros_like(depth_b)))])
+    assert nothing.compared == 0 and np.isnan(nothing.difference_mm)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.003])
+def test_local_planes_are_the_surface_and_end_at_edges(noise_m):
+    camera = Camera("a", 96, 80, np.array([[120.0, 0, 47], [0, 118, 41], [0, 0, 1]]), np.eye(4))
+    plane = np.array([0.4, -0.7, 2.0])
+    depth = 1 / (camera.pixel_directions() @ plane)
+    depth[:, 60:] += 0.1
+    depth += np.random.default_rng(0).normal(scale=noise_m, size=depth.shape)
+    depth[::9, ::7] = 0
+    found = local_planes(camera, depth, depth > 0)
+    first = found.vectors[:, : 55 // found.step].reshape(-1, 3)
+    known = first[np.isfinite(first[:, 0])]
+    assert len(known) > 0.6 * len(first)
+    angles = np.arccos((known @ plane / np.linalg.norm(known, axis=1) / np.linalg.norm(plane)).clip(-1, 1))
+    assert np.sqrt(np.mean(angles**2)) < 1e-6 + (0.3 if noise_m else 0)
+    assert (found.window_px > 3) == bool(noise_m)
+    assert np.isnan(found.vectors[:, 60 // found.step, 0]).all()
 
 
 def test_interpolation_is_exact_on_a_ramp_and_refuses_holes():
@@ -168,7 +190,7 @@ def test_registration_without_overlap_or_with_nan():
     assert found.pairs == 0 and np.isnan(found.residual_after_mm)
     np.testing.assert_array_equal(found.corrections, np.tile(np.eye(4), (2, 1, 1)))
     bad = replace(near, points=near.points * np.nan)
-    with pytest.raises(PlopError, match="no numbers"):
+    with pytest.raises(PlopError, match="not finite"):
         register([near, bad], gate_m=0.02)
     assert register([near, join([])], gate_m=0.02).pairs == 0
 

@@ -57,7 +57,7 @@ def test_faces_look_outwards():
 
 @pytest.mark.parametrize("points", [np.zeros((2, 3)), np.zeros((9, 3)), np.eye(3).repeat(3, 0)])
 def test_points_that_enclose_nothing_are_refused(points):
-    with pytest.raises(PlopError, match="enclose nothing"):
+    with pytest.raises(PlopError, match="enclose no volume"):
         convex_surface(points)
 
 

@@ -64,8 +64,8 @@ def test_noise_moves_the_answer_little_and_the_choice_is_the_most_consistent():
     ("robot", "message"),
     [
         (robot_poses(3), "too few poses"),
-        (robot_poses(8, turn=0.0), "hardly turns"),
-        (np.where(np.eye(4, dtype=bool), robot_poses(8), np.nan), "no numbers"),
+        (robot_poses(8, turn=0.0), "hardly rotates"),
+        (np.where(np.eye(4, dtype=bool), robot_poses(8), np.nan), "not finite"),
         (robot_poses(8) * np.array([1, 1, 1, 1000.0]), "millimetres"),
     ],
 )
@@ -85,7 +85,7 @@ def test_turning_about_one_axis_only_is_refused():
 
 def test_unpaired_poses_are_refused():
     robot = robot_poses()
-    with pytest.raises(PlopError, match="pair up"):
+    with pytest.raises(PlopError, match="not as many robot poses"):
         hand_eye(robot, board_poses(robot)[:-1])
 
 

@@ -52,7 +52,7 @@ WRONG = {
     "robot poses are inverted": lambda r, b, m: (invert_rigid(r), b, m),
     "board poses are inverted": lambda r, b, m: (r, invert_rigid(b), m),
     "both inverted": lambda r, b, m: (invert_rigid(r), invert_rigid(b), m),
-    "mounted otherwise": lambda r, b, m: (r, b, OTHER_MOUNT[m]),
+    "mounted differently": lambda r, b, m: (r, b, OTHER_MOUNT[m]),
     "scale 0.8": lambda r, b, m: (r, stretched(b, 1.2), m),
     "scale 1.1": lambda r, b, m: (r, stretched(b, 0.9), m),
     "positions are in millimetres": lambda r, b, m: (stretched(r, 0.001), b, m),
@@ -61,7 +61,7 @@ WRONG = {
         b,
         m,
     ),
-    "Euler angles x, y, z about turning axes": lambda r, b, m: (
+    "Euler angles x, y, z about rotating axes": lambda r, b, m: (
         turned(r, lambda turns: Rotation.from_euler("xyz", turns.as_euler("XYZ"))),
         b,
         m,
@@ -87,7 +87,7 @@ def test_pairs_that_do_not_belong_together_are_refused_without_a_name():
     mixed = np.random.default_rng(0).permutation(14)
     judged = judge_hand_eye(rig.robot, rig.board[mixed], rig.mount)
     assert judged.fault is HandEyeFault.INCONSISTENT and not judged.likely + judged.unlikely
-    assert "the robot turns by" in judged.why() and "pairs belong together" in judged.why()
+    assert "the robot rotates by" in judged.why() and "pairs belong together" in judged.why()
 
 
 def test_motion_about_one_axis_leaves_the_answer_open():

@@ -127,7 +127,7 @@ def test_what_the_recordings_hardly_tell_is_said():
     found = Calibration(MATERIAL, judged, 1e-3, 1e-3, 1, 1)
     warnings = _summary(BASE, found, 4, {}).warnings
     assert [w.split()[0] for w in warnings] == ["tool_friction", "youngs_modulus_pa", "poisson"]
-    assert "(0 to 1.55)" in warnings[0] and "leave it out of --fit" in warnings[0]
-    assert "(anything)" in warnings[1] and "end of its range" in warnings[2]
+    assert "(0 to 1.55)" in warnings[0] and "remove it from --fit" in warnings[0]
+    assert "(anything)" in warnings[1] and "bound of its range" in warnings[2]
     assert all(NOT_DETERMINED in warning for warning in warnings)
     assert [row["determined"] for row in _summary(BASE, found, 4, {}).table] == ["yes", *[NOT_DETERMINED] * 3]

@@ -242,7 +242,7 @@ def test_case_11_a_stereo_file_without_its_suffix_gives_depth(tmp_path):
 @pytest.mark.parametrize("rows", [1, 4])
 def test_case_12_too_short_episodes_are_skipped(tmp_path, rows):
     make_episode(tmp_path / "raw", rows=rows, serials=(EXT1,))
-    with pytest.raises(PlopError, match="Too few frames"):
+    with pytest.raises(PlopError, match="too few frames"):
         ingest(tmp_path / "raw", tmp_path / "out")
 
 

@@ -93,7 +93,7 @@ def test_external_links_are_not_followed(raw, tmp_path):
     with edit(raw) as file:
         del file["observation/robot_state/cartesian_position"]
         file["observation/robot_state/cartesian_position"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "x")
-    with pytest.raises(PlopError, match="links into another file"):
+    with pytest.raises(PlopError, match="contains a link into another file"):
         ingest(raw, tmp_path / "out")
 
 
@@ -101,7 +101,7 @@ def test_extrinsics_in_millimetres_are_refused(raw, tmp_path):
     with edit(raw) as file:
         for serial in (EXT1, EXT2):
             file[f"observation/camera_extrinsics/{serial}_left"][:, :3] *= 1000
-    with pytest.raises(PlopError, match="does not look like metres"):
+    with pytest.raises(PlopError, match="does not seem to be in metres"):
         ingest(raw, tmp_path / "out")
 
 
@@ -141,7 +141,7 @@ def test_a_tool_that_never_touches_in_any_episode_is_an_error(tmp_path):
 def test_a_black_camera_is_left_out(raw, tmp_path):
     write_video(episode_of(raw) / "recordings/MP4" / f"{EXT1}.mp4", [np.zeros((48, 64, 3), np.uint8)] * 12)
     summary, recordings = ingest(raw, tmp_path / "out")
-    assert said(summary, EXT1, "one colour", "left out")
+    assert said(summary, EXT1, "single colour", "left out")
     with recordings.open(recordings.names[0]) as recording:
         assert recording.camera_names == [EXT2]
 
@@ -208,6 +208,6 @@ def test_split_by_episode(tmp_path):
             ingest(tmp_path / "raw", tmp_path / "c", **{setting: ("SIM_2023-08-06-22h-00m-0s", "*")})
         assert "SIM_2023-08-06-22h-00m-00s" in caught.value.fix and f"--{setting} " in caught.value.found
     summary, _ = ingest(tmp_path / "raw", tmp_path / "d", test=("*-07m-*",))
-    assert said(summary, "--test *-07m-* fits no episode") and said(summary, "no usable episode is a test episode")
-    with pytest.raises(PlopError, match="No episode is chosen"):
+    assert said(summary, "--test *-07m-* matches no episode") and said(summary, "no usable episode is a test episode")
+    with pytest.raises(PlopError, match="No episode is selected"):
         ingest(tmp_path / "raw", tmp_path / "c", outcome="failure")

@@ -148,7 +148,7 @@ def test_a_test_episode_that_is_none_is_told_before_anything_is_rendered(tmp_pat
         ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("box_03",)))
     assert "box_003" in str(caught.value.fix) and payload(tmp_path / "out") == {}
     summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, test=("*_003", "ball*")))
-    assert summary.warnings == ["--test ball* fits no episode"]
+    assert summary.warnings == ["--test ball* matches no episode"]
 
 
 def test_several_environments_need_a_choice(tmp_path: Path) -> None:
@@ -273,9 +273,9 @@ def test_a_tool_that_never_touches_is_refused(tmp_path: Path) -> None:
     raw = raw_folder(tmp_path / "raw", dataclasses.replace(box, world_from_tool=away))
     with pytest.raises(PlopError, match="never touches") as caught:
         ingest(raw, tmp_path / "out")
-    assert caught.value.where == f"{raw / 'box_000.npz'}: world_from_tool" and "mm at its nearest" in caught.value.found
+    assert caught.value.where == f"{raw / 'box_000.npz'}: world_from_tool" and "mm at its closest" in caught.value.found
     assert "--keep-untouched" in caught.value.fix and not list((tmp_path / "out").rglob("*.h5"))
-    with pytest.raises(PlopError, match="No episode can be used"):
+    with pytest.raises(PlopError, match="No episode is usable"):
         ingest(raw, tmp_path / "skipped", dataclasses.replace(SMALL, skip_bad=True))
     ingest(raw, tmp_path / "kept", dataclasses.replace(SMALL, keep_untouched=True))
     assert RecordingSet.load(tmp_path / "kept").names
@@ -286,7 +286,7 @@ def test_a_camera_that_loses_the_object_is_pointed_out(tmp_path: Path) -> None:
     vertices = box.vertices + np.array([0, 0.4, 0.8])[:, None, None] * [1.0, 1.0, 0]
     raw = raw_folder(tmp_path / "raw", dataclasses.replace(box, vertices=vertices))
     summary = ingest(raw, tmp_path / "out", dataclasses.replace(SMALL, keep_untouched=True))
-    assert any("loses sight" in warning for warning in summary.warnings)
+    assert any("leaves the view" in warning for warning in summary.warnings)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +312,7 @@ def test_settings_out_of_range_are_named(change: dict[str, float]) -> None:
 
 def test_blender_that_is_not_there_is_a_clear_error(tmp_path: Path) -> None:
     config = filmed(SMALL, renderer="blender", blender="no-such-blender")
-    with pytest.raises(PlopError, match="Blender is not here"):
+    with pytest.raises(PlopError, match="Blender is not found"):
         ingest(raw_folder(tmp_path / "raw"), tmp_path / "out", config)
     assert payload(tmp_path / "out") == {}
 
@@ -331,7 +331,7 @@ def test_a_recording_without_truth_gives_everything_but_the_truth(tmp_path: Path
     write_without_truth(path, tmp_path / "bare.h5")
     with h5py.File(tmp_path / "bare.h5") as file:
         assert "truth" not in file
-    with pytest.raises(PlopError, match="no truth"):
+    with pytest.raises(PlopError, match="no ground truth"):
         Truth(tmp_path / "bare.h5")
     with Recording(path) as one, Recording(tmp_path / "bare.h5") as two:
         np.testing.assert_array_equal(one.world_from_tool, two.world_from_tool)
@@ -345,7 +345,7 @@ def test_a_real_recording_opens_its_cut(shared_data: Path, tmp_path: Path) -> No
     config = DisectConfig(environment="prism-jelly", episodes="prism_jelly_part_000", cameras=cameras)
     summary = INGEST_DISECT.run({"raw": Input(shared_data / "disect")}, config, Output(tmp_path))
     assert summary.figures["train"] == 1 and summary.table[0]["frames"] == 26
-    assert summary.warnings == ["No episode is kept for the test."]
+    assert summary.warnings == ["No episode is left for the test."]
     path = tmp_path / "episodes" / "prism_jelly_part_000.h5"
     with Recording(path) as recording, Truth(path) as truth:
         assert (recording.mask("cam_00", 25) == MaskLabel.OBJECT).any()
@@ -431,7 +431,7 @@ def test_vertices_that_change_their_order_are_told_from_fast_motion() -> None:
 def test_each_wrong_up_axis_is_told_with_the_right_one(up: str, place: tuple[float, float]) -> None:
     turn = WORLD_FROM_UP[up].T
     turned = dataclasses.replace(BOX, vertices=(BOX.vertices + [*place, 0]) @ turn.T, rest_vertices=None)
-    with pytest.raises(PlopError, match="another axis") as caught:
+    with pytest.raises(PlopError, match="up axis seems to be wrong") as caught:
         check_table(turned, Path("e.json"))
     assert f'"up": "{up}"' in str(caught.value.fix)
 
@@ -445,4 +445,4 @@ def test_a_hollow_keeps_its_inner_side_when_its_body_is_turned() -> None:
     assert sound_surface(hollow, Path("e.npz")) == (hollow, [])
     mended, notes = sound_surface(dataclasses.replace(hollow, faces=faces[:, ::-1]), Path("e.npz"))
     np.testing.assert_array_equal(mended.faces, faces)
-    assert len(notes) == 1 and "turned round" in notes[0]
+    assert len(notes) == 1 and "were flipped" in notes[0]

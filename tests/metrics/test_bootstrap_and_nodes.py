@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import bootstrap
 
-from plop.metrics.node_error import ancestor_means, carry_nodes, rms_mm
+from plop.metrics.node_error import ancestor_means, move_nodes, rms_mm
 from plop.statistics.bootstrap import Interval, bootstrap_interval
 
 
@@ -42,7 +42,7 @@ def test_nodes_follow_a_rigid_motion_exactly():
     rng = np.random.default_rng(1)
     carriers, nodes = rng.random((200, 3)) * 0.05, rng.random((40, 3)) * 0.05
     turn, shift = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix(), np.array([0.01, 0.02, -0.01])
-    found = carry_nodes(nodes, carriers, carriers @ turn.T + shift)
+    found = move_nodes(nodes, carriers, carriers @ turn.T + shift)
     assert np.abs(found - (nodes @ turn.T + shift)).max() < 1e-9
 
 

@@ -64,9 +64,9 @@ def test_a_parameter_that_nothing_feels_gets_an_infinite_interval(block):
 
 
 def test_bad_requests(block):
-    with pytest.raises(PlopError, match="Nothing to calibrate"):
+    with pytest.raises(PlopError, match="nothing to calibrate"):
         calibrate([], Material(), ["youngs_modulus_pa"], CONFIG)
-    with pytest.raises(PlopError, match="Nothing to calibrate"):
+    with pytest.raises(PlopError, match="nothing to calibrate"):
         calibrate([sliding_case(block, Material(), 0.3)], Material(), ["youngs_modulus"], CONFIG)
 
 

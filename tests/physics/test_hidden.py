@@ -139,7 +139,7 @@ def test_random_draws_are_repeatable_various_and_never_decoys(monkeypatch):
 
 def test_too_much_signal_is_an_error_that_says_how_much_is_possible(monkeypatch):
     monkeypatch.setattr("plop.physics.hidden.choose.Response", EveryEffect)
-    with pytest.raises(SignalTooWeakError, match="cannot give the wanted signal") as caught:
+    with pytest.raises(SignalTooWeakError, match="cannot give the requested signal") as caught:
         choose(Scene(), parse_hidden(["viscosity"]), snr=1e4, noise_floor_m=1e-3, effects=library())
     assert "SNR" in str(caught.value.found)
 

@@ -157,21 +157,21 @@ def test_shipped_scenes_can_be_read_and_use_another_law_than_the_engine(tmp_path
         ({"shape": {"kind": "spere", "radius_m": 0.03}}, "Did you mean sphere"),
         ({"shape": {"kind": "block", "size_m": [80, 50, 40]}}, "write 0.08"),
         ({"shape": {"kind": "block"}}, "no size"),
-        ({"shape": {"kind": "sphere", "size_m": [0.06, 0.06, 0.05]}}, "do not make a sphere"),
+        ({"shape": {"kind": "sphere", "size_m": [0.06, 0.06, 0.05]}}, "not those of a sphere"),
         ({"shape": "block"}, r"\[shape\] with keys"),
         ({"motions": ["pres"]}, "Did you mean press"),
         ({"motion": {"press_depth_m": [6, 11]}}, "press_depth_m"),
-        ({"motion": {"hold_s": ["a", 1]}}, "wrong kind"),
+        ({"motion": {"hold_s": ["a", 1]}}, "wrong type"),
         ({"materal": {}}, "Did you mean material"),
         ({"material": {"young": 1e4}}, "Did you mean youngs_modulus_pa|Choose one of the keys"),
         ({"material": {"youngs_modulus_pa": -1}}, "youngs_modulus_pa"),
         ({"material": {"law": "fixed_corotate"}}, "Did you mean fixed_corotated"),
         ({"spacing_m": 4}, "spacing_m"),
-        ({"spacing_m": "4"}, "wrong kind"),
+        ({"spacing_m": "4"}, "wrong type"),
         ({"episodes": 0}, "episodes"),
         ({"episodes": "eight"}, "scene.episodes"),
         ({"shape": {"kind": "cone"}}, "block, cylinder, sphere|block, sphere, cylinder"),
-        ({"shape": {"kind": "sphere", "radius_m": 0.03, "size_m": [0.06, 0.06, 0.06]}}, "two sizes"),
+        ({"shape": {"kind": "sphere", "radius_m": 0.03, "size_m": [0.06, 0.06, 0.06]}}, "two conflicting sizes"),
         ({"material": {"youngs_modulus_pa": 15}}, "youngs_modulus_pa"),
         ({"name": "../x"}, "name"),
     ],
@@ -195,7 +195,7 @@ def test_a_motion_that_never_touches_is_refused():
         simulate_episode(away, 0)
     assert "block_000 (press)" in str(caught.value.where)
     outside = replace(COARSE, motions=("cut",), motion=MotionRanges(cut_offset_m=(0.039, 0.039)))
-    with pytest.raises(PlopError, match="cut leaves the object"):
+    with pytest.raises(PlopError, match="cut is outside the object"):
         simulate_episode(outside, 0)
 
 

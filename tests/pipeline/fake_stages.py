@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-from plop.pipeline.cluster import spread
+from plop.pipeline.cluster_worker import spread
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
 from plop.setting_kinds import Range, Seed, Settings, Unit
 

@@ -89,7 +89,7 @@ def test_an_input_that_only_the_user_names_is_not_guessed(store: Store):
 
 def test_several_environments_are_never_guessed(store: Store):
     one, two = ingest(store, "blocks"), ingest(store, "rolls")
-    with pytest.raises(PlopError, match="several environments") as caught:
+    with pytest.raises(PlopError, match="Several environments") as caught:
         run(store, fake.CALIBRATE)
     assert one.address in str(caught.value.found)
     assert two.address in str(caught.value.found)
@@ -145,7 +145,7 @@ def test_full_disk_while_committing_harms_nothing(store: Store, monkeypatch: pyt
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch, pytest.raises(PlopError, match="disk is full"):
-        patch.setattr(f"plop.artifacts.store.{broken}", full)
+        patch.setattr(f"plop.artifacts.commit.{broken}", full)
         run(store, fake.CALIBRATE)
     assert store.artifacts("calibrate") == []
     assert not run(store, fake.CALIBRATE).skipped

@@ -129,7 +129,7 @@ def test_what_is_taken_up_between_looking_and_removing_stays(store):
 def test_a_run_whose_input_was_removed_as_it_began_is_refused(store):
     old, _ = line(store, 3), line(store, 4)
     remove(store, removable(store))
-    with pytest.raises(PlopError, match="removed while the run began"), store.making("fit-init", "ab", [old[1]]):
+    with pytest.raises(PlopError, match="removed while the run started"), store.making("fit-init", "ab", [old[1]]):
         raise AssertionError("it began")
 
 
@@ -157,7 +157,7 @@ def test_nothing_goes_where_a_manifest_cannot_be_read(store, capsys):
     scratch = killed(store, "fuse", ".partial-" + "ab" * 8)
     assert [one.path for one in removable(store)] == [scratch]
     assert main(["gc", "-w", str(store.workspace)]) == 0
-    assert "nobody knows" in capsys.readouterr().err and old[0].path.is_dir()
+    assert "is unknown" in capsys.readouterr().err and old[0].path.is_dir()
 
 
 def test_it_is_listed_first_and_removed_when_asked(store, capsys):
@@ -170,4 +170,4 @@ def test_it_is_listed_first_and_removed_when_asked(store, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["deleted"] and {item["address"] for item in facts["items"]} == {a.address for a in old}
     assert main(command) == 0
-    assert "nothing can go" in capsys.readouterr().out
+    assert "nothing to remove" in capsys.readouterr().out

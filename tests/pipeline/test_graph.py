@@ -76,7 +76,7 @@ def test_a_chain_is_read_from_the_declarations(target, begin, also, expected):
 def test_a_circle_of_declarations_is_told():
     one = Stage("one", 1, "", fake.JoinConfig, {"a": InputSpec(("two",), "")}, fake.join_pieces)
     two = Stage("two", 1, "", fake.JoinConfig, {"a": InputSpec(("one",), "")}, fake.join_pieces)
-    with pytest.raises(ValueError, match="circle: one -> two -> one"):
+    with pytest.raises(ValueError, match="cycle: one -> two -> one"):
         Graph([ref_to(one), ref_to(two), StageRef("raw", "", "")]).chain("one", begin="raw")
 
 

@@ -19,7 +19,7 @@ from tests.pipeline.fake_stages import PiecesConfig
 from tests.support.coarse_episodes import SCENE
 from tests.support.tracked_set import write_recordings, write_tool_splats
 
-EPISODES = 4
+EPISODES = 5
 HIDDEN = effect_type("swelling")(rate_per_s=-0.6)
 SETTINGS = """
 [identify]
@@ -40,7 +40,6 @@ jobs = 1
 
 [diagnose]
 effects = ["swelling"]
-shams = 49
 sensors = false
 jobs = 1
 
@@ -121,9 +120,9 @@ def test_what_is_hidden_is_named_added_and_reported(commands, capsys):
     )
     assert after["rms_mm"] < 0.6 * before["rms_mm"]
     page = (store.find("page").path / "report.html").read_text()
-    assert "Missing: swelling" in page and "None of these episodes was held out" in page
+    assert "What base is missing is swelling" in page and "None of these episodes was held out" in page
     assert page.count("plop compare --recordings") == 2 and "plop report --recordings" in page
     capsys.readouterr()
     for command in typed:
         assert main([*command, "-w", str(store.workspace)]) == 0
-        assert "already there, nothing to do" in capsys.readouterr().out, command
+        assert "exists already, nothing to do" in capsys.readouterr().out, command

@@ -146,7 +146,7 @@ def test_a_circle_in_the_lineage_is_told(store, capsys, words):
     before = {a.key for a in store.artifacts()}
     assert main([*words, "-w", str(store.workspace)]) == 1
     message = capsys.readouterr().err
-    assert "comes from itself" in message and "manifest.json" in message and " <- " in message
+    assert "descends from itself" in message and "manifest.json" in message and " <- " in message
     assert "Remove " in message and {a.key for a in store.artifacts()} == before and first.key in before
 
 
@@ -154,7 +154,7 @@ def test_status_shows_the_rest_of_a_circle(store, capsys):
     forged(store)
     assert main(["status", "-w", str(store.workspace)]) == 0
     seen = capsys.readouterr()
-    assert "comes from itself" in seen.err and "fit-init@" in seen.out
+    assert "descends from itself" in seen.err and "fit-init@" in seen.out
 
 
 def test_a_folder_that_is_no_workspace_is_told(tmp_path, capsys):
@@ -169,6 +169,6 @@ def test_a_stage_that_is_gone_is_told(store):
     path = old.path / "manifest.json"
     facts = json.loads(path.read_text())
     path.write_text(json.dumps(facts | {"provenance": facts["provenance"] | {"command": "melt"}}))
-    with pytest.raises(PlopError, match="no stage any more"):
+    with pytest.raises(PlopError, match="no longer exists"):
         Renewal(store).tasks()
     assert execute(fake.FUSE, store=store, config=fake.JoinConfig(upper=True), force=True).artifact.key == old.key

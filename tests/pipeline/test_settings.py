@@ -109,7 +109,7 @@ def test_values_are_converted(text: Any, kind: Any, value: Any):
 def test_wrong_values_are_clear_errors(text: Any, kind: Any):
     with pytest.raises(ValueError, match=str(text)):
         convert(text, kind)
-    with pytest.raises(PlopError, match="wrong kind") as caught:
+    with pytest.raises(PlopError, match="invalid value") as caught:
         checked(text, kind, where="plop.toml: fuse.k", fix="so")
     assert (caught.value.where, caught.value.expected) == ("plop.toml: fuse.k", describe(kind))
 
@@ -120,8 +120,8 @@ def test_wrong_values_are_clear_errors(text: Any, kind: Any):
         ("voxel_m", "nan", "not finite"),
         ("voxel_m", float("inf"), "not finite"),
         ("low", "0,-inf", "not finite"),
-        ("steps", "inf", "wrong kind"),
-        ("limit", "1e999", "wrong kind"),
+        ("steps", "inf", "invalid value"),
+        ("limit", "1e999", "invalid value"),
         ("seed", "-1", "out of range"),
     ],
 )
@@ -193,7 +193,7 @@ def test_assignments():
         own_assignments(["train.horizon=8"], "fit-init", COMMANDS)
     with pytest.raises(PlopError, match="key=value"):
         own_assignments(["horizon"], "train", COMMANDS)
-    with pytest.raises(PlopError, match="know the stage"):
+    with pytest.raises(PlopError, match="needs the name of the stage"):
         parse_assignments(["horizon=8"], COMMANDS)
 
 

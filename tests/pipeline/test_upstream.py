@@ -317,7 +317,7 @@ def test_wrong_settings_are_told_before_anything_is_looked_for(store, monkeypatc
     }
     for command, *words, message in (
         ("diagnose", "--effects", "tilf", "Did you mean tilt?"),
-        ("diagnose", "--shams", "3", "49 or more"),
+        ("diagnose", "--split", "tset", "train or test or all"),
         ("compare", "--split", "tset", "train or test or all"),
         ("identify", "--fit", "poison", "mean poisson?"),
         ("report", "--frames", "-1", "2 or more"),
@@ -367,5 +367,5 @@ def test_an_input_that_needs_itself_is_a_mistake_of_the_declaration(store):
 
     recipe = {"a": Recipe({"recordings": "b"}), "b": Recipe({"recordings": "a"})}
     specs = {name: InputSpec(("fuse",), "", choice=Choice.MADE, recipe=one) for name, one in recipe.items()}
-    with pytest.raises(ValueError, match="circle: a, b"):
+    with pytest.raises(ValueError, match="cycle: a, b"):
         planned(store, Stage("odd", 1, "", NoConfig, specs, fake.FIT.run))

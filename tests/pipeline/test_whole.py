@@ -92,7 +92,7 @@ def test_reproduce_writes_the_results(
     first.write_text(json.dumps(json.loads(first.read_text()) | {"date": "2020-01-01"}))
     capsys.readouterr()
     assert main(alone) == 0
-    assert capsys.readouterr().out.count("already there") == 7
+    assert capsys.readouterr().out.count("exists already") == 7
     assert json.loads(first.read_text())["date"] == "2020-01-01", "the same results keep their date"
     monkeypatch.chdir(tmp_path)  # its docs/ is what a run without --out would write to
     whole_table_stays(alone, docs, capsys)
@@ -105,7 +105,7 @@ def test_reproduce_writes_the_results(
     ]
     assert main([*command, *options(more)]) == 0
     shown = capsys.readouterr().out
-    assert shown.count("already there") == 3 and "identify@" in shown
+    assert shown.count("exists already") == 3 and "identify@" in shown
     store = Store(tmp_path / "work")
     assert "engine" in store.find("train@latest").manifest.inputs
     assert store.find("rollout@latest").manifest.inputs["model"]["stage"] == "train"

@@ -103,7 +103,7 @@ def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: obj
     path = sample.write_sample(tmp_path)
     side = path.with_suffix(".json")
     side.write_text(json.dumps({**json.loads(side.read_text()), **change} if isinstance(change, dict) else change))
-    with pytest.raises(PlopError, match="something else") as caught:
+    with pytest.raises(PlopError, match="wrong type") as caught:
         read_disect(path)
     assert (caught.value.where, caught.value.found) == (f"{side}{where}", found) and caught.value.expected
     assert [entry.guessed for entry in list_disect(tmp_path)] == [True]
@@ -112,10 +112,10 @@ def test_json_of_the_wrong_shape_is_named_by_its_key(tmp_path: Path, change: obj
 @pytest.mark.parametrize(
     ("key", "change", "problem"),
     [
-        ("times", lambda array: array[:0], "another shape"),
+        ("times", lambda array: array[:0], "unexpected shape"),
         ("knife_vertices", lambda array: array.ravel(), "another"),
-        ("surface_clean", lambda array: array + 0.5, "another shape or type"),
-        ("tets", lambda array: array.astype(str), "another shape or type"),
+        ("surface_clean", lambda array: array + 0.5, "unexpected shape or type"),
+        ("tets", lambda array: array.astype(str), "unexpected shape or type"),
         ("surface_clean", lambda array: array - 9, "belong together"),
         ("cut_edge_indices", lambda array: array + 99, "belong together"),
     ],

@@ -12,7 +12,7 @@ from plop.recordings.readers.side_pictures import find_side_pictures
 def found(folder, numbers, frames, form="{:06d}.png"):
     for number in numbers:
         (folder / form.format(number)).touch()
-    return find_side_pictures(folder, frames, what="depth pictures", cause=Cause.DEPTH)
+    return find_side_pictures(folder, frames, what="depth images", cause=Cause.DEPTH)
 
 
 @pytest.mark.parametrize("form", ["{:06d}.png", "{:05d}.png", "{}.png", "depth_{:04d}.png", "cam2_{}.png"])
@@ -42,8 +42,8 @@ def test_one_more_than_frames_is_told(tmp_path):
 
 REFUSED = [
     ([1, 2, 3, *range(5, 15)], "count from 1"),
-    (range(0, 28, 2), "2 more than the last"),
-    (range(28), "28 pictures"),
+    (range(0, 28, 2), "increase by 2"),
+    (range(28), "28 images"),
     (range(1, 16), "000015.png"),
     ([10**12 + 67 * i + i % 3 for i in range(14)], "time stamps"),
 ]

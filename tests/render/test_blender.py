@@ -20,7 +20,7 @@ LOOK = Look(SolidTexture.from_seed(3))
 
 
 def test_without_blender_the_message_says_how_to_get_it() -> None:
-    with pytest.raises(PlopError, match="Blender is not here") as caught:
+    with pytest.raises(PlopError, match="Blender is not found") as caught:
         blender_command("no-such-blender", Path("scene.npz"), Path("out"))
     assert "pip install bpy" in caught.value.fix and "raycast" in caught.value.fix
 

@@ -82,7 +82,7 @@ def test_views_come_back_from_their_file_as_they_went_in(tmp_path):
             assert np.array_equal(getattr(back, field), getattr(views[0], field))
         with pytest.raises(PlopError, match="another size"):
             file.view(CAMERA.resized(20, 20), 0)
-        with pytest.raises(PlopError, match="lack a camera"):
+        with pytest.raises(PlopError, match="camera is missing"):
             file.view(Camera("other", 40, 40, CAMERA.intrinsics, CAMERA.world_from_cam), 0)
 
 

@@ -37,8 +37,8 @@ def law(effect: str, gain: float, p: float, *reasons: Reason, **changes: Any) ->
 DIAGNOSIS = diagnosis(
     verdict("EFFECT", "viscosity", text="Missing: viscosity."),
     law("viscosity", 0.7, 0.005),
-    law("tilt", 0.01, 0.4, Reason.CHANCE, Reason.SMALL_GAIN),
-    base=law("base parameters", 0.0, 0.9, Reason.CHANCE, kind="base"),
+    law("tilt", 0.01, 0.4, Reason.CHANCE, Reason.ONE_EPISODE),
+    law("stiffness", 0.0, 0.9, Reason.CHANCE, kind="base"),
     limits={"adhesion": Limit(12.0, "Pa", "traction_pa", 2e-4)},
 )
 

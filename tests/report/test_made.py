@@ -28,7 +28,7 @@ def test_what_was_made_on_the_way_is_listed_before_what_needs_it(tmp_path):
     films = artifact(tmp_path, "simulate", "a", {"seed": 200, "episodes": 6, "snr": 0.0, "test": ["*_004", "*_005"]})
     gone = artifact(tmp_path, "fuse", "b", {}, kept=False, recordings=films.manifest)
     init = artifact(tmp_path, "fit-init", "c", {"steps": 500}, recordings=films.manifest, cloud=gone.manifest)
-    found = artifact(tmp_path, "diagnose", "d", {"shams": 199}, recordings=films.manifest, init=init.manifest)
+    found = artifact(tmp_path, "diagnose", "d", {"seed": 0}, recordings=films.manifest, init=init.manifest)
     made = provenance({"diagnoses.0": found, "recordings": films})
     assert [m.address.partition("@")[0] for m in made] == ["simulate", "fit-init", "diagnose"]
     assert [m.role for m in made] == ["recordings", ON_THE_WAY, "diagnoses"]

@@ -42,9 +42,8 @@ WORSE = replace(
         law("viscosity", 0.7, 0.005),
         ranked("adhesion", OPEN, gain=0.2, p=0.1, reasons=(Reason.CHANCE,)),
         *(law(name, -2.04, 1.0, Reason.NO_HELP, gain_error=3.1) for name in ("tilt", "fibres")),
+        law("stiffness", -2.0, 1.0, Reason.NO_HELP, kind="base"),
     ),
-    base=law("stiffness", -2.0, 1.0, Reason.NO_HELP, kind="base"),
-    closed_share=-31.4,
 )
 KINDS = ("several", "one", "undiagnosed", "untested", "six")
 

@@ -162,7 +162,7 @@ def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_pa
         ({"cameras.size": 2}, r"simulate\.cameras\.size[\s\S]*8 to 8192 px"),
         ({"cameras.depth_noise_m": 5.0}, r"depth_noise_m[\s\S]*0 to 0.1 m"),
         ({"cameras.supersample": 2}, "odd"),
-        ({"hide": ("viscosity=1",), "snr": 1e5}, "cannot give the wanted signal"),
+        ({"hide": ("viscosity=1",), "snr": 1e5}, "cannot give the requested signal"),
     ],
 )
 def test_bad_settings_are_refused_and_leave_no_recording(scene, tmp_path, change, message):

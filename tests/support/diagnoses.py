@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from plop.diagnosis.result import Diagnosis, Ranked, SensorFault, Shams
+from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
 from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
 from plop.parameters import Estimate
 
@@ -19,13 +19,9 @@ def ranked(effect: str, parameters: Mapping[str, Estimate] | None = None, **chan
         "source": "",
         "gain": 0.7,
         "gain_error": 0.05,
+        "strength": 40.0,
         "p": 0.005,
-        "contrast": None,
-        "contrast_p": None,
         "size_mm": 1.5,
-        "shown": 0.7,
-        "shown_by": "",
-        "alone": 0.7,
         "reasons": (),
         **changes,
     }
@@ -44,16 +40,13 @@ def verdict(kind: str, *named: str, text: str = "It is said in one sentence.", *
 
 
 def diagnosis(said: Verdict, *ranking: Ranked, **changes: Any) -> Diagnosis:
-    """A diagnosis of one episode, with an error of 6 where 1.1 is expected."""
+    """A diagnosis of one episode, with an error of 6 where 1.1 is expected; the stiffness is ranked last."""
     known: dict[str, Any] = {
-        "base": base(),
         "limits": {},
         "sensors": (),
-        "shams": Shams(199, 0.02),
+        "searches": 200,
         "error": 6.0,
         "floor": 1.1,
-        "excess": 5.0,
-        "closed_share": 0.9,
         "next_step": "",
         "next_motion": None,
         "episodes": ("box_000",),
@@ -61,11 +54,11 @@ def diagnosis(said: Verdict, *ranking: Ranked, **changes: Any) -> Diagnosis:
         "dropped": {},
         "environment": "box",
         "seconds": 1.0,
-        "seconds_screen": 0.5,
         "engine_runs": 3,
         **changes,
     }
-    return Diagnosis(verdict=said, ranking=ranking, **known)
+    stiffness = () if any(row.effect == "stiffness" for row in ranking) else (base(),)
+    return Diagnosis(verdict=said, ranking=(*ranking, *stiffness), **known)
 
 
 def clock(camera: str = "cam_02", fault: str = "clock") -> SensorFault:

@@ -36,11 +36,12 @@ class World(ABC):
         return np.asarray(episode.points[0], float)
 
     def fields(self, episode: Episode, number: int) -> np.ndarray:
-        """Displacement by one unit, of order 1 mm, growing in time, [T, M, 3]."""
-        draw = np.random.default_rng([int(episode.name[-3:]), number])
+        """Displacement by one unit, of order 1 mm, growing in time; alike in all episodes, [T, M, 3]."""
+        law, own = np.random.default_rng([number]), np.random.default_rng([int(episode.name[-3:]), number])
         places = (self.start(episode) - self.start(episode).mean(0)) / 0.02
-        ramp = np.linspace(0, 1, len(episode.times)) ** draw.uniform(0.5, 2)
-        return 1e-3 * ramp[:, None, None] * (draw.normal(0, 1, 3) + places @ draw.normal(0, 1, (3, 3)))
+        ramp = np.linspace(0, 1, len(episode.times)) ** (law.uniform(0.5, 2) * own.uniform(0.8, 1.2))
+        shift, strain = (law.normal(0, 1, size) + 0.4 * own.normal(0, 1, size) for size in (3, (3, 3)))
+        return 1e-3 * ramp[:, None, None] * (shift + places @ strain)
 
     def moved(self, episode: Episode, values: dict[str, float]) -> np.ndarray:
         total = self.plain(episode)
@@ -69,16 +70,10 @@ class World(ABC):
             episodes.append(replace(like, points=points, noise_m=NOISE_M))
         return Measured(episodes)
 
-    def told(
+    def diagnosed(
         self, hidden: dict[str, float], laws: Iterable[str], types: dict[str, EffectType] | None = None
     ) -> Conclusion:
         """Hide something in one set of episodes, nothing in the reference, and diagnose."""
         return diagnose(
-            self.measured(1, hidden),
-            BASE,
-            types or library(),
-            self.run,
-            reference=self.measured(2, {}),
-            effects=laws,
-            shams=99,
+            self.measured(1, hidden), BASE, types or library(), self.run, reference=self.measured(2, {}), effects=laws
         )

@@ -22,7 +22,7 @@ def test_a_track_of_another_fit_is_refused(tmp_path):
         for frame in range(2):
             writer.append("updated", frame, row_of(6), side=torch.zeros(6))
     assert _paths(row_of(6), tmp_path / "a.h5", 2)[0].shape == (2, 6, 3)
-    with pytest.raises(PlopError, match="other Gaussians") as caught:
+    with pytest.raises(PlopError, match="Gaussians of the track are not") as caught:
         _paths(row_of(5), tmp_path / "a.h5", 2)
     assert "plop filter" in caught.value.fix
     with pytest.raises(PlopError, match="another recording"):

@@ -184,7 +184,7 @@ def test_a_finished_fold_is_not_trained_again(inputs, tmp_path):
 
 
 def test_as_many_folds_as_cannot_be_are_refused(inputs, tmp_path):
-    with pytest.raises(PlopError, match="cannot be dealt out"):
+    with pytest.raises(PlopError, match="too few training episodes"):
         run(inputs, replace(QUICK, folds=3), Output(tmp_path))
     assert not list(tmp_path.iterdir())
 

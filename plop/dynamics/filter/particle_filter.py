@@ -1,9 +1,9 @@
 """The particle filter over Gaussians: predict, update on the measured frame, resample (PLOP, Sec. III-C).
 
-The likelihood is the rendering loss. The update looks for the displacement field that lowers it: a smooth
+The likelihood is the rendering loss. The update optimises a displacement field that lowers it: a smooth
 field on a coarse grid, u(x) = U0(x) + side U1(x), where U1 opens the cut between particles on its two
-sides, and isometry keeps neighbours together. Particles that no camera sees follow their surroundings, and what a
-pressing tool covers gives way to it.
+sides, and isometry keeps neighbours together. Particles that no camera sees follow their neighbours, and material
+under a pressing tool is displaced by it.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ class UpdateConfig(Settings):
     cells_across: Annotated[float, Range(1, 64), Unit("cells")] = 7.0
     """Cells of the displacement grid along the object's longest extent."""
     step_m: Annotated[float, Range(0, 1, above=True), Unit("m")] = 4e-4
-    """First step of Adam on the displacement; falls to a tenth by a cosine."""
+    """Initial step of Adam on the displacement; decays to a tenth by a cosine schedule."""
     opacity_step: Weight = 0.02
-    """Step of Adam on the opacity logit; 0 leaves opacities alone."""
+    """Step of Adam on the opacity logit; 0 keeps opacities fixed."""
     isometry: Weight = 1.0
     """Weight of the isometry term, counted in `render.depth_unit_m` as depth is."""
     contact: Weight = 1.0
-    """Weight of how deep Gaussians lie inside a solid tool that is no blade, in `render.depth_unit_m`; 0 lets them."""
+    """Weight of the penetration of Gaussians into a solid tool other than a blade, in `render.depth_unit_m`."""
     smoothness: Weight = 0.3
     """Weight of the difference between neighbouring grid nodes, in `render.depth_unit_m`."""
 
@@ -88,10 +88,10 @@ def run_filter(
         recording: The episode.
         initial: Gaussians at frame 0.
         config: The update.
-        weights: Weights of the rendering loss; the usual ones when absent.
+        weights: Weights of the rendering loss; the defaults when absent.
         cameras: Cameras to use; all when absent.
-        generator: Draws what the model draws.
-        score: Measure the innovation per camera (costs two renderings a camera).
+        generator: Random generator of the model.
+        score: Measure the innovation per camera (costs two renderings per camera).
 
     Yields:
         Frames 1 to T - 1.
@@ -136,17 +136,17 @@ def _first_ancestors(before: Gaussians, after: Gaussians) -> Tensor | None:
 def settled(
     initial: Gaussians, views: list[Target], config: UpdateConfig, rounds: int, weights: RenderWeights | None = None
 ) -> Gaussians:
-    """Update the first frame on its own views, so that it lies where later updates would put it.
+    """Update the first frame on its own views, so that it is consistent with later updates.
 
-    A fit weighs colour, depth and shape otherwise than the update does: without this the first step moves the
-    object by that difference (0.15 mm in simulated recordings), which looks like motion from then on.
+    A fit weights colour, depth and shape differently than the update: without this the first step moves the
+    object by that difference (0.15 mm in simulated recordings), which appears as motion.
 
     Args:
         initial: Gaussians as fitted to frame 0.
         views: Measured views of frame 0.
         config: The update.
-        rounds: Updates; each begins with a full step again. With none the Gaussians stay as they are.
-        weights: Weights of the rendering loss; the usual ones when absent.
+        rounds: Number of updates; each starts with a full step. With 0 the Gaussians are unchanged.
+        weights: Weights of the rendering loss; the defaults when absent.
     """
     length = float((initial.means.amax(0) - initial.means.amin(0)).max())
     for _ in range(rounds):
@@ -199,12 +199,12 @@ def update(
     Args:
         predicted: Prediction for this frame.
         before: State of the last frame, the same Gaussians in the same order.
-        views: Measured views; with none the prediction stays.
+        views: Measured views; with none the prediction is returned.
         pairs: Neighbours at frame 0, indices into the predicted state.
         length_m: Longest extent of the object [m].
         config: The update.
-        tool: Where the tool is in this frame, if nothing can be inside it.
-        weights: Weights of the rendering loss; the usual ones when absent.
+        tool: Pose of the tool in this frame, if it is solid.
+        weights: Weights of the rendering loss; the defaults when absent.
 
     Returns:
         Updated state; rotations follow the neighbourhoods' best rotation since the last frame.
@@ -238,7 +238,7 @@ def update(
 
 def _with_motion(predicted: ParticleState, before: Gaussians, moved: Gaussians, pairs: Neighbourhood) -> ParticleState:
     turn = matrix_to_quat(local_rotations(pairs, before.means, moved.means, len(moved)))
-    # The shapes are the prediction's (an engine and a blade change them): turned back to the start, then as measured.
+    # Shapes come from the prediction (an engine and a blade change them): rotated back to the start, then as measured.
     back = quat_conjugate(quat_from_rotation_vector(predicted.last_rotation))
     quats = torch.nn.functional.normalize(quat_multiply(turn, quat_multiply(back, moved.quats)), dim=-1)
     return replace(

@@ -1,4 +1,4 @@
-"""What a tool that presses hides from all cameras: it cannot hold any of the object inside itself."""
+"""Contact with a pressing tool, which hides the object from all cameras: no part of the object is inside it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ object."""
 
 @dataclass(frozen=True)
 class SolidTool:
-    """A pressing tool at one instant, taken for its convex hull."""
+    """A pressing tool at one instant, approximated by its convex hull."""
 
     tool: ToolGeometry
     world_from_tool: Tensor
@@ -24,10 +24,10 @@ class SolidTool:
 
     @classmethod
     def of(cls, tool: ToolGeometry, world_from_tool: Tensor) -> SolidTool | None:
-        """Give the tool as an obstacle; None for a blade, which enters what it parts, and for a hollow tool."""
+        """Return the tool as an obstacle; None for a blade, which enters the material, and for a hollow tool."""
         return None if is_blade(tool) or tool.filled < _SOLID else cls(tool, world_from_tool)
 
     def overlap_m(self, means: Tensor) -> Tensor:
-        """How deep points [N, 3] [m] lie inside, the mean over all of them [m], scalar."""
+        """Return the mean penetration depth of points [N, 3] [m] over all of them [m], scalar."""
         pose = self.world_from_tool.to(means)
         return self.tool.depth_inside((means - pose[:3, 3]) @ pose[:3, :3]).mean()

@@ -1,1 +1,1 @@
-"""The PLOP model: I2N and what stands around it."""
+"""The PLOP model: I2N and its resampling, features and files."""

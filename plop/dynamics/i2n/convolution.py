@@ -1,7 +1,7 @@
 """3D convolutions of small grids on the CPU: by oneDNN, forward and backward, also for one sample alone.
 
-PyTorch leaves oneDNN where a single small sample comes, and its own gradients take several times as long;
-`python -m benchmarks train` measures a training step.
+PyTorch does not use oneDNN for a single small sample, and its own gradients take several times as long;
+`python -m benchmarks.speed train` measures a training step.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class _ConvForm:
 
 
 class _DirectConvolution(torch.autograd.Function):
-    """A convolution and its gradients; tensors in oneDNN's own layout are never sent elsewhere."""
+    """A convolution and its gradients; tensors in oneDNN's own layout do not leave this class."""
 
     @staticmethod
     def forward(ctx: Any, input: Tensor, weight: Tensor, bias: Tensor | None, form: _ConvForm) -> Tensor:

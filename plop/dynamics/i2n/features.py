@@ -1,8 +1,8 @@
-"""What a particle tells the network about itself (PLOP, Eq. 16-17).
+"""Input features of a particle (PLOP, Eq. 16-17).
 
 `paper`: opacity, log-volume (the paper's det(S S^T) spans ten decades), motion of the last step and a flag
-that it exists. `contact` adds what decides the motion near a tool: the place relative to the tool, the tool's
-motion at this place, the side of the cut, and the height above the table. `oriented` adds the tool's motion mirrored
+that it exists. `contact` adds what determines the motion near a tool: the position relative to the tool, the tool's
+motion at this position, the side of the cut, and the height above the table. `oriented` adds the tool's motion mirrored
 in the table's x axis.
 """
 
@@ -39,10 +39,10 @@ def rigid_displacement(points: Tensor, action: ToolStep) -> Tensor:
 def mirrored_in_table(vectors: Tensor) -> Tensor:
     """Mirror horizontal vectors in the table's x axis, that of the world; their height is dropped.
 
-    A frame that turns with the tool cannot tell how a table lies that rubs differently along x and y: one of planks
-    or with a weave, or a simulator's that limits friction along each axis by itself. The mirror image tells it: what
-    yields along one axis alone moves by the mean of a push and its image. It is the same after half a turn of
-    the table, as such a table is.
+    A frame that turns with the tool does not show the orientation of a table with different friction along x and y:
+    one of planks or with a weave, or a simulator's that limits friction along each axis separately. The mirror image
+    shows it: an object that yields along one axis only moves by the mean of a push and its image. It is invariant
+    under half a turn of the table, as such a table is.
 
     Args:
         vectors: Of the world, shape [..., 3].
@@ -69,10 +69,10 @@ def object_features(
     Args:
         state: The particles.
         action: The tool's motion in this step.
-        frame: The frame in which the network sees the step.
+        frame: The frame of the network's input.
         with_tool: `rigid_displacement` of the particles, shape [N, 3] [m].
-        place: Where they are in the frame, shape [N, 3] [m].
-        length_m: Size of the object, unit of places [m].
+        place: Their positions in the frame, shape [N, 3] [m].
+        length_m: Size of the object, unit of positions [m].
         motion_m: Typical motion in a step, unit of displacements [m].
         kind: Which features.
 
@@ -90,7 +90,7 @@ def object_features(
         flag,
     ]
     if kind != "paper":
-        # units and mirror image go into the 3 x 3 matrices: of what is done to every particle little is left
+        # units and mirror image are folded into the 3 x 3 matrices, which leaves little work per particle
         turned = [frame.rotation, mirrored_in_table(frame.rotation.T).T[:, :2]][: 2 if kind == "oriented" else 1]
         moved = (with_tool @ (torch.cat(turned, dim=1) / motion_m)).split([3, 2][: len(turned)], dim=-1)
         columns += _contact_features(gaussians.means, state.side, action, frame, place, moved[0], length_m)
@@ -107,7 +107,7 @@ def _contact_features(
     local = torch.addmm(-(center @ axes), means, axes)
     half = action.tool.half_extent.to(means)
     outside = local - local.clamp(-half, half)
-    # The side is told along the frame's x axis, so that it means the same in a mirrored frame.
+    # The side is signed along the frame's x axis, so that it means the same in a mirrored frame.
     normal_x = frame.vectors_in(axes[:, 0])[0].sign()
     distance = outside.norm(dim=-1, keepdim=True)
     return [
@@ -127,7 +127,7 @@ def tool_features(points: Tensor, action: ToolStep, frame: StepFrame, *, motion_
     Args:
         points: World points of the tool, shape [M, 3] [m].
         action: The step.
-        frame: The frame in which the network sees it.
+        frame: The frame of the network's input.
         motion_m: Unit of displacements [m].
 
     Returns:

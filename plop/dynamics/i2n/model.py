@@ -23,23 +23,23 @@ LOGIT_UNIT = 0.1
 
 @dataclass(frozen=True)
 class PlopConfig:
-    """The model's form and the units of its inputs and outputs."""
+    """The model's configuration and the units of its inputs and outputs."""
 
     network: I2NConfig = field(default_factory=I2NConfig)
     resampling: ResamplingConfig = field(default_factory=ResamplingConfig)
     frame: str = "tool"
     """"tool" (turns with the tool about the vertical) or "world" (the paper's form)."""
     coupled: bool = True
-    """A particle also takes a learned share of the tool's motion at its place; off in the paper."""
+    """A particle also follows a learned share of the tool's motion at its position; off in the paper."""
     length_m: float = 0.1
     """Longest extent of the object, from the training set [m]."""
     motion_m: float = 1e-3
     """Typical motion in a step, from the training set [m]."""
     tool_points: int = 600
-    """Particles that stand for the tool."""
+    """Particles that represent the tool."""
     stray_m: float | None = None
-    """Farthest that a prediction puts a Gaussian from where its neighbours would have it, from the training set [m];
-    None: anywhere, as in the paper."""
+    """Largest distance of a Gaussian from the position predicted by its neighbours, from the training set [m];
+    None: no limit, as in the paper."""
     cut_faces: bool = False
     """A Gaussian that a blade passes becomes so narrow that it does not reach across the cut; off in the paper."""
 
@@ -60,7 +60,7 @@ class PlopModel(nn.Module, DynamicsModel):
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
-        """Advance one frame: predict, update opacity, hold together, merge, split."""
+        """Advance one frame: predict, update opacity, limit outliers, merge, split."""
         return resample(self.move(state, action), self.config.resampling, generator=generator)
 
     def move(self, state: ParticleState, action: ToolStep) -> ParticleState:
@@ -76,7 +76,7 @@ class PlopModel(nn.Module, DynamicsModel):
         Args:
             states: B states.
             actions: B actions.
-            frames: Frames to see them in; the configured ones when absent.
+            frames: Frames of the network's input; the configured ones when absent.
 
         Returns:
             B predicted states.
@@ -101,14 +101,14 @@ class PlopModel(nn.Module, DynamicsModel):
             parts.append(ParticleBatch(place, features, _filled(means, b)))
             pose = action.world_from_tool.to(means)
             points = action.tool.surface_points(self.config.tool_points).to(means) @ pose[:3, :3].T + pose[:3, 3]
-            told = tool_features(points, action, frame, **units)
-            tools.append(ParticleBatch(frame.points_in(points), told, _filled(points, b)))
+            features = tool_features(points, action, frame, **units)
+            tools.append(ParticleBatch(frame.points_in(points), features, _filled(points, b)))
         raw = self.network(_join(parts), _join(tools), len(states), self.spacing_m)
         pieces = raw.split([len(state.gaussians) for state in states])
         return [self._advance(*item) for item in zip(states, actions, frames, with_tool, pieces, strict=True)]
 
     def frame(self, action: ToolStep) -> StepFrame:
-        """Give the frame in which this model sees a step."""
+        """Return the frame of the network's input for a step."""
         return tool_frame(action) if self.config.frame == "tool" else world_frame(action)
 
     def _advance(
@@ -118,7 +118,7 @@ class PlopModel(nn.Module, DynamicsModel):
         out = frame.rotation.T
         shift = raw[:, 0:3] @ (out * self.config.motion_m)
         if self.config.coupled:
-            # What is pushed goes where the tool goes: a share is easier to learn than a motion.
+            # Pushed material moves with the tool: a share is easier to learn than a motion.
             tool_motion = with_tool.detach()
             shift = shift + raw[:, 10:11] * tool_motion
             if self.config.network.features == "oriented":

@@ -27,12 +27,12 @@ MODEL_SCHEMA = 1
 
 
 def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | None = None) -> None:
-    """Write a model's two files, each whole or not at all.
+    """Write a model's two files, each atomically.
 
     Args:
         folder: Existing folder.
         model: The model.
-        training: Facts to keep beside it (JSON types).
+        training: Training facts to store with it (JSON types).
     """
     weights = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     with whole(Model(folder).weights) as scratch:
@@ -46,7 +46,7 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
 
     Args:
         folder: Payload of `train`.
-        device: Where it shall run.
+        device: Device to load it to.
 
     Returns:
         The model in evaluation mode.
@@ -77,7 +77,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
         facts: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise PlopError(
-            "This is not a model.",
+            "This is not a learned model.",
             where=path,
             expected="model.json of `plop train`",
             found=str(error),

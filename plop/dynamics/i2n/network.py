@@ -1,7 +1,7 @@
 """I2N, the Implicit Particle Interaction Network (PLOP, Sec. III-E).
 
 Encode particles, average their features on a grid, let 3D convolutions solve the grid, interpolate back,
-decode the update of each particle. No pair of particles is ever looked at.
+decode the update of each particle. No pairs of particles are evaluated.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ image 1."""
 
 @dataclass(frozen=True)
 class I2NConfig(Settings):
-    """Size and form of the network; the defaults are written only here."""
+    """Size and type of the network; the defaults are defined only here."""
 
     kernel: Kernel = "quadratic"
     """Kernel between particles and grid: "paper" (8 nodes), "quadratic" (27) or "cubic" (64)."""
     features: Annotated[FeatureSet, COMMON] = "contact"
-    """What a particle tells the network; "contact" adds place and motion relative to the tool, "oriented" also how the
-    table's axes lie: for a table that rubs differently along x and y, as DiSECt's does."""
+    """Input features of a particle; "contact" adds position and motion relative to the tool, "oriented" also the
+    orientation of the table: for a table with different friction along x and y, such as DiSECt's."""
     width: Annotated[int, Range(2, 4096)] = 24
     """Channels of particles and of the finest grid."""
     cells_across: Annotated[float, Range(1, 256), Unit("cells")] = 8.0
@@ -49,7 +49,7 @@ class ParticleBatch:
     """Particles of B steps, one after the other."""
 
     positions: Tensor
-    """In the frame of the step, shape [N, 3] [m]."""
+    """Positions in the frame of the step, shape [N, 3] [m]."""
     features: Tensor
     """Shape [N, F]."""
     batch: Tensor
@@ -97,14 +97,14 @@ class I2N(nn.Module):
         self.config = config
         self.encode_object = _mlp(OBJECT_FEATURES[config.features], 2 * width, width)
         self.encode_tool = _mlp(TOOL_FEATURES, width, width // 2)
-        # Two more channels tell which nodes hold object and tool at all.
+        # Two more channels mark the nodes with object and tool.
         self.solve = GridNetwork(width + width // 2 + 2, width)
         self.decode = _mlp(2 * width, 2 * width, OUTPUTS[config.features])
         last = self.decode[-1]
         assert isinstance(last, nn.Linear)
         nn.init.normal_(last.weight, std=1e-3)
         nn.init.zeros_(last.bias)
-        # Only images teach scales and opacities; until then they stay exactly as they are.
+        # Scales and opacities are learned from images only; until then they stay unchanged.
         with torch.no_grad():
             last.weight[6:10] = 0
 
@@ -133,7 +133,7 @@ class I2N(nn.Module):
         return self._decoded(g2p(solved, stencil), encoded)
 
     def _decoded(self, solved: Tensor, encoded: Tensor) -> Tensor:
-        """Decode what the grid and what the particle says, [N, width] each; spares the copy that joins them."""
+        """Decode grid and particle features, [N, width] each, without concatenating them."""
         first, act, last = self.decode
         assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
         of_grid, of_particle = first.weight.split([solved.shape[1], encoded.shape[1]], dim=1)
@@ -143,7 +143,7 @@ class I2N(nn.Module):
     def _tool_grid(
         self, tool: ParticleBatch, origin: Tensor, shape: tuple[int, int, int], spacing_m: float, nodes: int
     ) -> tuple[Tensor, Tensor]:
-        """Average the tool's features on the nodes; tool particles outside the grid do not count."""
+        """Average the tool's features on the nodes; tool particles outside the grid are ignored."""
         local = tool.positions - origin[tool.batch]
         limit = local.new_tensor(shape) * spacing_m - 2 * spacing_m
         near = ((local > spacing_m) & (local < limit)).all(-1)
@@ -162,7 +162,7 @@ def _occupancy(mass: Tensor) -> Tensor:
 def _padded_linear(values: Tensor, layer: nn.Linear) -> Tensor:
     """Apply a layer of few outputs, [N, inputs] -> [N, outputs]; on the CPU as one of a full vector, which is faster.
 
-    With each particle as a column it would be as fast, but its digits would hang on the number of threads.
+    With each particle as a column it would be as fast, but its last digits would depend on the number of threads.
     """
     missing = -layer.out_features % _LANES
     weight, bias = nn.functional.pad(layer.weight, (0, 0, 0, missing)), nn.functional.pad(layer.bias, (0, missing))

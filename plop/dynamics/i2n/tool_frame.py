@@ -1,7 +1,7 @@
-"""The frame in which the network sees a step: it turns with the tool about the vertical.
+"""The frame of the network's input: it turns with the tool about the vertical.
 
 A dynamics model must not depend on where on the table, or in which heading, an experiment takes place.
-Expressing a step in a frame that sits under the tool and shares its heading makes this exact instead of
+Expressing a step in a frame under the tool, with its heading, makes this exact instead of
 learned. `world` turns it off (the paper's form).
 """
 
@@ -20,7 +20,7 @@ class StepFrame:
     """A frame with a vertical z axis: x_world = rotation @ x_frame + origin."""
 
     rotation: Tensor
-    """Orthogonal, shape [3, 3]; may hold a reflection when data are augmented."""
+    """Orthogonal, shape [3, 3]; may include a reflection when data are augmented."""
     origin: Tensor
     """Shape [3] [m]."""
 
@@ -44,7 +44,7 @@ class StepFrame:
 
 
 def tool_frame(action: ToolStep) -> StepFrame:
-    """Sit under the tool, turned to its heading.
+    """Return the frame under the tool, turned to its heading.
 
     x is the horizontal direction of the tool's shortest axis (a blade's normal); where that axis is
     vertical (a press plate), of its longest. The origin is the tool's centre at the start of the step,

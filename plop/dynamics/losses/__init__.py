@@ -1,1 +1,1 @@
-"""Losses that know some physics."""
+"""Losses with physical terms."""

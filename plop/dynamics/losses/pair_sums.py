@@ -1,6 +1,6 @@
-"""Sums over pairs of neighbours, with hand-written gradients: what the physical terms spend their time on.
+"""Sums over pairs of neighbours, with hand-written gradients: the costly part of the physical terms.
 
-On the CPU one pass over the pairs, without a tensor for every intermediate value; elsewhere PyTorch's own operations.
+On the CPU, one pass over the pairs without intermediate tensors; on other devices, PyTorch's own operations.
 The torch forms are the reference in tests.
 """
 
@@ -99,12 +99,12 @@ def _stretched(
 
 
 class _Summed(torch.autograd.Function):
-    """A kernel's sum over pairs; its gradients are made in the forward pass."""
+    """A kernel's sum over pairs; its gradients are computed in the forward pass."""
 
     @staticmethod
     def forward(ctx: Any, function: Any, pairs: tuple[Tensor, ...], *values: Tensor) -> Tensor:
         arrays = [array_of(value) for value in values]
-        # Sums of thousands of terms of one sign and of the other: kept in double, as the total is.
+        # Sums of thousands of terms of both signs: kept in double precision, like the total.
         slopes = [np.zeros(array.shape) for array in arrays]
         total = function(*(pair.numpy() for pair in pairs), *arrays, *slopes)
         ctx.save_for_backward(*(torch.from_numpy(s).to(v) for s, v in zip(slopes, values, strict=True)))

@@ -51,7 +51,7 @@ class Neighbourhood:
         return Neighbourhood(self.first[keep], self.second[keep], self.rest_m[keep], self.weight[keep])
 
     def following(self, parents: Tensor) -> Neighbourhood:
-        """Carry the pairs over to a resampled set.
+        """Map the pairs to a resampled set.
 
         Args:
             parents: For each new Gaussian the index of the old one it descends from, shape [M].
@@ -69,14 +69,14 @@ class Neighbourhood:
 
 
 def rigidity(pairs: Neighbourhood, before: Gaussians, after: Gaussians) -> Tensor:
-    """Neighbours keep their place in the turning frame of a Gaussian [m], scalar."""
+    """Neighbours keep their position in the rotating frame of a Gaussian [m], scalar."""
     turn = quat_to_matrix(quat_multiply(after.quats, quat_conjugate(before.quats)))
     total = rigid_sum(pairs.first, pairs.second, pairs.weight, turn, after.means, before.means)
     return total / max(len(pairs.first), 1)
 
 
 def rotation_similarity(pairs: Neighbourhood, before: Gaussians, after: Gaussians) -> Tensor:
-    """Neighbours turn alike: difference of their turns as quaternions, scalar."""
+    """Neighbours rotate alike: difference of their rotations as quaternions, scalar."""
     turn = quat_multiply(after.quats, quat_conjugate(before.quats))
     return alike_sum(pairs.first, pairs.second, pairs.weight, turn) / max(len(pairs.first), 1)
 

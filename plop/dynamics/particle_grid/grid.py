@@ -1,7 +1,7 @@
 """A grid that follows the object: its box, padded to the stride of the network.
 
-Grids whose nodes lie at whole multiples of the spacing in the frame of the tool see the tool always
-at the same place in a cell.
+In grids whose nodes lie at integer multiples of the spacing in the tool's frame, the tool is always
+at the same position in a cell.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class GridBox:
-    """Where the nodes of a batch of grids lie."""
+    """Node positions of a batch of grids."""
 
     origin: Tensor
     """Position of node (0, 0, 0) of each grid, shape [B, 3] [m]."""
@@ -42,7 +42,7 @@ def fit_grid(
         room: Cells kept free around the particles.
 
     Returns:
-        Grids of a common shape, origins at whole multiples of the spacing.
+        Grids of a common shape, origins at integer multiples of the spacing.
     """
     least, most = _bounds(positions.detach(), batch, batches)
     low = (least / spacing_m).floor() - room
@@ -53,8 +53,8 @@ def fit_grid(
 
 
 def _bounds(positions: Tensor, batch: Tensor, batches: int) -> tuple[Tensor, Tensor]:
-    """Give the least and the largest coordinates of each batch entry, [B, 3] each."""
-    if batches == 1:  # a rollout's step: a tenth of the time
+    """Return the least and the largest coordinates of each batch entry, [B, 3] each."""
+    if batches == 1:  # a single entry, as in a rollout: a tenth of the time
         least, most = positions.aminmax(dim=0, keepdim=True)
         return least, most
     least = positions.new_full((batches, 3), torch.inf)

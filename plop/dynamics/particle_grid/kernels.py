@@ -2,10 +2,10 @@
 
 Three kernels, all normalised so that the weights of one particle sum to 1:
 
-- `paper`: the one printed branch of the cubic, |x| < h, 2 nodes an axis. Its weight at |x| = h
+- `paper`: the one printed branch of the cubic, |x| < h, 2 nodes per axis. Its weight at |x| = h
   is 1/6 before normalisation, so features jump when a particle crosses a cell.
-- `quadratic`: quadratic B-spline, 3 nodes an axis, smooth.
-- `cubic`: full cubic B-spline with both branches, 4 nodes an axis, smooth.
+- `quadratic`: quadratic B-spline, 3 nodes per axis, smooth.
+- `cubic`: full cubic B-spline with both branches, 4 nodes per axis, smooth.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NODES_PER_AXIS: dict[str, int] = {"paper": 2, "quadratic": 3, "cubic": 4}
 
 @dataclass(frozen=True)
 class Stencil:
-    """The nodes that each particle touches, and how strongly."""
+    """The nodes that each particle contributes to, and the weights."""
 
     nodes: Tensor
     """Flat node indices, shape [N, K], int64."""
@@ -78,11 +78,11 @@ def build_stencil(
         spacing_m: Distance of two nodes [m].
         shape: Nodes along x, y, z.
         kernel: Name of the kernel.
-        batch: Grid of each particle, shape [N], int64, when several grids of one shape lie behind each other.
+        batch: Grid of each particle, shape [N], int64, when several grids of one shape are concatenated.
         batches: Number of those grids.
 
     Returns:
-        The stencil with K = 8, 27 or 64 nodes a particle.
+        The stencil with K = 8, 27 or 64 nodes per particle.
     """
     offset = positions / spacing_m
     size = shape[0] * shape[1] * shape[2]
@@ -133,7 +133,7 @@ class _Compiled(torch.autograd.Function):
 
 @compiled
 def _fill_axes(part: int, parts: int, offset: np.ndarray, first: np.ndarray, weights: np.ndarray) -> None:
-    """`axis_weights`; the number of nodes tells the kernel."""
+    """`axis_weights`; the kernel follows from the number of nodes."""
     count, _, n = weights.shape
     for p in range(part * count // parts, (part + 1) * count // parts):
         for axis in range(3):

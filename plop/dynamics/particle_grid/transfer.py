@@ -24,7 +24,7 @@ _CHUNKS = 4
 def _gather(
     part: int, parts: int, features: np.ndarray, nodes: np.ndarray, weights: np.ndarray, out: np.ndarray
 ) -> None:
-    """Three nodes at a time, so that `out` is read and written a third as often."""
+    """Process three nodes at a time, so that `out` is read and written a third as often."""
     count, touched = nodes.shape
     for p in range(part * count // parts, (part + 1) * count // parts):
         for k in range(0, touched - 2, 3):
@@ -56,7 +56,7 @@ def _scatter(
 def _weight_gradient(
     part: int, parts: int, values: np.ndarray, features: np.ndarray, nodes: np.ndarray, out: np.ndarray
 ) -> None:
-    """A last column that only the features have counts as if all values there were 1."""
+    """Treat a last column that only the features have as values of 1."""
     count, touched = nodes.shape
     columns = values.shape[1]
     for p in range(part * count // parts, (part + 1) * count // parts):

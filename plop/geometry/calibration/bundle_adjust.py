@@ -13,7 +13,6 @@ import numpy as np
 import pycolmap
 
 from plop.errors import PlopError
-from plop.geometry.calibration.depth_agreement import interpolate_depth
 from plop.geometry.cameras import Camera
 
 
@@ -201,3 +200,28 @@ def _depth_scale(model: Any, index: dict[int, Any], depths_m: Sequence[np.ndarra
             fix='Use the robot\'s poses (scale_from="poses").',
         )
     return float(np.median(joined))
+
+
+def interpolate_depth(depth_m: np.ndarray, pixels: np.ndarray, gate_m: float) -> np.ndarray:
+    """Interpolate a depth image bilinearly, without bridging holes or edges.
+
+    Args:
+        depth_m: Shape [H, W], metres, 0 or NaN = not measured.
+        pixels: Image coordinates, shape [N, 2]; pixel centres lie at half-integers.
+        gate_m: Largest spread of the four neighbours [m].
+
+    Returns:
+        Depths, shape [N], metres; NaN where unknown.
+    """
+    height, width = depth_m.shape
+    x, y = pixels[:, 0] - 0.5, pixels[:, 1] - 0.5
+    inside = (x >= 0) & (y >= 0) & (x < width - 1) & (y < height - 1)
+    x, y = np.where(inside, x, 0), np.where(inside, y, 0)
+    column, row = x.astype(int), y.astype(int)
+    corners = np.stack(
+        [depth_m[row, column], depth_m[row, column + 1], depth_m[row + 1, column], depth_m[row + 1, column + 1]]
+    ).astype(np.float64)
+    a, b = x - column, y - row
+    value = (corners * np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])).sum(0)
+    good = inside & np.isfinite(corners).all(0) & (corners > 0).all(0) & (np.ptp(corners, axis=0) < gate_m)
+    return np.where(good, value, np.nan)

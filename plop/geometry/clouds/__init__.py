@@ -1,1 +1,1 @@
-"""Point clouds: from depth, registered, fused, and what lies in them."""
+"""Point clouds: from depth, registered, fused, segmented."""

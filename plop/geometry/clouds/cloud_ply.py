@@ -15,7 +15,7 @@ _COLORS = ("red", "green", "blue")
 
 
 def write_cloud(path: str | Path, cloud: PointCloud) -> None:
-    """Write a binary little-endian PLY, whole or not at all; positions as float32 [m]."""
+    """Write a binary little-endian PLY atomically; positions as float32 [m]."""
     rows = np.zeros(len(cloud), dtype=[(k, "<f4") for k in _FLOATS] + [(k, "u1") for k in _COLORS])
     for i, key in enumerate("xyz"):
         rows[key] = cloud.points[:, i]
@@ -34,7 +34,7 @@ def read_cloud(path: str | Path) -> PointCloud:
         The cloud, units as in the file (metres for files of plop).
 
     Raises:
-        PlopError: The file is missing, no PLY, truncated, lacks a coordinate, or holds NaN.
+        PlopError: The file is missing, not a PLY, truncated, lacks a coordinate, or holds NaN.
     """
     table = read_vertices(path)
     if not {"x", "y", "z"} <= table.keys():
@@ -44,7 +44,7 @@ def read_cloud(path: str | Path) -> PointCloud:
     points = np.stack([table[name] for name in "xyz"], axis=1).astype(np.float64)
     if not np.isfinite(points).all():
         raise PlopError(
-            "The point cloud has positions that are no numbers.",
+            "The point cloud has positions that are not finite.",
             where=path,
             expected="finite metres",
             found=f"{int((~np.isfinite(points)).any(1).sum())} bad points",

@@ -1,4 +1,4 @@
-"""Planes through the pixels of a depth image, which end at creases instead of rounding them."""
+"""Planes through the pixels of a depth image, which preserve creases instead of smoothing them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from plop.geometry.cameras import Camera
 from plop.geometry.rigid import transform_points
 
 _REACH = 1
-"""A window reaches so many pixels from its middle: 3 x 3."""
+"""Radius of a window in pixels: 3 x 3."""
 _LEAST = 4.5 / 9
 """Share of a window's pixels that must be measured."""
 _LINE = 0.02
@@ -20,7 +20,7 @@ _LINE = 0.02
 
 @dataclass(frozen=True)
 class PixelPlanes:
-    """The surface in each pixel of an image."""
+    """The surface at each pixel of an image."""
 
     points: np.ndarray
     """World, where the ray through the pixel's middle meets its plane, [H, W, 3] [m]."""
@@ -33,8 +33,8 @@ class PixelPlanes:
 def pixel_planes(camera: Camera, depth_m: np.ndarray, mask: np.ndarray) -> PixelPlanes:
     """Fit a plane to the flattest of the nine 3 x 3 windows that hold a pixel.
 
-    A window across a crease or a step is thick, so that planes stay on their pixel's side of it, as the averages of
-    an edge-preserving filter do (Kuwahara 1976); over a flat part noise is averaged.
+    A window across a crease or a step is thick, so that planes stay on their pixel's side of it, as in an
+    edge-preserving filter (Kuwahara 1976); over a flat part noise is averaged.
 
     Args:
         camera: Of the image.
@@ -57,7 +57,7 @@ def pixel_planes(camera: Camera, depth_m: np.ndarray, mask: np.ndarray) -> Pixel
     depth = (found[0] * found[1]).sum(-1) / np.where(np.abs(along) < 1e-9, 1, along)
     points = rays * depth[..., None]
     facing = np.abs(along) / np.linalg.norm(rays, axis=-1)
-    # the window may belong to a surface that only touches the pixel's
+    # the window may belong to an adjacent surface
     own = np.abs(depth - np.where(use, depth_m, 0)) < 2 * _pixel_m(camera, depth) / np.maximum(facing, 0.1)
     valid = use & np.isfinite(best) & own
     normals = found[1] * -np.sign(along)[..., None]
@@ -97,7 +97,7 @@ def _windows(points: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _shifted(values: np.ndarray, down: int, right: int) -> np.ndarray:
-    """Give each pixel the value of the one so far below and to the right; infinity (0 for vectors) beyond the edge."""
+    """Shift an image: each pixel gets the value of one below and to the right; infinity (or 0) beyond the edge."""
     filled = np.full_like(values, np.inf if values.ndim == 2 else 0)
     height, width = values.shape[:2]
     to = (slice(max(-down, 0), height - max(down, 0)), slice(max(-right, 0), width - max(right, 0)))

@@ -12,7 +12,7 @@ def nearest(points: Tensor, count: int, *, queries: Tensor | None = None) -> tup
 
     Args:
         points: Shape [N, 3] [m].
-        count: Neighbours a query; at most N - 1 (N with separate queries) are given.
+        count: Neighbours per query; at most N - 1 (N with separate queries) are returned.
         queries: Shape [M, 3]; the points themselves when absent, and then a point is not its own neighbour.
 
     Returns:

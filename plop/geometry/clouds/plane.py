@@ -30,15 +30,15 @@ def find_plane(points: np.ndarray, *, threshold_m: float = 0.004, trials: int = 
 
     Args:
         points: Shape [N, 3], metres.
-        threshold_m: A point this near lies on the plane [m].
+        threshold_m: Largest distance of an inlier from the plane [m].
         trials: Random triples tried.
-        seed: Makes the choice repeatable.
+        seed: Seed of the random choice.
 
     Raises:
         PlopError: Fewer than three points, or all on one line.
     """
     if len(points) < 3:
-        raise PlopError("A plane needs points.", expected="at least 3 points", found=f"{len(points)}")
+        raise PlopError("There are too few points for a plane.", expected="at least 3 points", found=f"{len(points)}")
     generator = np.random.default_rng(seed)
     sample = points[generator.choice(len(points), min(len(points), 5000), replace=False)]
     triples = sample[generator.integers(0, len(sample), (trials, 3))]
@@ -46,7 +46,7 @@ def find_plane(points: np.ndarray, *, threshold_m: float = 0.004, trials: int = 
     length = np.linalg.norm(normals, axis=1)
     triples, normals = triples[length > 1e-12], normals[length > 1e-12]
     if len(normals) == 0:
-        raise PlopError("The points lie on one line: there is no plane.", found=f"{len(points)} points")
+        raise PlopError("The points lie on one line and define no plane.", found=f"{len(points)} points")
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = (normals * triples[:, 0]).sum(1)
     counts = [int((np.abs(sample @ n - o) < threshold_m).sum()) for n, o in zip(normals, offsets, strict=True)]

@@ -13,7 +13,7 @@ from plop.geometry.cameras import Camera
 from plop.geometry.rigid import transform_points
 
 MILLIMETRES_ABOVE_M = 20.0
-"""A median depth above this is taken for millimetres: no manipulation scene is 20 m deep."""
+"""A median depth above this is taken as millimetres: no manipulation scene is 20 m deep."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class PointCloud:
         return len(self.points)
 
     def __getitem__(self, index: np.ndarray) -> PointCloud:
-        """Take some of the points; `index` is a bool mask or an index array."""
+        """Select points; `index` is a bool mask or an index array."""
         return PointCloud(self.points[index], self.normals[index], self.colors[index])
 
     def moved(self, transform: np.ndarray) -> PointCloud:
@@ -63,7 +63,7 @@ def check_metres(depth_m: np.ndarray, where: str) -> None:
             where=where,
             expected="metres, 0 = not measured",
             found=f"minimum {measured.min():.3f}",
-            fix="Write 0 where nothing is measured.",
+            fix="Write 0 where depth is not measured.",
         )
     middle = float(np.median(measured))
     if middle > MILLIMETRES_ABOVE_M:
@@ -123,7 +123,7 @@ def fit_normals(points: np.ndarray, toward: np.ndarray, neighbors: int = 12) -> 
 
 
 def join(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Put clouds together, in order."""
+    """Concatenate clouds, in order."""
     if not clouds:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     return PointCloud(*(np.concatenate([getattr(c, key) for c in clouds]) for key in ("points", "normals", "colors")))
@@ -164,7 +164,7 @@ def surface_distance_m(points: np.ndarray, surface: PointCloud, gate_m: float) -
     Args:
         points: Shape [N, 3], metres.
         surface: Oriented cloud.
-        gate_m: Points with no surface point this near are left out [m].
+        gate_m: Points without a surface point within this distance are left out [m].
 
     Returns:
         Signed distances, positive outside, shape [K] with K <= N, metres.
@@ -177,13 +177,13 @@ def surface_distance_m(points: np.ndarray, surface: PointCloud, gate_m: float) -
 
 
 def outlier_free(cloud: PointCloud, *, neighbors: int = 16, deviations: float = 3.0) -> np.ndarray:
-    """Find the points whose neighbours are about as near as everybody's.
+    """Find the points that are not isolated: inliers by the distance to their neighbours.
 
     Args:
         cloud: Any cloud.
-        neighbors: Nearest points whose mean distance is judged.
-        deviations: A point goes when its mean distance exceeds the median by this many robust standard deviations
-            (1.4826 times the median absolute deviation, at least 5 % of the median).
+        neighbors: Number of nearest points for the mean distance.
+        deviations: A point is discarded when its mean distance exceeds the median by this many robust standard
+            deviations (1.4826 times the median absolute deviation, at least 5 % of the median).
 
     Returns:
         Points to keep, bool, shape [N].

@@ -1,7 +1,7 @@
 """Register many overlapping clouds to each other at once (multiway point-to-plane ICP).
 
-By hand, since Open3D registers pair by pair before it reconciles the pairs, knows no scale of depth per camera, and
-does not leave alone what the overlap does not constrain.
+No library, since Open3D registers pair by pair before it combines the pairs, has no depth scale per camera, and
+changes degrees of freedom that the overlap does not constrain.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from plop.geometry.clouds.pointcloud import PointCloud
 _NORMALS_AGREE = 0.7
 """Smallest cosine between the normals of corresponding points."""
 _TRUSTED_M = 3e-4
-"""Differences below this count fully: a large flat part that fits exactly must not drown the rest [m]."""
+"""Residuals below this have full weight: a large flat part that fits exactly must not dominate the rest [m]."""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """How to move each cloud so that they fit."""
+    """The correction of each cloud."""
 
     corrections: np.ndarray
     """One rigid transform per cloud, shape [V, 4, 4]; applied to its points in the world."""
@@ -74,19 +74,19 @@ def register(
     fixed: Sequence[int] = (),
     min_overlap: float = 0.05,
 ) -> Registration:
-    """Minimise point-to-plane distances between all overlapping pairs of clouds together.
+    """Minimise point-to-plane distances between all overlapping pairs of clouds jointly.
 
-    Every step solves one damped normal equation for all clouds; damping keeps what the overlap does not
-    constrain (the common motion, sliding along a plane) as it was. Weights are Huber's.
+    Every step solves one damped normal equation for all clouds; damping leaves unconstrained directions
+    (the common motion, sliding along a plane) unchanged. Weights are Huber's.
     (Chen and Medioni 1992 for the distance; Pulli 1999 for the joint solution.)
 
     Args:
         clouds: In the world frame under the present calibration, metres.
-        gate_m: Largest distance of corresponding points at first; it shrinks to a quarter [m].
-        iterations: Most steps.
+        gate_m: Initial largest distance of corresponding points; it decreases to a quarter [m].
+        iterations: Largest number of steps.
         free_pose: Whether rotation and translation of each cloud are unknown.
         centers: Camera centres, shape [V, 3], metres: given, a depth scale per cloud is unknown too.
-        fixed: Indices of clouds that stay as they are.
+        fixed: Indices of clouds that are not moved.
         min_overlap: Share of a cloud's points that must have a partner for a pair to count.
 
     Returns:
@@ -100,7 +100,7 @@ def register(
     for index, cloud in enumerate(clouds):
         if not np.isfinite(cloud.points).all():
             raise PlopError(
-                "A cloud has positions that are no numbers.",
+                "A cloud has positions that are not finite.",
                 where=f"cloud {index}",
                 expected="finite metres",
                 found="NaN or infinity",
@@ -169,7 +169,7 @@ def _matches(
 
 
 def _rim(points: np.ndarray, neighbors: int = 12) -> np.ndarray:
-    """Find the points at the border of a cloud, bool, shape [N]: what lies beyond it would be drawn to them."""
+    """Find the points at the border of a cloud, bool, shape [N]: points beyond it would be attracted to them."""
     if len(points) <= neighbors:
         return np.zeros(len(points), dtype=bool)
     distance, index = cKDTree(points).query(points, k=neighbors + 1)
@@ -221,7 +221,7 @@ def _update(solver: _Solver, step: np.ndarray, poses: np.ndarray, scales: np.nda
         scales *= 1.0 + np.clip(parts[:, -1], -0.2, 0.2)
     if not solver.free_pose:
         return float(np.abs(parts).max())
-    if not solver.fixed:  # The motion that all clouds share is free: keep it at zero.
+    if not solver.fixed:  # The common motion of all clouds is undetermined: keep it at zero.
         parts[:, :6] -= parts[:, :6].mean(0)
     for index, part in enumerate(parts):
         change = np.eye(4)

@@ -19,7 +19,7 @@ def build_volume(
     """Integrate frames into a voxel block grid (Curless and Levoy 1996; blocks hashed as by Niessner et al. 2013).
 
     Args:
-        frames: Views; their labels are not looked at.
+        frames: Views; their labels are ignored.
         voxel_m: Edge of a voxel [m].
         max_depth_m: Depth beyond this is ignored [m].
         band: Half width of the truncated band in voxels.
@@ -59,10 +59,10 @@ def build_volume(
 def fuse_tsdf(
     frames: Sequence[View], voxel_m: float, *, max_depth_m: float = 10.0, band: float = 4.0, min_weight: float = 1.0
 ) -> PointCloud:
-    """Fuse posed RGB-D images and take the zero crossings as an oriented cloud.
+    """Fuse posed RGB-D images and extract the zero crossings as an oriented cloud.
 
     Args:
-        frames: Views; their labels are not looked at.
+        frames: Views; their labels are ignored.
         voxel_m: Edge of a voxel [m].
         max_depth_m: Depth beyond this is ignored [m].
         band: Half width of the truncated band in voxels.
@@ -72,14 +72,14 @@ def fuse_tsdf(
         Cloud with about one point per voxel edge that the surface crosses, sorted by position.
 
     Raises:
-        PlopError: There is nothing to fuse, or no surface comes out.
+        PlopError: There is nothing to fuse, or the fusion yields no surface.
     """
     grid = build_volume(frames, voxel_m, max_depth_m=max_depth_m, band=band)
     found = grid.extract_point_cloud(weight_threshold=min_weight - 0.5)
     points = found.point.positions.numpy().astype(np.float64)
     if len(points) == 0:
         raise PlopError(
-            "No surface came out of the fusion.",
+            "The fusion yields no surface.",
             expected="zero crossings",
             found="none",
             fix="Use a larger voxel_m, or check poses and units of depth (metres).",

@@ -1,4 +1,4 @@
-"""Where an object may stand on a table, although no camera has seen it there."""
+"""The unseen part of an object's footprint on a table."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import numpy as np
 from plop.geometry.view import View
 
 _ABOVE_M = 0.003
-"""How far above the table it is looked whether something could be [m]."""
+"""Height above the table at which free space is tested [m]."""
 _INWARDS_M = 0.0015
-"""How far within the outline [m]: a place on it is seen past by a camera that looks along the side."""
+"""Margin inside the outline [m]: a camera that looks along the side sees past positions on the outline itself."""
 _BEHIND_M = 0.002
 """A camera that measures further than this behind a place has seen through it [m]."""
 _LOWER_PART = 0.5
-"""Share of the height in which points may stand above something hidden."""
+"""Share of the object's height within which points may lie above a hidden part."""
 
 
 def unseen_footprint(points: np.ndarray, views: Iterable[View], table_z_m: float) -> np.ndarray:
-    """Continue an object's sides straight down to the table where no camera sees that nothing is there.
+    """Extend an object's sides straight down to the table where no camera has seen free space.
 
-    What stands in front of an object (a tool, a hand) hides its lower edge; without this, what is wrapped around
-    the points that are seen has its corners cut off there.
+    A tool or a hand in front of an object hides its lower edge; without this, the hull of the visible points
+    has its corners cut off there.
 
     Args:
-        points: Places on the object's surface, [M, 3] [m].
-        views: What the cameras measured; a tool, or what is undecided, may hide the object.
+        points: Positions on the object's surface, [M, 3] [m].
+        views: The measured views; a tool, or pixels labelled as undecided, may hide the object.
         table_z_m: Height of the table [m].
 
     Returns:
-        Places on the table, [K, 3] [m].
+        Positions on the table, [K, 3] [m].
     """
     height = float(points[:, 2].max()) - table_z_m
     low = points[points[:, 2] < table_z_m + _LOWER_PART * height]
@@ -44,7 +44,7 @@ def unseen_footprint(points: np.ndarray, views: Iterable[View], table_z_m: float
 
 
 def _seen_through(places: np.ndarray, view: View) -> np.ndarray:
-    """Tell which places a camera sees something behind of, [M] bool."""
+    """Return the positions that a camera sees through, [M] bool."""
     inside, row, column, depth = view.camera.pixels_of(places)
     measured = view.depth_without_tool_m[row, column]
     return np.asarray(inside & np.isfinite(measured) & (measured > depth + _BEHIND_M))

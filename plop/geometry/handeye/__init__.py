@@ -1,1 +1,1 @@
-"""Hand-eye calibration: solve it, and judge the poses that it is given and the answer."""
+"""Hand-eye calibration: solve it, and check the poses and the solution."""

@@ -1,10 +1,10 @@
-"""Hand-eye calibration as one least-squares problem: how exact it is, and whether the board's size is right.
+"""Hand-eye calibration as one least-squares problem, with its errors and the board's scale.
 
 M_i X C_i = Z for all pairs i: M the pose of what moves (gripper for a wrist camera; base seen from the gripper for a
-fixed one), X the camera in it, C the board before the camera, Z the board's constant place. The start is the closed
+fixed one), X the camera in it, C the board before the camera, Z the board's constant pose. The start is the closed
 form of Park and Martin (1994) for rotations; Gauss-Newton then solves for X, Z and, where asked, a factor s of all
 board distances (a board printed in another size), each kind of residual weighted by its own scatter. OpenCV's methods
-give an answer without its error; this gives the errors, which tell what the motion can determine.
+give a solution without its error; this gives the errors, which show what the motion determines.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from scipy.stats import t as student
 
 STEPS = 8
 MOST_TURNS = 300
-"""Turns between poses, out of all pairs of poses, that the start is solved from: enough for a start."""
+"""Number of relative rotations, out of all pairs of poses, used for the initial solution."""
 CONFIDENCE = 0.999
-"""Of the interval of the board's scale: one right set in a thousand may be called wrong by chance."""
+"""Error probability of the interval of the board's scale: one correct set in a thousand is rejected by chance."""
 LEAST_NOISE = 1e-7
 """Floor of the residuals' scatter [m, rad]: exact synthetic poses."""
 
@@ -37,11 +37,11 @@ class HandEyeFit:
     scale_interval: tuple[float, float]
     """99.9 % interval of the scale; (1, 1) where it was not fitted."""
     spread_mm: float
-    """Mean distance of the board's place from its mean, allowing for the unknowns fitted [mm]."""
+    """Mean distance of the board's position from its mean, allowing for the unknowns fitted [mm]."""
     spread_deg: float
     """Mean angle of the board's orientation from its mean, allowing for the unknowns fitted [deg]."""
     uncertainty_mm: float
-    """Standard error of where the camera puts a point at the board's mean distance [mm]; inf: undetermined."""
+    """Standard error of the position of a point at the board's mean distance [mm]; inf: undetermined."""
 
 
 def fit_hand_eye(
@@ -53,7 +53,7 @@ def fit_hand_eye(
         moving: M, shape [N, 4, 4] [m], N >= 4.
         cam_from_board: C, shape [N, 4, 4] [m].
         free_scale: Whether the board's distances are multiplied by an unknown, too.
-        steps: Most Gauss-Newton steps; 1 gives the closed form.
+        steps: Largest number of Gauss-Newton steps; 1 gives the closed form.
     """
     state = _start(moving, cam_from_board, free_scale)
     best, least = state, np.inf
@@ -85,7 +85,7 @@ def _start(moving: np.ndarray, board: np.ndarray, free_scale: bool) -> _State:
     robot, seen = Rotation.from_matrix(moving[:, :3, :3]), Rotation.from_matrix(board[:, :3, :3])
     a = (robot[first].inv() * robot[second]).as_rotvec()
     b = (seen[first] * seen[second].inv()).as_rotvec()
-    clear = np.linalg.norm(a, axis=1) < np.deg2rad(160)  # near half a turn the sign of the axis is chance
+    clear = np.linalg.norm(a, axis=1) < np.deg2rad(160)  # near half a turn the sign of the axis is arbitrary
     if clear.sum() < 2:
         clear[:] = True
     left, _, right = np.linalg.svd(b[clear].T @ a[clear])
@@ -108,7 +108,7 @@ def _residuals(state: _State, moving: np.ndarray, board: np.ndarray) -> tuple[np
 
 
 def _shift_jacobian(state: _State, moving: np.ndarray, board: np.ndarray) -> np.ndarray:
-    """By turn of X, turn of Z, place of X, place of Z, scale: [N, 3, 13]."""
+    """Derivatives by rotation of X, rotation of Z, position of X, position of Z, scale: [N, 3, 13]."""
     out = np.zeros((len(moving), 3, 13))
     turned = moving[:, :3, :3] @ state.cam_turn
     out[:, :, 0:3] = -turned @ _cross(state.scale * board[:, :3, 3])
@@ -124,7 +124,7 @@ def _turn_jacobian(board: np.ndarray) -> np.ndarray:
 
 
 def _solve(state: _State, moving: np.ndarray, board: np.ndarray, free_scale: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Give the Gauss-Newton step [12 or 13] and the covariance of the unknowns."""
+    """Return the Gauss-Newton step [12 or 13] and the covariance of the unknowns."""
     unknowns = 13 if free_scale else 12
     turn, shift = _residuals(state, moving, board)
     freedom = max(3 * len(moving) - unknowns / 2, 1)

@@ -1,4 +1,4 @@
-"""Judge hand-eye poses before their answer is used: consistent, of the right size, and with motion that can tell."""
+"""Check hand-eye poses before their solution is used: consistency, scale, and sufficient motion."""
 
 from __future__ import annotations
 
@@ -19,44 +19,45 @@ NAMED_UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches"}
 
 @dataclass(frozen=True)
 class HandEyeRule:
-    """When a hand-eye answer may be used.
+    """Criteria for accepting a hand-eye solution.
 
-    Three right answers of real rigs let the board wander by 2.0 to 4.4 mm (0.4 to 0.7 % of its distance) and 0.1 to
-    0.7 deg; wrong readings of the same data by 79 to 344 mm and 18 to 33 deg. What cameras and robots add grows with
-    the distance, so the limit does; what a wrong reading adds grows with the motion, so it is limited by that, too.
+    In three correct solutions of real rigs the board spreads by 2.0 to 4.4 mm (0.4 to 0.7 % of its distance) and 0.1
+    to 0.7 deg; in wrong interpretations of the same data by 79 to 344 mm and 18 to 33 deg. The error of cameras and
+    robots grows with the distance, and so does the limit; the error of a wrong interpretation grows with the motion,
+    so a second limit is relative to that.
     """
 
     max_spread_of_distance: float = 0.03
-    """Largest wandering of the board, relative to its mean distance from the camera: 4 times what right ones show."""
+    """Largest spread of the board, relative to its mean distance from the camera: 4 times that of correct sets."""
     least_limit_mm: float = 8.0
-    """A limit below this would blame close boards for the robot's own error: twice what right ones show [mm]."""
+    """Smallest limit: a lower one would reject close boards for the robot's error; twice that of correct sets [mm]."""
     max_spread_deg: float = 2.5
-    """Largest wandering of its orientation: four times what right ones show [deg]."""
+    """Largest spread of its orientation: four times that of correct sets [deg]."""
     max_of_motion: float = 1 / 3
-    """Largest wandering relative to the motion, whatever its size: wrong readings keep half of it and more."""
+    """Largest spread relative to the motion: wrong interpretations show half of it or more."""
     scale_tolerance: float = 0.01
-    """A scale this close to 1 is no error: 4 mm at 0.4 m, what right answers spread; a real, right set shows 0.979
-    (0.962 to 0.997)."""
+    """A scale this close to 1 is accepted: 4 mm at 0.4 m, the spread of correct solutions; a real, correct set shows
+    0.979 (0.962 to 0.997)."""
     max_uncertainty_mm: float = 15.0
-    """Largest standard error of where the camera puts things: twice it is the 30 mm within which `calibrate` can still
+    """Largest standard error of positions seen by the camera: twice it is the 30 mm within which `calibrate` can still
     register cameras to each other [mm]."""
     max_uncertainty_of_distance: float = 0.02
-    """It may be as large relative to the board's mean distance: what large rigs see is farther, and coarser."""
+    """The same relative to the board's mean distance: large rigs see farther and less precisely."""
     doubtful_uncertainty_mm: float = 5.0
     """A larger one is reported [mm]."""
     longest_on_gripper_m: float = 0.3
-    """What sits on the gripper (camera, or board) is taken to be nearer to it than this, or at least nearer than twice
-    the distance of the other thing from the base: else both poses are inverted, which is as consistent [m]."""
+    """Largest distance of the camera or board on the gripper from it, unless it is less than twice the distance of the
+    other one from the base: otherwise both poses are inverted, which is equally consistent [m]."""
     clearly: float = 3.0
-    """Another reading is named when it lets the board wander this much less than the given one, and all are that
-    wander at most this much more than the best."""
+    """Another interpretation is reported when its spread is smaller than that of the given one by this factor, as are
+    all whose spread exceeds the best by at most this factor."""
 
 
 RULE = HandEyeRule()
 
 
 class HandEyeFault(Enum):
-    """Why an answer is not used."""
+    """Reason for rejecting a solution."""
 
     NONE = "none"
     INCONSISTENT = "inconsistent"
@@ -67,7 +68,7 @@ class HandEyeFault(Enum):
 
 @dataclass(frozen=True)
 class Judgement:
-    """What hand-eye poses are worth."""
+    """Assessment of hand-eye poses."""
 
     fault: HandEyeFault
     fit: HandEyeFit
@@ -75,78 +76,78 @@ class Judgement:
     scaled: HandEyeFit
     """With the board's scale fitted."""
     limit_mm: float
-    """Largest wandering of the board that passes [mm]."""
+    """Largest accepted spread of the board [mm]."""
     limit_deg: float
     """The same of its orientation [deg]."""
     limit_uncertainty_mm: float
-    """Largest standard error that passes [mm]."""
+    """Largest accepted standard error [mm]."""
     on_gripper_m: float
-    """Distance from the gripper of what sits on it: the camera, or the board of a fixed camera [m]."""
+    """Distance between the gripper and what is mounted on it: the camera, or the board of a fixed camera [m]."""
     at_base_m: float
     """Distance from the base of the other one [m]."""
     likely: tuple[str, ...] = ()
-    """Other readings that would make the set consistent, with camera and board in likely places."""
+    """Other interpretations that would make the set consistent, with camera and board at plausible positions."""
     unlikely: tuple[str, ...] = ()
-    """The same, but the board behind the camera, or what sits on the gripper farther away than the base."""
+    """The same, but with the board behind the camera, or the part on the gripper farther from it than the base."""
     turns: tuple[float, float] | None = None
-    """Turns of robot and board between the same two poses where they differ most, when they differ [deg]."""
+    """Rotations of robot and board between the two poses where they differ most, when they differ [deg]."""
 
     @property
     def scale_is_off(self) -> bool:
-        """Tell whether the board's scale differs from 1 beyond its interval."""
+        """Return whether the board's scale differs from 1 beyond its interval."""
         low, high = self.scaled.scale_interval
         return not low <= 1 <= high
 
     def why(self, square_mm: float | None = None) -> str:
-        """Say in one sentence why the answer is not used; empty when it may be.
+        """Explain in one sentence why the solution is rejected; empty when it is accepted.
 
         Args:
-            square_mm: Edge of a square as given, where the board was looked for with it [mm].
+            square_mm: Edge of a square as given, if the board was detected with it [mm].
         """
         if self.fault is HandEyeFault.SCALE:
             return self.scale_text(square_mm)
         if self.fault is HandEyeFault.UNDETERMINED:
             return (
-                f"the motion is too small, or too much about one axis, for its noise ({_mm(self.fit.spread_mm)}, "
-                f"{self.fit.spread_deg:.1f} deg): it leaves the camera's place open by "
+                f"the motion is too small, or too close to one axis, for its noise ({_mm(self.fit.spread_mm)}, "
+                f"{self.fit.spread_deg:.1f} deg): the camera's position is uncertain by "
                 f"{_mm(self.fit.uncertainty_mm)} (limit {self.limit_uncertainty_mm:.0f}). Record "
-                "more poses that turn by 20 degrees and more about two axes"
+                "more poses that rotate by 20 degrees or more about two axes"
             )
         if self.fault is HandEyeFault.NONE:
             return ""
         if self.fault is HandEyeFault.ROLES:
             return (
-                f"what sits on the gripper would be {self.on_gripper_m:.2f} m away from it, what stands still "
-                f"{self.at_base_m:.2f} m from the robot's base{self._otherwise('it would be the other way round')}"
+                f"what is mounted on the gripper would be {self.on_gripper_m:.2f} m away from it, what is fixed "
+                f"{self.at_base_m:.2f} m from the robot's base{self._otherwise('this would be reversed')}"
             )
         moves = (
-            f"the board, which stands still, would move by {_mm(self.fit.spread_mm)} "
+            f"the board, which is fixed, would move by {_mm(self.fit.spread_mm)} "
             f"and {self.fit.spread_deg:.1f} deg (limits {self.limit_mm:.1f} mm, {self.limit_deg:.1f} deg)"
         )
         if self.likely or self.unlikely:
             return f"{moves}{self._otherwise('it would stay where it is')}"
         if self.turns is not None:
             return (
-                f"{moves}; between two poses the robot turns by {self.turns[0]:.0f} deg and the board by "
+                f"{moves}; between two poses the robot rotates by {self.turns[0]:.0f} deg and the board by "
                 f"{self.turns[1]:.0f}: check that the pairs belong together, and the convention and unit of the "
                 "rotations"
             )
         return (
-            f"{moves}; robot and board turn alike, so that their positions are wrong: check units, and which frame "
+            f"{moves}; robot and board rotate alike, so their positions are wrong: check units, and which frame "
             "the positions are of"
         )
 
     def _otherwise(self, then: str) -> str:
-        """Tell the readings that would mend it, the likely ones first."""
+        """List the interpretations that would make it consistent, the plausible ones first."""
         first, second = (self.likely, self.unlikely) if self.likely else (self.unlikely, ())
         said = f"; {then} if {', or if '.join(first)}" if first else ""
         return said + (
-            f" (less likely, for where camera and board would be: if {', or if '.join(second)})" if second else ""
+            f" (less plausible positions of camera and board: if {', or if '.join(second)})" if second else ""
         )
 
     @property
     def doubtful(self) -> bool:
-        """Tell whether the motion leaves the camera's place more open than one likes."""
+        """Return whether the camera's position is more uncertain than the reported limit."""
         return self.fit.uncertainty_mm > RULE.doubtful_uncertainty_mm
 
     def scale_text(self, square_mm: float | None = None, *, advise: bool = True) -> str:
@@ -156,7 +157,7 @@ class Judgement:
             for value, whose in ((factor, "board"), (1 / factor, "robot")):
                 if abs(scale / value - 1) < 0.05:
                     return (
-                        f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): give "
+                        f"the {whose}'s positions are in {unit}, the other's in metres (factor {scale:.4g}): write "
                         "both in metres"
                     )
         given = square_mm or 30.0
@@ -166,12 +167,12 @@ class Judgement:
         else:
             what = f"the board's size is wrong: {said}; squares given as {given:.0f} mm are {given * scale:.1f} mm"
         return what + (
-            "; measure the board and give its size, or take the fitted one with --fit-board-scale" if advise else ""
+            "; measure the board and set its size, or use the fitted one with --fit-board-scale" if advise else ""
         )
 
 
 def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mount: str) -> Judgement:
-    """Tell whether pairs of poses give an answer that may be used, and if not, what would explain them.
+    """Check whether pairs of poses give an acceptable solution, and if not, what would explain them.
 
     Args:
         base_from_gripper: Shape [N, 4, 4] [m].
@@ -191,10 +192,10 @@ def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mo
         return Judgement(fault, fit, scaled, *limits, _open_limit(board), *places)
     given = None if fault is HandEyeFault.ROLES else fit
     likely, unlikely = consistent_readings(robot, board, mount, given)
-    if given is None:  # the given one is consistent, too: only what puts things into likely places says more
+    if given is None:  # the given one is consistent, too: only plausible positions discriminate
         unlikely = ()
     elif not likely + unlikely and _consistent(fit, _noise_limits(board)):
-        fault = HandEyeFault.UNDETERMINED  # no more than noise, but a third of what the robot moved
+        fault = HandEyeFault.UNDETERMINED  # within the noise limit, but a third of the robot's motion
     return Judgement(
         fault,
         fit,
@@ -209,14 +210,14 @@ def judge_hand_eye(base_from_gripper: np.ndarray, cam_from_board: np.ndarray, mo
 
 
 def moving_poses(robot: np.ndarray, mount: str) -> np.ndarray:
-    """Give the poses of what moves against the board's place: gripper in base, or base in gripper."""
+    """Return the poses of the moving frame: gripper in base, or base in gripper."""
     return robot if mount == "wrist" else invert_rigid(robot)
 
 
 def consistent_readings(
     robot: np.ndarray, board: np.ndarray, mount: str, given: HandEyeFit | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Name the other readings that make a set consistent, clearly better than as given; likely ones, unlikely ones.
+    """List other interpretations that are clearly more consistent than the given one; plausible ones, implausible ones.
 
     Args:
         robot: base_from_gripper, shape [N, 4, 4] [m].
@@ -232,7 +233,7 @@ def consistent_readings(
             continue
         limits = _limits(moving, reading.board)
         if not _consistent(fit_hand_eye(moving, reading.board, steps=1), tuple(5 * each for each in limits)):
-            continue  # the closed form of a right reading is near already
+            continue  # the closed form of a correct interpretation is close already
         fit = fit_hand_eye(moving, reading.board)
         if _consistent(fit, limits) and fit.uncertainty_mm <= _open_limit(reading.board):
             value = _value(fit, reading.board)
@@ -248,7 +249,7 @@ def consistent_readings(
 
 
 def _places(fit: HandEyeFit, mount: str) -> tuple[float, float]:
-    """Give the distances of the thing on the gripper and of the thing that stands still [m]."""
+    """Return the distances of the part on the gripper and of the fixed part [m]."""
     ends = [float(np.linalg.norm(pose[:3, 3])) for pose in (fit.moving_from_cam, fit.fixed_from_board)]
     return (ends[0], ends[1]) if mount == "wrist" else (ends[1], ends[0])
 
@@ -273,7 +274,7 @@ def _consistent(fit: HandEyeFit, limits: Sequence[float]) -> bool:
 
 
 def _noise_limits(board: np.ndarray) -> tuple[float, float]:
-    """Give what cameras and robots may add, whatever the motion [mm, deg]."""
+    """Return the error of cameras and robots, independent of the motion [mm, deg]."""
     distance = float(np.linalg.norm(board[:, :3, 3], axis=1).mean() * 1e3)
     return max(RULE.max_spread_of_distance * distance, RULE.least_limit_mm), RULE.max_spread_deg
 
@@ -296,7 +297,7 @@ def _value(fit: HandEyeFit, board: np.ndarray) -> float:
 
 
 def _different_turns(robot: np.ndarray, board: np.ndarray, limit_deg: float) -> tuple[float, float] | None:
-    """Compare turns between the same two poses: they do not depend on frames, so that only wrong rotations differ."""
+    """Compare rotations between the same two poses: they are independent of frames, so only wrong rotations differ."""
     first, second = np.triu_indices(len(robot), 1)
     a, b = (
         np.rad2deg((r[first].inv() * r[second]).magnitude())

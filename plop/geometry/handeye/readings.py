@@ -1,7 +1,7 @@
-"""Other readings of hand-eye poses: what they would be if one thing had been written or read differently.
+"""Other interpretations of hand-eye poses: the poses if one convention had been written or read differently.
 
-Each reading changes the given poses as the mistake would have to be undone. Whether one of them makes an inconsistent
-set consistent is `plop.geometry.handeye.judge`'s to say; nothing here decides.
+Each interpretation undoes one possible mistake. Whether one of them makes an inconsistent set consistent is decided
+in `plop.geometry.handeye.judge`, not here.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from scipy.spatial.transform import Rotation
 from plop.geometry.rigid import invert_rigid
 
 OTHER_MOUNT = {"wrist": "fixed", "fixed": "wrist"}
-MOUNTED = {"wrist": "on the gripper", "fixed": "standing still, the board in the gripper"}
+MOUNTED = {"wrist": "on the gripper", "fixed": "fixed, with the board in the gripper"}
 ANGLES = {
     "xyz": "Euler angles x, y, z about fixed axes",
-    "XYZ": "Euler angles x, y, z about turning axes",
+    "XYZ": "Euler angles x, y, z about rotating axes",
     "zyx": "Euler angles z, y, x about fixed axes",
-    "ZYX": "Euler angles z, y, x about turning axes",
+    "ZYX": "Euler angles z, y, x about rotating axes",
     "rotvec": "a rotation vector",
 }
-"""Three numbers that mean a rotation, by scipy's names."""
+"""Rotations given by three numbers, by scipy's names."""
 MAX_LEFT_OUT = 60
-"""Sets larger than this are not tried with one pair left out: one bad pair hardly moves their answer."""
+"""Largest set that is tried with one pair left out: in larger ones a bad pair hardly changes the solution."""
 
 Poses = np.ndarray
 
 
 @dataclass(frozen=True)
 class Reading:
-    """The poses, were the named thing the case."""
+    """The poses under the named assumption."""
 
     name: str
-    """What would be the case, e.g. "the robot poses are inverted (gripper_from_base)"."""
+    """The assumption, e.g. "the robot poses are inverted (gripper_from_base)"."""
     robot: Poses
     """base_from_gripper, shape [M, 4, 4] [m]."""
     board: Poses
@@ -45,7 +45,7 @@ class Reading:
 
 
 def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
-    """Give all other readings of a set, the commoner mistakes first.
+    """Yield all other interpretations of a set, the more common mistakes first.
 
     Args:
         robot: base_from_gripper as given, shape [N, 4, 4] [m].
@@ -55,7 +55,7 @@ def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     other = OTHER_MOUNT[mount]
     yield Reading("the robot poses are inverted (gripper_from_base)", invert_rigid(robot), board, mount)
     yield Reading(
-        f'the camera is mounted otherwise (mount "{other}": {MOUNTED[other]}; --handeye-mount {other})',
+        f'the camera is mounted differently (mount "{other}": {MOUNTED[other]}; --handeye-mount {other})',
         robot,
         board,
         other,
@@ -69,7 +69,7 @@ def other_readings(robot: Poses, board: Poses, mount: str) -> Iterator[Reading]:
     turns = [Rotation.from_matrix(poses[:, :3, :3]) for poses in (robot, board)]
     for name, changes in _rotations():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # gimbal lock: that reading will not fit
+            warnings.simplefilter("ignore")  # gimbal lock: that interpretation will not fit
             changed = [[change(turn) for change in changes] for turn in turns]
         for first in range(len(changes)):
             yield Reading(f"the robot's {name}", _with(robot, _picked(changed[0], turns[1], first)), board, mount)
@@ -115,7 +115,7 @@ Change = Callable[[Rotation], Rotation]
 
 
 def _rotations() -> Iterator[tuple[str, list[Change]]]:
-    """Give the ways to mistake rotations, and how to undo each: two ways where a rotation has two sets of numbers."""
+    """Yield the ways to mistake rotations, and how to undo each: two ways where a rotation has two representations."""
     yield "rotations are transposed (3x3 parts column by column)", [lambda turns: turns.inv()]
     yield (
         "quaternions are w, x, y, z and were read as x, y, z, w",
@@ -125,18 +125,18 @@ def _rotations() -> Iterator[tuple[str, list[Change]]]:
         "quaternions are x, y, z, w and were read as w, x, y, z",
         [lambda turns: Rotation.from_quat(turns.as_quat()[:, [3, 0, 1, 2]])],
     )
-    for read, told in ANGLES.items():
+    for read, description in ANGLES.items():
         for meant, wanted in ANGLES.items():
             if meant != read:
                 yield (
-                    f"angles are {wanted} and were read as {told}",
+                    f"angles are {wanted} and were read as {description}",
                     [_reread(read, meant, other) for other in (False, True)],
                 )
-        yield f"angles ({told}) are radians and were read as degrees", [_reread(read, read, False, 180 / np.pi)]
+        yield f"angles ({description}) are radians and were read as degrees", [_reread(read, read, False, 180 / np.pi)]
 
 
 def _reread(read: str, meant: str, other: bool, factor: float = 1.0) -> Change:
-    """Undo one reading of three numbers and read them otherwise; `other`: of the two sets of numbers the other one."""
+    """Undo one interpretation of three numbers and apply another; `other`: use the second representation."""
 
     def change(turns: Rotation) -> Rotation:
         if read == "rotvec":
@@ -154,7 +154,7 @@ def _reread(read: str, meant: str, other: bool, factor: float = 1.0) -> Change:
 
 
 def _picked(ways: list[Rotation], across: Rotation, first: int) -> Rotation:
-    """Take, pose by pose, the way that turns from the first pose by as much as the other side does."""
+    """Choose for each pose the variant whose rotation from the first pose matches the other side."""
     if len(ways) == 1:
         return ways[0]
     start, wanted = ways[first][0], (across[0].inv() * across).magnitude()

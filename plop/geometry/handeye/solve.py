@@ -26,7 +26,7 @@ ROBOT_WORLD_METHODS = {"SHAH": cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH, "LI": cv2.CA
 
 @dataclass(frozen=True)
 class MethodScore:
-    """How well one method's answer keeps the board in place."""
+    """Spread of the board under one method's solution."""
 
     method: str
     result: np.ndarray
@@ -36,12 +36,12 @@ class MethodScore:
     spread_deg: float
     """Mean angle of the board's orientation from its mean [deg]."""
     score: float
-    """spread_mm, plus spread_deg turned into mm at the board's mean distance from the camera."""
+    """spread_mm, plus spread_deg converted to mm at the board's mean distance from the camera."""
 
 
 @dataclass(frozen=True)
 class HandEye:
-    """The chosen answer and what all methods gave."""
+    """The chosen solution and those of all methods."""
 
     method: str
     result: np.ndarray
@@ -60,7 +60,7 @@ def hand_eye(
 ) -> HandEye:
     """Calibrate a camera against the robot: solve AX = XB with several methods, keep the most consistent.
 
-    A right answer puts the board, seen from every pose, at one place: in the robot's base for a wrist camera,
+    A correct solution gives the board one position for all poses: in the robot's base for a wrist camera,
     in the gripper for a fixed camera with the board in the gripper. The method with the least spread wins.
 
     Args:
@@ -68,11 +68,11 @@ def hand_eye(
         cam_from_board: Board poses at the same instants, shape [N, 4, 4] [m].
         mount: "wrist" (camera on the gripper) or "fixed" (board on the gripper).
         methods: Names out of HAND_EYE_METHODS.
-        judged: Whether the caller has judged the poses (`judge_hand_eye`) and wants an answer whatever they are worth.
+        judged: Whether the caller has checked the poses (`judge_hand_eye`) and wants a solution in any case.
 
     Raises:
         PlopError: Too few poses, mismatched lengths, NaN, millimetres, no rigid matrices, motion without enough
-            rotation, poses that are not consistent or leave the answer open, or every method fails.
+            rotation, poses that are inconsistent or do not determine the solution, or every method fails.
     """
     base_from_gripper, cam_from_board = check_pose_pairs(base_from_gripper, cam_from_board)
     if not judged:
@@ -96,7 +96,7 @@ def hand_eye(
 
 
 def robot_world(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) -> HandEye:
-    """Calibrate a wrist camera and the board's place together: AX = ZB (OpenCV's robot-world/hand-eye).
+    """Calibrate a wrist camera and the board's pose jointly: AX = ZB (OpenCV's robot-world/hand-eye).
 
     Args:
         base_from_gripper: Robot poses, shape [N, 4, 4] [m].
@@ -128,7 +128,7 @@ def robot_world(base_from_gripper: np.ndarray, cam_from_board: np.ndarray) -> Ha
 
 
 def score(method: str, answer: np.ndarray, moving: np.ndarray, cam_from_board: np.ndarray) -> MethodScore:
-    """Measure how much the board seems to move under one answer.
+    """Measure how much the board moves under one solution.
 
     Args:
         method: Name to report.
@@ -156,10 +156,10 @@ def _refuse_bad(robot: np.ndarray, board: np.ndarray, mount: str) -> None:
     judgement = judge_hand_eye(robot, board, mount)
     if judgement.fault is not HandEyeFault.NONE:
         raise PlopError(
-            "Hand-eye poses give no answer that may be used.",
+            "The hand-eye poses give no acceptable solution.",
             found=judgement.why(),
-            expected="a board that stays where it is, seen from every pose",
-            fix="Correct the poses as found says, or record them again.",
+            expected="a board whose position is the same for every pose",
+            fix="Correct the poses as described above, or record them again.",
         )
 
 
@@ -173,7 +173,7 @@ def _best(scores: list[MethodScore]) -> HandEye:
     ranked = sorted(scores, key=lambda each: each.score)
     if not np.isfinite(ranked[0].score):
         raise PlopError(
-            "No hand-eye method found an answer.",
+            "No hand-eye method found a solution.",
             expected="consistent robot and board poses",
             found=", ".join(each.method for each in scores) + " failed",
         )

@@ -10,24 +10,24 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from plop.errors import PlopError
 
 _RIM_M = 0.006
-"""Points this near to a table belong to the object's edge there, which no camera sees [m]."""
+"""Points this close to a table belong to the object's lower edge, which no camera sees [m]."""
 _SKIN_M = 0.0025
-"""Points this near to the hull are measurements of the surface [m]."""
+"""Points this close to the hull are measurements of the surface [m]."""
 _ALIKE = 0.9
-"""Cosine between two planes' normals from which on they share the points near them."""
+"""Smallest cosine between the normals of two planes that share the points near them."""
 _LEAST_NEAR = 30
-"""Measured points that tell where a plane lies."""
+"""Smallest number of measured points that locates a plane."""
 
 
 @dataclass(frozen=True)
 class _Planes:
-    """Half-spaces n x + d <= 0, [P, 4], and which of them may be moved, [P]: not the one on the table."""
+    """Half-spaces n x + d <= 0, [P, 4], and which of them may be moved, [P]: all except the one on the table."""
 
     equations: np.ndarray
     free: np.ndarray
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Give how far points lie within the free planes [m], and which of these is nearest."""
+        """Return how far points lie within the free planes [m], and which of these is nearest."""
         above = points @ self.equations[self.free, :3].T + self.equations[self.free, 3]
         return -above.max(1), above.argmax(1)
 
@@ -39,9 +39,9 @@ class _Planes:
 
 
 def sides_of(hull: ConvexHull) -> np.ndarray:
-    """Give the sides of a convex hull, one each: outward normal and offset, n x <= d inside; [P, 4], [-] and [m].
+    """Return the sides of a convex hull, one each: outward normal and offset, n x <= d inside; [P, 4], [-] and [m].
 
-    Qhull gives one for every triangle; those of one side are taken for the same to a nanometre.
+    Qhull gives one for every triangle; those of one side are merged within a nanometre.
     """
     return np.asarray(np.unique(hull.equations.round(9), axis=0) * [1, 1, 1, -1])
 
@@ -52,18 +52,18 @@ def convex_surface(
     measured: np.ndarray | None = None,
     rim: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Wrap points in a convex surface that runs through the middle of their noise, continued down to a table.
+    """Fit a convex surface through the middle of noisy points, extended down to a table.
 
-    The convex hull of noisy points lies outside nearly all of them. Its faces are therefore drawn in, all by
-    the same distance, until half of the points near them are outside. Points may lie beside the surface all
-    together, as the centres of flat Gaussians do, which would stick out at the outline of what is round or has
-    edges: with `measured` the faces then move to the middle of the measured points on the same side.
+    The convex hull of noisy points lies outside nearly all of them. Its faces are therefore moved inwards, all by
+    the same distance, until half of the points near them are outside. Points may have a common offset from the
+    surface, as the centres of flat Gaussians have; flat ones would also extend beyond the outline of round objects
+    and edges: with `measured` the faces then move to the middle of the measured points on the same side.
 
     Args:
-        points: Places on or in the object, [M, 3] [m].
+        points: Positions on or in the object, [M, 3] [m].
         table_z_m: Height of a table that hides the object's lower edge [m]; None when there is none.
-        measured: Noisy places on the surface, where it was seen, [K, 3] [m].
-        rim: More places where it stands on the table (`plop.geometry.clouds.unseen_footprint`), [R, 3] [m].
+        measured: Noisy positions on the visible surface, [K, 3] [m].
+        rim: Further positions of its footprint on the table (`plop.geometry.clouds.unseen_footprint`), [R, 3] [m].
 
     Returns:
         Vertices [V, 3] [m] and outward triangles [F, 3].
@@ -74,7 +74,7 @@ def convex_surface(
     given = points
     if table_z_m is not None:
         points = points.copy()
-        points[:, 2] = np.maximum(points[:, 2], table_z_m)  # nothing is below the table but noise
+        points[:, 2] = np.maximum(points[:, 2], table_z_m)  # below the table there is only noise
         below = points[points[:, 2] < table_z_m + _RIM_M].copy()
         below[:, 2] = table_z_m
         points = np.concatenate([points, below, *([] if rim is None else [rim])])
@@ -86,8 +86,8 @@ def convex_surface(
         hull = ConvexHull(corners)
     except (QhullError, ValueError) as error:
         raise PlopError(
-            "The object's points enclose nothing.",
-            expected="points all around an object",
+            "The object's points enclose no volume.",
+            expected="points on all sides of an object",
             found=f"{len(points)} points",
             fix="Check the masks of the first frame.",
         ) from error
@@ -112,7 +112,7 @@ def _drawn_in(equations: np.ndarray, points: np.ndarray, table_z_m: float | None
 
 
 def _onto(planes: _Planes, measured: np.ndarray) -> _Planes:
-    """Move every plane to the middle of the measured points that are nearest to it or to planes that look its way."""
+    """Move every plane to the middle of the measured points nearest to it or to planes of similar direction."""
     depth, nearest = planes.nearest(measured)
     near = np.abs(depth) < _SKIN_M
     depth, nearest = depth[near], nearest[near]

@@ -1,4 +1,4 @@
-"""How large an object is, whichever way it lies."""
+"""The size of an object, independent of its orientation."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from trimesh.triangles import mass_properties
 
 
 def box_edges_m(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Give the edges of the box that has a solid's second moments, longest first, [3] [m]; a box gets its own.
+    """Return the edges of the box that has a solid's second moments, longest first, [3] [m]; a box gets its own.
 
-    Unlike a bounding box they do not depend on how the object is turned.
+    Unlike a bounding box they do not depend on the object's orientation.
 
     Args:
         vertices: [V, 3] [m].

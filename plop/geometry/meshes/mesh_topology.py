@@ -1,4 +1,4 @@
-"""A triangle mesh as a surface: which edges are free, whether its faces agree on an outside, which are collapsed."""
+"""Topology of a triangle mesh: free edges, consistent orientation of faces, collapsed faces."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 SAME_PLACE = 1e-6
-"""Corners nearer than this share of the mesh's longest edge of box are one: float32 keeps seven digits."""
+"""Corners closer than this share of the bounding box's longest edge are merged: float32 keeps seven digits."""
 
 
 def welded(places: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Make corners at the same place one vertex, as files without shared vertices (STL) need.
+    """Merge corners at the same position into one vertex, as files without shared vertices (STL) need.
 
     Args:
-        places: Position of every vertex, in one or several frames, shape [V, 3] or [T, V, 3]; one are only those that
-            lie together in all of them, so that the two sides of a cut stay apart.
+        places: Position of every vertex, in one or several frames, shape [V, 3] or [T, V, 3]; only those that
+            coincide in all of them are merged, so that the two sides of a cut stay separate.
         faces: Shape [F, 3].
 
     Returns:
@@ -31,13 +31,13 @@ def welded(places: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def is_collapsed(faces: np.ndarray) -> np.ndarray:
-    """Tell which faces have two corners in one, bool, shape [F]."""
+    """Return which faces have two corners in one, bool, shape [F]."""
     return np.asarray((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
 
 
 @dataclass(frozen=True)
 class Topology:
-    """How the faces of a mesh, welded and without collapsed ones, hang together."""
+    """Connectivity of the faces of a mesh, welded and without collapsed ones."""
 
     faces: np.ndarray
     """Shape [F, 3]."""
@@ -48,9 +48,9 @@ class Topology:
     piece: np.ndarray
     """Number of the connected piece of every face, int, shape [F]."""
     turned: np.ndarray
-    """Faces that must be turned round for all of their piece to agree with its first face, bool, shape [F]."""
+    """Faces that must be flipped to agree with the first face of their piece, bool, shape [F]."""
     orientable: bool
-    """False: no way of turning makes all neighbours agree."""
+    """False: no flips make all neighbours agree."""
 
     @property
     def is_closed(self) -> bool:
@@ -59,7 +59,7 @@ class Topology:
 
     @classmethod
     def of(cls, faces: np.ndarray) -> Topology:
-        """Follow the edges.
+        """Compute the connectivity.
 
         Args:
             faces: Welded faces, none collapsed, shape [F, 3].
@@ -84,7 +84,7 @@ class Topology:
 def _turned(
     graph: coo_matrix, piece: np.ndarray, one: np.ndarray, other: np.ndarray, disagree: np.ndarray
 ) -> np.ndarray:
-    """Walk over every piece from its first face, turning a face where it disagrees with the one it is reached from."""
+    """Traverse every piece from its first face, flipping each face that disagrees with its predecessor."""
     count = graph.shape[0]
     turned = np.zeros(count, bool)
     if not disagree.any():
@@ -100,7 +100,7 @@ def _turned(
 
 
 def volumes(vertices: np.ndarray, faces: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Signed volume inside each piece, positive where its faces turn outwards, shape [P] [m^3].
+    """Signed volume inside each piece, positive where its faces point outwards, shape [P] [m^3].
 
     Args:
         vertices: Shape [V, 3] [m].

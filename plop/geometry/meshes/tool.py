@@ -70,7 +70,7 @@ class ToolGeometry:
         )
 
     def beside_blade(self, points_tool: Tensor) -> tuple[Tensor, Tensor]:
-        """Place points of the tool's frame against a blade.
+        """Locate points of the tool's frame relative to a blade.
 
         Args:
             points_tool: Shape [N, 3] [m].
@@ -83,14 +83,14 @@ class ToolGeometry:
         edge = corners.roll(-1, 0) - corners
         outward = torch.stack([edge[:, 1], -edge[:, 0]], -1) / edge.norm(dim=-1, keepdim=True)
         axes, center = self.axes.to(points_tool), self.center.to(points_tool)
-        # the mid-plane and the outline's edges as one product: a product with few columns costs as much as with many
+        # the mid-plane and the outline's edges in one product: products with few and with many columns cost the same
         planes = torch.cat([axes[:, :1], axes[:, 1:] @ outward.T], dim=1)
         shift = torch.cat([corners.new_zeros(1), (corners * outward).sum(-1)])
         distance = torch.addmm(-(center @ planes + shift), points_tool, planes)
         return distance[:, 0], distance[:, 1:].amax(-1)
 
     def depth_inside(self, points_tool: Tensor) -> Tensor:
-        """How deep points of the tool's frame lie in its convex hull, 0 outside.
+        """Return how deep points of the tool's frame lie in its convex hull, 0 outside.
 
         Args:
             points_tool: Shape [N, 3] [m].
@@ -102,7 +102,7 @@ class ToolGeometry:
         return torch.addmm(-planes[:, 3], points_tool, planes[:, :3].T).amax(-1).neg().clamp_min(0)
 
     def surface_points(self, count: int) -> Tensor:
-        """Spread points over the surface by area, the same ones each time.
+        """Spread points over the surface by area, deterministically.
 
         Args:
             count: Number of points.
@@ -128,7 +128,7 @@ class ToolGeometry:
 
 
 def _closed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Volume inside a mesh of one or more bodies, whichever way its faces turn [m^3]; 0 if it is not closed."""
+    """Volume inside a mesh of one or more bodies, for any orientation of its faces [m^3]; 0 if it is not closed."""
     mesh = Trimesh(vertices, faces, process=True)
     if not mesh.is_watertight:
         return 0.0

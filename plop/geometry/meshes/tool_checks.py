@@ -1,9 +1,9 @@
-"""Is a tool's mesh whole, and is the tool where the scene is?
+"""Checks of a tool's mesh for damage, and of the tool's distance from the scene.
 
 Part of a file set to zero makes corners at exactly 0 0 0; a byte changed moves one corner, which no other triangle then
-shares. Either leaves a surface that is closed but for the places where these triangles belong. Right but ugly meshes
-are not like that: collapsed triangles of a CAD export leave no hole, and an open sheet has a long rim. Poses in
-millimetres put the tool far outside of the scene.
+shares. Either leaves a surface that is closed except where these triangles belong. Valid meshes of poor quality differ:
+collapsed triangles of a CAD export leave no hole, and an open sheet has a long rim. Poses in millimetres place the tool
+far outside the scene.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from plop.geometry.meshes.mesh_topology import Topology, is_collapsed, welded
 from plop.geometry.rigid import transform_points
 
 FAR = 20.0
-"""Sizes of the scene or of the tool, whichever is larger, beyond which a tool cannot be meant."""
+"""Largest plausible distance of a tool, in sizes of the scene or of the tool, whichever is larger."""
 LEAST_FAR_M = 1.0
-"""A tool nearer than this is believed, however small the scene [m]."""
+"""A tool closer than this is accepted, independent of the size of the scene [m]."""
 _RIM_PER_STRAY = 3
-"""Free edges that one lost triangle leaves."""
+"""Free edges left by one lost triangle."""
 _RIM_OF_ENDS = 12
-"""Free edges that the two triangles at the ends of a lost stretch leave: their own, and those of their holes."""
+"""Free edges left by the two triangles at the ends of a lost range: their own, and those of their holes."""
 _WHOLE_PER_STRAY = 5
-"""Triangles in order for each that is astray, for the rest to count as a surface with a fault."""
+"""Smallest number of intact triangles per stray one for the rest to count as a damaged surface."""
 _NOTHING_M = 1e-9
-"""A coordinate this small is zero: bytes of a number that are zero but for the last ones make it 1e-39 or so [m]."""
+"""A coordinate this small is zero: a number whose bytes are zero except the last ones is about 1e-39 [m]."""
 _UNUSED_SHARE = 0.01
 """Vertices without a face may reach beyond the used ones by this share of the tool's size."""
 
 
 def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list[str]:
-    """Refuse a tool's mesh with lost, stray or collapsed triangles; tell what is ugly but usable.
+    """Reject a tool's mesh with lost, stray or collapsed triangles; note defects of usable ones.
 
     Args:
         vertices: Shape [V, 3] [m].
@@ -41,7 +41,7 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
         where: File and key, for the message.
 
     Returns:
-        Notes: an open surface, collapsed triangles, faces that do not agree on an outside.
+        Notes: an open surface, collapsed triangles, inconsistently oriented faces.
 
     Raises:
         PlopError: The mesh is damaged; names how many triangles, and where the first is.
@@ -84,13 +84,13 @@ def check_tool_mesh(vertices: np.ndarray, faces: np.ndarray, where: str) -> list
 
 
 def _lonely(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Faces with a corner that no other face has: every vertex of a closed surface has three."""
+    """Faces with a corner that no other face shares: every vertex of a closed surface has three faces."""
     uses = np.bincount(faces[valid].reshape(-1), minlength=faces.max() + 1)
     return np.asarray(valid & (uses[faces] == 1).any(1))
 
 
 def _in_place(faces: np.ndarray, collapsed: np.ndarray) -> np.ndarray:
-    """Collapsed faces that fill nothing: their one edge already has two other faces; bool, shape [F]."""
+    """Collapsed faces that close no gap: their one edge already has two other faces; bool, shape [F]."""
     edges, counts = np.unique(
         np.sort(faces[~collapsed][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
     )
@@ -100,7 +100,7 @@ def _in_place(faces: np.ndarray, collapsed: np.ndarray) -> np.ndarray:
 
 
 def _fans(faces: np.ndarray, middle: np.ndarray) -> int:
-    """How many separate fans of faces lie around one vertex: several where vertices that were apart fell together."""
+    """Number of separate fans of faces around one vertex: several where distinct vertices were merged."""
     if not len(faces):
         return 0
     _, ends = np.unique(faces[faces != middle[0]], return_inverse=True)
@@ -111,7 +111,7 @@ def _fans(faces: np.ndarray, middle: np.ndarray) -> int:
 
 
 def _edge_uses(faces: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """How many valid faces have each edge of each face, shape [F, 3]; 2 for all edges of the others."""
+    """Number of valid faces at each edge of each face, shape [F, 3]; 2 for all edges of the others."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     kept = np.repeat(valid, 3)
     _, edge, uses = np.unique(edges[kept], axis=0, return_inverse=True, return_counts=True)
@@ -131,7 +131,7 @@ def _check_unused(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
             "The tool's mesh is damaged.",
             where=where,
             expected="vertices that belong to a triangle",
-            found=f"{int(far.sum())} that belong to none, up to {1000 * beyond.max():.3g} mm off the tool",
+            found=f"{int(far.sum())} that belong to none, up to {1000 * beyond.max():.3g} mm from the tool",
             fix="Copy or export the mesh again; remove loose vertices.",
         )
 
@@ -139,15 +139,15 @@ def _check_unused(vertices: np.ndarray, faces: np.ndarray, where: str) -> None:
 def _notes(faces: np.ndarray, collapsed: int) -> list[str]:
     topology, notes = Topology.of(faces), []
     if collapsed:
-        notes.append(f"{collapsed} collapsed triangles leave no hole and do no harm")
+        notes.append(f"{collapsed} collapsed triangles leave no hole and are harmless")
     if not topology.is_closed:
         crowded = f", {topology.crowded_edges} with more than two" if topology.crowded_edges else ""
         notes.append(
             f"the surface is not closed ({topology.free_edges} edges with one triangle{crowded}): the tool is "
-            "taken for a sheet or a hollow, not for a solid"
+            "treated as a sheet or a hollow body, not as a solid"
         )
     elif not topology.orientable or topology.turned.any():
-        notes.append("neighbouring triangles do not agree on an outside")
+        notes.append("neighbouring triangles are oriented inconsistently")
     return notes
 
 
@@ -157,7 +157,7 @@ def _damaged(where: str, found: str, vertices: np.ndarray, faces: np.ndarray, wh
     return PlopError(
         "The tool's mesh is damaged.",
         where=where,
-        expected="triangles that make one surface",
+        expected="triangles that form one surface",
         found=f"{found}; the first is triangle {first}: {corners}",
         fix="Part of the file was lost: copy or export the mesh again (in Blender: Clean Up, Delete Loose "
         "and Degenerate Dissolve).",
@@ -165,12 +165,12 @@ def _damaged(where: str, found: str, vertices: np.ndarray, faces: np.ndarray, wh
 
 
 def check_tool_reach(tool_vertices: np.ndarray, world_from_tool: np.ndarray, scene: np.ndarray, where: str) -> None:
-    """Refuse a tool that at all frames is tens of times the scene's size away; one that only never touches passes.
+    """Reject a tool that in all frames is tens of scene sizes away; one that merely never touches is accepted.
 
     Args:
         tool_vertices: Shape [V, 3], in the tool's frame [m].
         world_from_tool: Pose of the tool at every frame, shape [T, 4, 4].
-        scene: Points of what the tool works on or is seen from, shape [N, 3], world [m].
+        scene: Points of the object or of the cameras, shape [N, 3], world [m].
         where: File and key of the poses, for the message.
 
     Raises:
@@ -184,9 +184,9 @@ def check_tool_reach(tool_vertices: np.ndarray, world_from_tool: np.ndarray, sce
     farthest = max(FAR * size, LEAST_FAR_M)
     if nearest > farthest:
         raise PlopError(
-            "The tool is far from everything else at all frames.",
+            "The tool is far from everything else in all frames.",
             where=where,
             expected=f"metres: a tool within {farthest:.3g} m of a scene of {size:.3g} m",
-            found=f"{nearest:.4g} m away at its nearest",
+            found=f"{nearest:.4g} m away at its closest",
             fix="Translations in millimetres? Divide them by 1000, or correct the frame.",
         )

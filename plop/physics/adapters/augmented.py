@@ -19,7 +19,7 @@ _NEIGHBOURS = 4
 
 @dataclass(frozen=True)
 class Twins:
-    """The two engine runs beside the base, and what the base itself knows: `ParticleState.inner` after a step."""
+    """The two engine runs and the base's own private state: `ParticleState.inner` after a step."""
 
     acted: ParticleState
     """With the effects."""
@@ -29,20 +29,20 @@ class Twins:
 
     @property
     def difference(self) -> Tensor:
-        """What the effects have moved since the start, shape [N, 3] [m]."""
+        """Displacement caused by the effects since the start, shape [N, 3] [m]."""
         return self.acted.gaussians.means - self.plain.gaussians.means
 
 
 class AugmentedModel(DynamicsModel):
-    """A `DynamicsModel` around another one; taking the base out again gives the base back unchanged."""
+    """A `DynamicsModel` around another one, which is not changed."""
 
     def __init__(self, base: DynamicsModel, engine: EngineBase, effects: tuple[Effect, ...]) -> None:
-        """Hold base and engine.
+        """Create the model.
 
         Args:
             base: Any model.
             engine: Settings of the engine that computes the difference.
-            effects: The laws that are added.
+            effects: The added laws.
         """
         self.base, self.engine, self.effects = base, engine, effects
         self._with = FilledEngineModel(engine, effects)
@@ -51,9 +51,9 @@ class AugmentedModel(DynamicsModel):
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
-        """Advance one frame: the base's step, and the step that the effects make in the engine.
+        """Advance one frame: the base's step, and the displacement caused by the effects in the engine.
 
-        The two engine runs start at a state without history, or of another model, and go on by themselves.
+        The two engine runs start at a state without history, or of another model, and then continue independently.
         """
         twins = state.inner
         if not isinstance(twins, Twins) or not state.has_history:
@@ -73,9 +73,9 @@ class AugmentedModel(DynamicsModel):
 
 
 def _at_descendants(acted: ParticleState, added: Tensor, stepped: ParticleState) -> Tensor:
-    """Give each Gaussian the displacement of the one that it descends from, [M, 3] [m].
+    """Return for each Gaussian the displacement of its ancestor, [M, 3] [m].
 
-    Lineage ids tell which that is, wherever base and engine have moved it; without them neighbours stand in.
+    Ancestors are found by lineage ids, independent of positions; without ids the nearest neighbours are used.
 
     Args:
         acted: The engine's Gaussians.
@@ -94,13 +94,13 @@ def _at_descendants(acted: ParticleState, added: Tensor, stepped: ParticleState)
 
 
 def _interpolated(places: np.ndarray, values: np.ndarray, means: Tensor, sides: Tensor, wanted: Tensor) -> np.ndarray:
-    """Read values known at some places off at others: nearest neighbours on the same side of the cut.
+    """Interpolate values at other positions: nearest neighbours on the same side of the cut.
 
     Args:
         places: [N, 3] [m].
         values: [N, 3].
-        means: Where they are wanted, [M, 3] [m].
-        sides: Side of each place, [N].
+        means: Positions of the result, [M, 3] [m].
+        sides: Side of each given position, [N].
         wanted: Side of each point, [M].
     """
     target = means.detach().cpu().double().numpy()

@@ -1,4 +1,4 @@
-"""The engine's settings for one object, and the object filled with particles, under its own weight if need be."""
+"""The engine's settings for one object, and the object filled with particles, under its own weight if required."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SPACING_M = 0.006
 CELLS = 2.0
 """Edge of a grid cell, in distances of the particles."""
 _SETTLE_DAMPING = 1.4
-"""Damping while an object sags, in units of its slowest oscillation's angular frequency (2 is critical) [-]."""
+"""Damping while an object settles, in units of its slowest oscillation's angular frequency (2 is critical) [-]."""
 _SETTLE_ROUNDS = 12.0, 3.0, 3.0
-"""How long it sags in each round, in units of 1 / damping; the first finds the stress, the others correct it. What
-moves on afterwards is 0.001 mm in a block 40 mm high."""
+"""Duration of each settling round, in units of 1 / damping; the first finds the stress, the others correct it. The
+remaining motion is 0.001 mm in a block 40 mm high."""
 _MORE_ROUNDS, _AT_REST = 4, 5e-4
-"""Rounds as long as the first, at most, for what was deformed by more in the last one than this share of its height: a
+"""Largest number of full rounds, while the last one deforms the object by more than this share of its height: a
 material that flows under its own weight takes three; one that relaxes by 95 % still sags by 0.3 mm in the last."""
 
 
@@ -36,7 +36,7 @@ class EngineBase:
     material: Material
     spacing_m: float = SPACING_M
     settled: bool = True
-    """The object has carried its own weight before the first frame; else it is free of stress there."""
+    """Whether the object is loaded by its own weight before the first frame; otherwise it is stress-free there."""
     table_cone: TableCone = "round"
     """See EngineConfig."""
 
@@ -48,7 +48,7 @@ class EngineBase:
 
 @lru_cache(maxsize=64)
 def _filling(vertices: bytes, faces: bytes, spacing_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """See `fill_surface`: a diagnosis fills the same few objects hundreds of times."""
+    """Cached `fill_surface`: a diagnosis fills the same few objects hundreds of times."""
     places = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3)
     found = fill_surface(*places, spacing_m)
     for values in found:
@@ -65,17 +65,17 @@ def filled_particles(
 ) -> Particles:
     """Fill a closed surface with particles; one tracer for each given point comes last.
 
-    A settled object is under stress already. The stress is found by letting it sag, putting it back to where
-    it was seen with the deformation that it got, and letting it sag again, by far less (prestressing in an
-    updated Lagrangian frame: Gee, Foerster & Wall 2010). What laws remember of that stays: a material that flowed
-    under its own weight has hardened by it.
+    A settled object is already under stress. The stress is found by letting it sag, moving it back to its measured
+    position with the resulting deformation, and letting it sag again, by far less (prestressing in an
+    updated Lagrangian frame: Gee, Foerster & Wall 2010). The memory of laws is kept: a material that flowed
+    under its own weight has hardened.
 
     Args:
         base: The engine's settings.
         surface: Vertices [V, 3] [m] and triangles [F, 3].
-        points: Places to follow, [M, 3] [m].
+        points: Positions of the tracers, [M, 3] [m].
         table_z_m: Height of the table [m]; None when there is none.
-        effects: Laws that have acted before the first frame, too.
+        effects: Laws that also act before the first frame.
     """
     vertices, faces = (np.ascontiguousarray(part, kind) for part, kind in zip(surface, (float, np.int64), strict=True))
     filled, volumes, radii = _filling(vertices.tobytes(), faces.tobytes(), base.spacing_m)
@@ -93,7 +93,7 @@ def filled_particles(
         start = replace(particles, positions=wanted, velocities=None, affine=None)
         particles = simulate(start, calm, None, np.array([0, lasting / damping]), config, effects=resting).final
         moved = particles.positions - wanted
-        # down a tilted table the stress comes to rest, the object does not
+        # on a tilted table the stress reaches equilibrium, the object does not come to rest
         slid = np.append(moved[:, :2].mean(0), 0.0)
         if k >= len(_SETTLE_ROUNDS) and np.sqrt(((moved - slid) ** 2).sum(1).mean()) < _AT_REST * height_m:
             break

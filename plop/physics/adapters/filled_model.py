@@ -1,6 +1,6 @@
-"""The engine as a dynamics model of Gaussians that need not fill the object: it fills it itself.
+"""The engine as a dynamics model of Gaussians that need not fill the object: it fills the object with particles.
 
-The particles are those of `filled_particles`; the Gaussians are points that the material carries along.
+The particles are those of `filled_particles`; the Gaussians move with the material as tracers.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from plop.physics.engine.solver import simulate
 from plop.physics.engine.tool_motion import ToolKind, ToolMotion, ToolShape
 
 _OPAQUE = 0.3
-"""Only Gaussians of this opacity and more show where the object is."""
+"""Smallest opacity of Gaussians that locate the object."""
 
 
 @dataclass(frozen=True)
 class EngineState:
-    """What the engine knows besides the Gaussians: `ParticleState.inner` after a step."""
+    """The engine's private state: `ParticleState.inner` after a step."""
 
     particles: Particles
-    """The material, and behind it one tracer for each Gaussian."""
+    """The material, followed by one tracer for each Gaussian."""
     means: Tensor
-    """Where the Gaussians were handed out, shape [N, 3] [m]; who has moved them since takes the material along."""
+    """Positions of the Gaussians as returned, shape [N, 3] [m]; the material follows later changes."""
     ids: Tensor
     """Their ids, shape [N]."""
 
@@ -41,13 +41,13 @@ class FilledEngineModel(DynamicsModel):
     """A `DynamicsModel`: the engine with its own particles; neither merges nor splits Gaussians."""
 
     def __init__(self, base: EngineBase, effects: tuple[Effect, ...] = (), *, cut_faces: bool = False) -> None:
-        """Hold what to simulate with.
+        """Create the model.
 
         Args:
             base: The engine's settings.
-            effects: Laws that act besides the material's own.
-            cut_faces: A Gaussian that a blade passes becomes so narrow that it does not reach across the cut; where it
-                goes does not depend on it.
+            effects: Laws in addition to the base material.
+            cut_faces: Whether a Gaussian that a blade passes is narrowed so that it does not extend across the cut; its
+                motion does not depend on this.
         """
         self.base, self.effects, self.cut_faces = base, effects, cut_faces
 
@@ -56,8 +56,8 @@ class FilledEngineModel(DynamicsModel):
     ) -> ParticleState:
         """Advance one frame; nothing is random, `generator` is not used.
 
-        A state without history, or of another model, starts anew. Gaussians that a filter has moved since the last
-        step, or that are others, take the material around them along.
+        A state without history, or of another model, starts a new run. Gaussians that a filter has moved or resampled
+        since the last step move the material around them.
         """
         gaussians = state.gaussians
         particles = self._particles(state, action)
@@ -67,7 +67,7 @@ class FilledEngineModel(DynamicsModel):
             particles, self.base.material, motion, np.array([0.0, action.dt_s]), config, effects=self.effects
         )
         own = slice(len(particles) - len(gaussians), None)
-        # displacements, not places: a settled object stands a little deeper in the grid than it was seen
+        # displacements, not positions: a settled object lies a little deeper in the grid than it was measured
         places = gaussians.means.detach().cpu().double().numpy() + (run.positions[-1] - run.positions[0])[own]
         after, rotation = deformed(gaussians, places, run.F[-1][own] @ np.linalg.inv(run.F[0][own]))
         normal = same_normal(motion, action)
@@ -99,7 +99,7 @@ class FilledEngineModel(DynamicsModel):
         filling = len(known) - len(last.means)
         before = last.means.cpu().double().numpy()
         now = state.gaussians.means.detach().cpu().double().numpy()
-        if means is None:  # split or merged: compare places with the nearest former Gaussian
+        if means is None:  # split or merged: compare positions with the nearest former Gaussian
             _, nearest = cKDTree(before).query(now)
             keep = np.concatenate([np.arange(filling), filling + nearest])
             known, before = known.select(keep), before[nearest]
@@ -111,7 +111,7 @@ class FilledEngineModel(DynamicsModel):
 
 
 def tool_motion(action: ToolStep) -> ToolMotion:
-    """Give one step's action as the engine's tool motion, starting at time 0."""
+    """Return one step's action as the engine's tool motion, starting at time 0."""
     poses = torch.stack([action.world_from_tool, action.next_world_from_tool]).detach().cpu().double().numpy()
     return ToolMotion(
         action.tool.vertices.cpu().double().numpy(),
@@ -122,6 +122,6 @@ def tool_motion(action: ToolStep) -> ToolMotion:
 
 
 def same_normal(motion: ToolMotion, action: ToolStep) -> int:
-    """+1 where the engine and the state's sides call the same direction the blade's normal, else -1."""
+    """Return +1 where engine and state use the same direction of the blade's normal, else -1."""
     normal = ToolShape.from_mesh(motion.vertices, motion.faces, ToolKind.BLADE).axes[:, 0]
     return 1 if normal @ action.tool.axes[:, 0].cpu().double().numpy() > 0 else -1

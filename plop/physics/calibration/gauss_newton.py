@@ -18,7 +18,9 @@ from plop.physics.engine.material import Material
 from plop.statistics.cluster_robust import clusters
 
 _LEVELS = 6
-"""How often a step may be shortened before the fit counts as converged."""
+"""Largest number of halvings in the line search before the fit counts as converged."""
+_REACH = 20
+"""Longest step along one parameter, in its finite differences: one to which the data hardly respond stays near."""
 
 
 def _of_material(
@@ -43,17 +45,17 @@ PARAMETERS = {
         _of_material("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, "regularised Coulomb friction", logarithmic=True),
     )
 }
-"""The numbers of a `Material` that can be fitted, by name."""
+"""Parameters of a `Material` that can be fitted, by name."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a fit gives."""
+    """Result of a fit."""
 
     material: Material
     estimates: dict[str, Estimate]
     rms_before_m: float
-    """RMS distance of all compared points at all frames, starting parameters [m]."""
+    """RMS distance of all compared points at all frames, initial parameters [m]."""
     rms_after_m: float
     """The same with the fitted parameters [m]."""
     iterations: int
@@ -70,20 +72,25 @@ def calibrate(
     iterations: int = 6,
     jobs: int = 1,
     progress: Callable[[int, int, float], None] | None = None,
+    slopes: Sequence[Case] | None = None,
 ) -> Calibration:
     """Minimise the squared distance between engine and measured points.
 
+    Derivatives are differences at the start and at the end, of which the last give the intervals; between them every
+    step corrects them by what it found (Broyden 1965), and they are differenced anew only where a step fails.
+
     Intervals come from the scatter between independent blocks (episodes; with fewer than four, fifths of an episode),
-    because neighbouring points and frames err together; blocks count by what they hold of a parameter (`clusters`).
+    because errors of neighbouring points and frames are correlated; blocks are weighted by leverage (`clusters`).
 
     Args:
         cases: Episodes.
-        start: First guess; parameters that are not named stay as they are.
+        start: Initial values; parameters that are not named are fixed.
         names: Parameters to fit, keys of PARAMETERS.
         config: Grid and table; `table_z_m` is taken from each case.
-        iterations: Most Gauss-Newton steps.
+        iterations: Largest number of Gauss-Newton steps.
         jobs: Processes that share the rollouts.
         progress: Called after each step with (step, iterations, RMS in metres).
+        slopes: The same episodes on a coarser grid, which is enough for derivatives; `cases` when absent.
 
     Raises:
         PlopError: An unknown parameter, no episode, or the engine is unstable at the start.
@@ -91,31 +98,39 @@ def calibrate(
     unknown = [name for name in names if name not in PARAMETERS]
     if unknown or not names or not cases:
         raise PlopError(
-            "Nothing to calibrate.",
+            "There is nothing to calibrate.",
             where=", ".join(unknown) or "cases and names",
             expected=f"episodes, and some of {', '.join(PARAMETERS)}",
             found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
-            fix="Give one episode and one of these parameters at least.",
+            fix="Give at least one episode and one of these parameters.",
         )
-    return _Fit(cases, start, [PARAMETERS[name] for name in names], config, jobs).run(iterations, progress)
+    fit = _Fit(cases, slopes or cases, start, [PARAMETERS[name] for name in names], config, jobs)
+    return fit.run(iterations, progress)
 
 
 class _Fit:
     """The running fit; coordinates are `Parameter.encode` of the values."""
 
     def __init__(
-        self, cases: Sequence[Case], start: Material, parameters: list[Parameter], config: EngineConfig, jobs: int
+        self,
+        cases: Sequence[Case],
+        slopes: Sequence[Case],
+        start: Material,
+        parameters: list[Parameter],
+        config: EngineConfig,
+        jobs: int,
     ) -> None:
-        self.cases, self.start, self.parameters, self.config, self.jobs = cases, start, parameters, config, jobs
+        self.cases, self.slopes, self.start, self.parameters = cases, slopes, start, parameters
+        self.config, self.jobs = config, jobs
         self.rollouts = 0
 
     def material(self, coordinates: np.ndarray) -> Material:
         values: dict[str, Any] = {p.name: p.decode(c) for p, c in zip(self.parameters, coordinates, strict=True)}
         return replace(self.start, **values)
 
-    def residuals(self, points: list[np.ndarray]) -> list[list[np.ndarray]]:
+    def residuals(self, points: list[np.ndarray], cases: Sequence[Case] | None = None) -> list[list[np.ndarray]]:
         """Simulate all episodes at all points; residuals [T, M, 3] in metres, unmeasured points 0."""
-        tasks = [(case, self.material(point)) for point in points for case in self.cases]
+        tasks = [(case, self.material(point)) for point in points for case in cases or self.cases]
         self.rollouts += len(tasks)
         flat = Parallel(n_jobs=self.jobs)(delayed(_residual)(case, material, self.config) for case, material in tasks)
         count = len(self.cases)
@@ -124,20 +139,26 @@ class _Fit:
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Calibration:
         here = np.array([p.encode(max(getattr(self.start, p.name), p.low)) for p in self.parameters])
         residual = self.residuals([here])[0]
+        jacobian, fresh = self.jacobian(here, residual), True
         before = _rms(residual)
         damping, done = 1e-3, 0
         for done in range(1, iterations + 1):
-            jacobian = self.jacobian(here, residual)
             better = self.step(here, residual, jacobian, damping)
             if better is None:
-                break
+                if fresh and self.slopes is self.cases:
+                    break
+                # where derivatives of the coarser grid lead nowhere, those of the engine's own are taken
+                self.slopes = self.cases if fresh else self.slopes
+                jacobian, fresh = self.jacobian(here, residual), True
+                continue
+            jacobian, fresh = _corrected(jacobian, better[0] - here, residual, better[1]), False
             gain = _cost(residual) - _cost(better[1])
             here, residual, damping = better
             if progress is not None:
                 progress(done, iterations, _rms(residual))
             if gain < 1e-3 * _cost(residual):
                 break
-        estimates = self.intervals(here, residual, self.jacobian(here, residual))
+        estimates = self.intervals(here, residual, jacobian if fresh else self.jacobian(here, residual))
         return Calibration(self.material(here), estimates, before, _rms(residual), done, self.rollouts)
 
     def jacobian(self, here: np.ndarray, residual: list[np.ndarray]) -> list[list[np.ndarray]]:
@@ -150,7 +171,10 @@ class _Fit:
                 point[k] = here[k] - parameter.step
             points.append(point)
             steps.append(point[k] - here[k])
-        moved = self.residuals(points)
+        if self.slopes is self.cases:
+            moved = self.residuals(points)
+        else:
+            residual, *moved = self.residuals([here, *points], self.slopes)
         return [[(m - r) / s for m, r in zip(row, residual, strict=True)] for row, s in zip(moved, steps, strict=True)]
 
     def step(
@@ -160,12 +184,13 @@ class _Fit:
         hessian, gradient = _normal_equations(jacobian, residual)
         low = np.array([p.encode(p.low) if p.low > 0 or not p.logarithmic else -np.inf for p in self.parameters])
         high = np.array([p.encode(p.high) for p in self.parameters])
+        reach = _REACH * np.array([abs(p.step) for p in self.parameters])
         free = ~((here <= low) & (gradient > 0)) & ~((here >= high) & (gradient < 0))
         for _ in range(_LEVELS):
             scaled = hessian + np.diag(damping * np.diag(hessian) + 1e-30)
             move = np.zeros(len(here))
             move[free] = -np.linalg.solve(scaled[np.ix_(free, free)], gradient[free])
-            there = np.clip(here + move, low, high)
+            there = np.clip(here + np.clip(move, -reach, reach), low, high)
             trial = self.residuals([there])[0]
             if _cost(trial) < _cost(residual):
                 return there, trial, damping / 10
@@ -175,7 +200,7 @@ class _Fit:
     def intervals(
         self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]]
     ) -> dict[str, Estimate]:
-        """Give 95 % intervals; a parameter at its bound, or one the data do not feel, gets an infinite one."""
+        """Return 95 % intervals; infinite for a parameter at its bound, or one without influence on the data."""
         values = [p.decode(c) for p, c in zip(self.parameters, here, strict=True)]
         bound = np.array([v <= p.low or v >= p.high for v, p in zip(values, self.parameters, strict=True)])
         width = np.full(len(here), np.inf)
@@ -184,8 +209,8 @@ class _Fit:
         scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
         normal = hessian / np.outer(scale, scale)
         if len(free) and np.linalg.eigvalsh(normal[np.ix_(free, free)])[0] > 1e-6:
-            told = clusters(*_blocks([jacobian[k] for k in free], residual))
-            width[free] = student.ppf(0.975, told.freedom) * np.sqrt(np.diag(told.spread))
+            found = clusters(*_blocks([jacobian[k] for k in free], residual))
+            width[free] = student.ppf(0.975, found.freedom) * np.sqrt(np.diag(found.spread))
         ends = [
             (-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
             for p, c, w in zip(self.parameters, here, width, strict=True)
@@ -194,6 +219,24 @@ class _Fit:
             p.name: Estimate(v, low, high, p.unit, bool(b)).within(p)
             for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)
         }
+
+
+def _corrected(
+    jacobian: list[list[np.ndarray]], move: np.ndarray, before: list[np.ndarray], after: list[np.ndarray]
+) -> list[list[np.ndarray]]:
+    """Correct derivatives by what a step found, in proportion to its share of each parameter (Broyden 1965, Eq. 4.5).
+
+    The parameters are compared in units of what they do to the residual.
+    """
+    size = np.array([_cost(row) for row in jacobian])
+    shares = size * move / max(float(size @ move**2), 1e-300)
+    missed = [
+        b - a - sum(m * row[e] for m, row in zip(move, jacobian, strict=True))
+        for e, (a, b) in enumerate(zip(before, after, strict=True))
+    ]
+    return [
+        [j + share * m for j, m in zip(row, missed, strict=True)] for row, share in zip(jacobian, shares, strict=True)
+    ]
 
 
 def _residual(case: Case, material: Material, config: EngineConfig) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A recorded motion as the engine sees it: particles to start from, the tool, and points to compare with."""
+"""A recorded motion as the engine's input: initial particles, the tool, and points to compare with."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from plop.recordings.readers.mesh.sequence import MeshSequence, begun_at_rest
 
 @dataclass(frozen=True)
 class Case:
-    """One episode to be followed by the engine."""
+    """One episode to be simulated by the engine."""
 
     name: str
     particles: Particles
@@ -31,21 +31,21 @@ class Case:
 
     @property
     def tracers(self) -> slice:
-        """Where the compared points are among the particles."""
+        """Rows of the compared points among the particles."""
         return slice(len(self.particles) - self.observed.shape[1], None)
 
     def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
-        """Run the engine and give the compared points at the observed frames, [T, M, 3] [m]."""
+        """Run the engine and return the compared points at the observed frames, [T, M, 3] [m]."""
         run = simulate(self.particles, material, self.tool, self.times, config)
         return run.positions[1:, self.tracers].astype(np.float64)
 
 
 def case_from_sequence(sequence: MeshSequence, spacing_m: float) -> Case:
-    """Prepare a mesh sequence: fill its resting surface, follow its vertices.
+    """Prepare a mesh sequence: fill its resting surface, with tracers at its vertices.
 
-    A surface that is cut already (two parts that still coincide) tells on which side of the blade each
+    A surface that is cut already (two parts that still coincide) determines on which side of the blade each
     particle will be. When the first frame lies after time 0, the episode starts at rest at time 0, and the
-    tool is led back at its first velocity.
+    tool's motion is extrapolated backwards at its first velocity.
 
     Args:
         sequence: The episode.
@@ -76,7 +76,7 @@ def case_from_sequence(sequence: MeshSequence, spacing_m: float) -> Case:
 
 
 def sides_of_parts(sequence: MeshSequence, parts: np.ndarray) -> np.ndarray:
-    """Tell on which side of the blade each part of a surface is: +1, -1, or all 0 unless there are two parts.
+    """Return on which side of the blade each part of a surface is: +1, -1, or all 0 unless there are two parts.
 
     Args:
         sequence: The episode.

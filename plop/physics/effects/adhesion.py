@@ -1,8 +1,8 @@
-"""Adhesion: the tool is sticky; it holds what it has touched until the bond has faded."""
+"""Adhesion: the tool is sticky and holds material in contact until the bond has decayed."""
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 import math
 
@@ -24,14 +24,14 @@ _TINY = np.float32(1e-12)
 _FADED = np.float32(0.01)
 """A bond weaker than this is broken [-]."""
 _TOUCHING = 0.05
-"""Gap up to which the tool touches [cells]."""
+"""Largest gap that counts as contact [cells]."""
 _SLIP_M = 2e-4
-"""Way over which a bond reaches its full traction [m]."""
+"""Displacement at which a bond reaches its full traction [m]."""
 
 
 @njit(fastmath=True)
 def drag_along(slip, p, x, y, z, most):
-    """Add a way (x, y, z) to row p of slip [N, 3] and shorten the sum to the length `most` [m]."""
+    """Add a displacement (x, y, z) to row p of slip [N, 3] and limit the sum to the length `most` [m]."""
     x, y, z = slip[p, 0] + x, slip[p, 1] + y, slip[p, 2] + z
     shorten = min(_ONE, most / max(math.sqrt(x * x + y * y + z * z), _TINY))
     slip[p, 0], slip[p, 1], slip[p, 2] = shorten * x, shorten * y, shorten * z
@@ -58,14 +58,14 @@ def stick(
     bond,
     slip,
 ):
-    """Let bonds form and fade, and pull the particles back along their way relative to the tool.
+    """Update bonds, and pull the particles back along their displacement relative to the tool.
 
     Takes:
         x, v, mass, volume, radius, side, cut: The engine's; v is changed.
         kind, pose, faces, thickness: Tool, see `ToolShape` and `kernel_poses`.
-        dt, traction, keep: Step [s]; full traction [Pa]; what is left of an open bond after the step [-].
-        touching, slip_m: Gap up to which the tool touches [m]; way to full traction [m].
-        bond, slip: Updated: strength of the bond in [0, 1] [N], way relative to the tool [N, 3] [m].
+        dt, traction, keep: Step [s]; full traction [Pa]; remaining share of an open bond after the step [-].
+        touching, slip_m: Largest gap of a contact [m]; displacement at full traction [m].
+        bond, slip: Updated: strength of the bond in [0, 1] [N], displacement relative to the tool [N, 3] [m].
 
     Returns:
         Impulse on the object [3] [N s].
@@ -89,7 +89,7 @@ def stick(
         uy = pose[4, 1] + pose[5, 2] * rx - pose[5, 0] * rz
         uz = pose[4, 2] + pose[5, 0] * ry - pose[5, 1] * rx
         drag_along(slip, p, dt * (v[p, 0] - ux), dt * (v[p, 1] - uy), dt * (v[p, 2] - uz), slip_m)
-        # a particle on the surface of a lattice stands for half a cell below its area, others for a whole one
+        # a particle on the surface of a lattice represents half a cell below its area, others a whole one
         area = volume[p] / spacing * (_TWO if radius[p] == _ZERO else _ONE)
         push = -dt * traction * bond[p] * area / slip_m
         for k in range(3):
@@ -99,19 +99,21 @@ def stick(
 
 
 class Adhesion(Effect):
-    """A bond between tool and particle with a traction that resists separation and sliding alike.
+    """A bond between tool and particle with a traction that resists separation and sliding equally.
 
-    A bond forms where the gap closes. It carries the full traction once the particle has moved 0.2 mm
-    relative to the tool, in whatever direction, and then slips. When the gap opens it fades as
+    A bond forms where the gap closes. It has its full traction once the particle has moved 0.2 mm
+    relative to the tool, in any direction, and then slips. When the gap opens it decays as
     exp(-t / release). The area of a particle is its volume over the spacing.
     """
 
     name = "adhesion"
-    help = "the tool is sticky and lets go late"
+    help = "the tool is sticky and releases the material late"
     law = "t = -traction b s / 0.2 mm, s' = v - v_tool with |s| <= 0.2 mm, b = 1 in contact, else b' = -b / release"
     source = "constant traction: Dugdale 1960, Maugis 1992; slip: Dahl 1968; rate: Creton & Ciccotti 2016"
-    amplitudes = (Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=300.0, help="traction of a whole bond"),)
-    shapes = (Parameter("release_s", "s", 0.001, 10.0, step=0.0, default=0.1, help="time in which an open bond fades"),)
+    amplitudes = (
+        Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=300.0, help="traction of an intact bond"),
+    )
+    shapes = (Parameter("release_s", "s", 0.001, 10.0, step=0.0, default=0.1, help="decay time of an open bond"),)
     variants = tuple({"release_s": release} for release in (0.03, 0.1, 0.3))
     remembers = {"bond": ((), 0.0), "slip": ((3,), 0.0)}
 

@@ -1,4 +1,4 @@
-"""Blade friction: the tool's faces drag the material along more or less than the base believes."""
+"""Blade friction: the friction at the tool's faces differs from the base's."""
 
 from __future__ import annotations
 

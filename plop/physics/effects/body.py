@@ -1,4 +1,4 @@
-"""What a law sees of the object while the engine steps it."""
+"""The interface of laws to the engine's state in a time step."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from plop.physics.engine.material import Material
 class Body(Protocol):
     """N particles, the tool and the base's parameters in one time step.
 
-    Arrays are changed in place; the engine sorts all of them together now and then, so that a row stays a particle's
-    only within one hook. Tracers are not among them.
+    Arrays are changed in place; the engine sorts them all together at intervals, so that rows refer to the same
+    particles only within one hook. Tracers are not included.
     """
 
     x: np.ndarray
@@ -34,26 +34,26 @@ class Body(Protocol):
     side: np.ndarray
     """Side of the blade, int [N]: 0 where its normal points, 1 behind it."""
     cut: np.ndarray
-    """Whether a blade has passed, bool [N]."""
+    """Whether a blade has passed the particle, bool [N]."""
     number: np.ndarray
-    """The particle's place in the caller's order, int [N]; it stays the particle's own."""
+    """The particle's index in the caller's order, int [N]; it does not change."""
     memory: dict[str, np.ndarray]
-    """What laws remember, "<effect>.<name>" -> float32 [N, ...]; see `Effect.remembers`."""
+    """Memory of the laws, "<effect>.<name>" -> float32 [N, ...]; see `Effect.remembers`."""
     pose: np.ndarray
     """The tool, float32 [6, 3]: origin [m], three axes, velocity [m/s], turning rate [1/s]; see `kernel_poses`."""
     extra: np.ndarray
-    """Kirchhoff stress that laws add, float32 [N, 6] (xx, yy, zz, xy, xz, yz) [Pa]; [0, 6] where none adds any."""
+    """Kirchhoff stress added by laws, float32 [N, 6] (xx, yy, zz, xy, xz, yz) [Pa]; [0, 6] where none adds stress."""
     impulse: np.ndarray
-    """Impulse on the object in this step from table and tool, float64 [2, 3] [N s]; a law adds what it exerts."""
+    """Impulse on the object in this step from table and tool, float64 [2, 3] [N s]; a law adds its own."""
     material: Material
-    """The base's parameters, as the laws have changed them."""
+    """The base's parameters, including the changes by laws."""
     config: EngineConfig
     """Grid, gravity, table and time step."""
 
     @property
     def elastic(self) -> tuple[int, np.float32, np.float32]:
-        """Number of the elastic law and Lame's mu and lambda [Pa], as kernels take them."""
+        """Number of the elastic law and Lame's mu and lambda [Pa], as arguments of kernels."""
 
     @property
     def tool_now(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-        """Kind (`ToolKind`), pose, faces and thickness (`ToolShape`) of the tool, as kernels take them."""
+        """Kind (`ToolKind`), pose, faces and thickness (`ToolShape`) of the tool, as arguments of kernels."""

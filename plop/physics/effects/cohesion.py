@@ -1,8 +1,8 @@
-"""Cohesion: behind the edge the faces of a cut still hold together until they are drawn apart (a cohesive zone)."""
+"""Cohesion: behind the edge the faces of a cut stick together until they are pulled apart (a cohesive zone)."""
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 import math
 
@@ -24,26 +24,27 @@ _TWO = np.float32(2)
 _HALF = np.float32(0.5)
 _TINY = np.float32(1e-12)
 _RISE = 0.2
-"""Share of the critical opening at which the traction has its peak."""
+"""Opening of the peak traction, as a share of the critical opening."""
 _ALONE = np.float32(-1)
 _BLADE = int(ToolKind.BLADE)
 
 
 @kernel()
 def join(x, side, cut, number, pose, faces, spacing, partner, share, rest, normal):
-    """Join particles at the faces of the cut, as the blade passes them, to what lies opposite.
+    """Bond particles at the faces of the cut to the opposite face as the blade passes them.
 
     The partner is the particle of the other side next to the mirror image in the blade's plane. Each particle is
-    looked at once, so that nothing is joined again. A plane meets a lattice anywhere; shares that fall linearly to 0
-    a spacing away add up, over the layers of both sides and times volume over spacing, to its area.
+    processed once, so that no bond is formed twice. The plane may have any position in the lattice;
+    shares that fall linearly to 0 one spacing away sum, over the layers of both sides and times volume over spacing,
+    to its area.
 
     Takes:
         x, side, cut, number: The engine's [N].
         pose, faces: Blade, see `kernel_poses` and `ToolShape`.
         spacing: Distance of the particles [m].
         partner: Updated: number of the partner plus 1, 0 where the blade has not been, -1 for none [N].
-        share: Updated: share of the particle's cell that stands for the cut, in [0, 1] [N].
-        rest, normal: Updated: way from the partner to the particle while the faces touch [N, 3] [m], and
+        share: Updated: share of the particle's cell that represents the cut, in [0, 1] [N].
+        rest, normal: Updated: vector from the partner to the particle while the faces touch [N, 3] [m], and
             normal of the face towards the particle's own side [N, 3].
     """
     for p in range(x.shape[0]):
@@ -75,7 +76,7 @@ def join(x, side, cut, number, pose, faces, spacing, partner, share, rest, norma
 
 @kernel()
 def wear_down(x, side, cut, radius, pose, faces, thickness, pressure_per_m, wear, partner, strength):
-    """Let the pressure of the blade's faces damage the bonds under them.
+    """Damage bonds by the pressure of the blade's faces on them.
 
     Takes:
         x, side, cut, radius: The engine's [N].
@@ -136,10 +137,10 @@ def hold_together(
     strength,
     peak,
 ):
-    """Pull the faces together over their opening; what has opened beyond the critical one is gone.
+    """Apply the traction between the faces; bonds beyond the critical opening are broken.
 
     The traction is that of the largest opening so far, in proportion to the opening when it is smaller (unloading
-    towards the origin). Closing past contact is not resisted: that is what the contact of the faces does. Both
+    towards the origin). Closing past contact is not resisted: this is done by the contact of the faces. Both
     particles of a bond get the same impulse.
 
     Takes:
@@ -155,7 +156,7 @@ def hold_together(
             continue
         number = int(partner[p]) - 1
         q = index[number] if number < len(index) else -1
-        if strength[p] <= _ZERO or q < 0 or side[q] == side[p]:  # worn through, or a state without the partner
+        if strength[p] <= _ZERO or q < 0 or side[q] == side[p]:  # broken by wear, or a state without the partner
             partner[p] = _ALONE
             continue
         carry_along(c, p, q, dt, rest, normal)
@@ -179,16 +180,16 @@ def hold_together(
 
 
 class Cohesion(Effect):
-    """A cohesive zone behind the edge: fibres, skin or a film that the blade has left uncut between the faces.
+    """A cohesive zone behind the edge: uncut fibres, skin or a film between the faces.
 
     The traction grows to its peak within a fifth of the critical opening, then falls to 0 at it (bilinear);
-    the area under it, traction x opening / 2, is the energy of separation [J/m^2]. Opening and sliding count alike.
-    What has been open beyond the critical opening never heals. The blade's pressure p on the faces wears it away.
-    A state that begins with a blade in it, and remembers nothing, is joined across that blade as it is.
+    the area under it, traction x opening / 2, is the energy of separation [J/m^2]. Opening and sliding count equally.
+    Bonds opened beyond the critical opening never heal. The blade's pressure p on the faces wears them away.
+    A state that starts with a blade in it, without memory, is bonded across that blade as it is.
     """
 
     name = "cohesion"
-    help = "behind the edge the faces of the cut still hold together"
+    help = "behind the edge the faces of the cut still stick together"
     law = (
         "t = -b k(m) s, s: opening of the faces, m = max |s| so far, k m rising to traction at opening / 5, "
         "then falling to 0 at opening; b' = -wear p under the blade's pressure p, b = 1 before"
@@ -210,7 +211,7 @@ class Cohesion(Effect):
         ),
     )
     shapes = (
-        Parameter("opening_m", "m", 1e-4, 0.05, step=0.0, default=0.004, help="opening at which the traction is gone"),
+        Parameter("opening_m", "m", 1e-4, 0.05, step=0.0, default=0.004, help="opening at which the traction vanishes"),
         Parameter("wear", "1/(Pa s)", 0.0, 1e3, step=0.0, default=0.0, help="strength lost per pressure and time"),
     )
     variants = (
@@ -233,7 +234,7 @@ class Cohesion(Effect):
         return self["traction_pa"] * self["opening_m"] / 2
 
     def before(self, body: Body, dt: float) -> None:
-        """Join what the blade has just passed, wear it down, and pull."""
+        """Bond particles that the blade has just passed, apply wear and traction."""
         partner, share, rest, normal, strength, peak = (body.memory[f"cohesion.{name}"] for name in self.remembers)
         kind, pose, faces, thickness = body.tool_now
         spacing = np.float32(np.cbrt(body.volume.max()))

@@ -1,4 +1,4 @@
-"""Damping, a base parameter: motion dies out faster or slower than the base believes."""
+"""Damping, a base parameter: motion decays faster or slower than in the base."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Damping(Effect):
 
     name = "damping"
     kind = "base"
-    help = "all motion dies out faster or slower"
+    help = "all motion decays faster or slower"
     law = "v' += -d_c v"
     source = "mass-proportional Rayleigh damping; Bathe, Finite Element Procedures, 1996, ch. 9"
     amplitudes = (Parameter("d_per_s", "1/s", -100.0, 1e3, step=5.0, typical=50.0, help="change of the decay rate"),)

@@ -1,4 +1,4 @@
-"""Look at what a user's effect declares, before anything runs, and name the line that is wrong."""
+"""Check the declarations of a user's effect before anything runs, and name the wrong line."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ TEXTS = ("name", "help", "law", "source")
 
 
 def check_declared(effect: type[Effect], path: Path) -> None:
-    """Insist that a class says what an effect has to say.
+    """Check that a class declares everything that an effect needs.
 
     Args:
         effect: The class, imported from a user's file.
         path: That file.
 
     Raises:
-        PlopError: Something is missing or out of place; names the line of it, or the class's own.
+        PlopError: Something is missing or wrong; names its line, or that of the class.
     """
     for name, expected, found in _mistakes(effect):
         raise PlopError(
@@ -41,7 +41,7 @@ def check_declared(effect: type[Effect], path: Path) -> None:
 
 
 Mistake = tuple[str, str, str]
-"""Name in the class, what is expected of it, what was found."""
+"""Name in the class, the expected value, the value found."""
 
 
 def _mistakes(effect: type[Effect]) -> Iterator[Mistake]:
@@ -65,7 +65,7 @@ def _mistaken_parameters(effect: type[Effect], name: str, *, least: int) -> Iter
     given = getattr(effect, name, None)
     whole = isinstance(given, tuple) and all(isinstance(each, Parameter) for each in given)
     if not whole or len(given or ()) < least:
-        alone = " (a comma is missing behind it)" if isinstance(given, Parameter) else ""
+        alone = " (a trailing comma is missing)" if isinstance(given, Parameter) else ""
         yield name, "a tuple of Parameter, such as (Parameter(...),)", _seen(given) + alone
 
 
@@ -75,12 +75,12 @@ def _mistaken_values(effect: type[Effect]) -> Iterator[Mistake]:
         for expected, found in _mistaken_number(one, amplitude=group == "amplitudes"):
             yield group, expected, found
         if one.name in seen:
-            yield group, "a name once", f"{one.name} twice"
+            yield group, "each name once", f"{one.name} twice"
         seen.add(one.name)
 
 
 def _mistaken_number(one: Parameter, *, amplitude: bool) -> Iterator[tuple[str, str]]:
-    """Give what is expected of one parameter, and what was found instead."""
+    """Yield the requirement on one parameter, and what was found instead."""
     if not (isinstance(one.name, str) and one.name.isidentifier()):
         yield "a parameter's name of letters, digits and _, not beginning with a digit", _seen(one.name)
     if not (isinstance(one.unit, str) and one.unit.strip()):
@@ -94,7 +94,7 @@ def _mistaken_number(one: Parameter, *, amplitude: bool) -> Iterator[tuple[str, 
     if amplitude and one.default != 0:
         yield f"{one.name}: default 0, which means absent", f"{one.default:g}"
     if amplitude and not one.low <= 0 <= one.high:
-        yield f"{one.name}: a range that holds 0, which means absent", f"{one.low:g} to {one.high:g}"
+        yield f"{one.name}: a range that contains 0, which means absent", f"{one.low:g} to {one.high:g}"
     if not one.low <= one.default <= one.high:
         yield f"{one.name}: a default in its range, {one.low:g} to {one.high:g}", f"{one.default:g}"
     if amplitude and not (one.step != 0 and one.low <= one.step <= one.high):
@@ -136,7 +136,7 @@ def _mistaken_hooks(effect: type[Effect]) -> Iterator[Mistake]:
         yield (
             (near[0] if near else "before"),
             "at least one hook: " + ", ".join(HOOKS),
-            f"{near[0]}, which nothing calls" if near else "none: it would change nothing",
+            f"{near[0]}, which is never called" if near else "none: it would have no effect",
         )
     for name in HOOKS:
         expected = list(inspect.signature(getattr(Effect, name)).parameters)

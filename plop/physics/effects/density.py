@@ -1,4 +1,4 @@
-"""Density, a base parameter: the object is heavier or lighter than the base believes."""
+"""Density, a base parameter: the object is heavier or lighter than in the base."""
 
 from __future__ import annotations
 

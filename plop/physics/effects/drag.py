@@ -14,7 +14,7 @@ class Drag(Effect):
 
     A body of density rho, frontal area A and volume V in air of density rho_air has
     c = rho_air C_d A / (2 rho V): about 0.007 1/m for a block of jelly that fits into a hand.
-    The linear law would be the base's own damping.
+    A linear law would be the base's own damping.
     """
 
     name = "drag"
@@ -25,6 +25,6 @@ class Drag(Effect):
     amplitudes = (Parameter("per_m", "1/m", 0.0, 1e3, step=20.0, typical=200.0, help="drag coefficient c"),)
 
     def before(self, body: Body, dt: float) -> None:
-        """Slow down; exact for a free body, v / (1 + c |v| dt), so that no step is too long."""
+        """Slow down; exact for a free body, v / (1 + c |v| dt), so that it is stable for any step."""
         speed = np.sqrt(np.einsum("ni,ni->n", body.v, body.v))
         body.v /= (1 + np.float32(self["per_m"] * dt) * speed)[:, None]

@@ -1,4 +1,4 @@
-"""What an effect is: one law with parameters that have units, a range, and a value that means 'absent'.
+"""Definition of an effect: one law with parameters that have units, a range, and a value that means 'absent'.
 
 A law acts through the hooks below; each does nothing unless an effect overrides it. The engine calls them in every time
 step with a `body`, whose arrays are those of `plop.physics.effects.body.Body`.
@@ -30,16 +30,16 @@ class Effect:
     """
 
     name: ClassVar[str]
-    """Short name, as the user types it, e.g. "viscosity"."""
+    """Short name, as in commands, e.g. "viscosity"."""
     help: ClassVar[str]
-    """One line: what it is."""
+    """Description in one line."""
     law: ClassVar[str]
     """The law as a formula in plain text, e.g. "tau += 2 eta dev(D)"."""
     source: ClassVar[str]
-    """Where the law is from."""
+    """Source of the law."""
     kind: ClassVar[Kind] = "physics"
-    """A decoy is there to be refused: in slow motion it has no visible effect. "base" marks a parameter that
-    every model has (stiffness, damping, density): to be refitted beside an effect, never to be called one."""
+    """A decoy has no visible effect in slow motion and must not be named. "base" marks a parameter of every
+    model (stiffness, damping, density): it is refitted beside an effect, and never called missing physics."""
     amplitudes: ClassVar[tuple[Parameter, ...]]
     """Numbers that are 0 when the effect is absent; the response is about linear in them while they are small."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
@@ -47,7 +47,7 @@ class Effect:
     variants: ClassVar[tuple[dict[str, float], ...]] = ({},)
     """Settings of the shape parameters at which the screen tries the effect."""
     remembers: ClassVar[dict[str, tuple[tuple[int, ...], float]]] = {}
-    """Arrays the law keeps per particle: name -> (shape after N, first value); in `body.memory` as
+    """Arrays that the law stores per particle: name -> (shape after N, first value); in `body.memory` as
     "<effect>.<name>". The engine sorts, saves and restores them with the particles."""
 
     def __init__(self, **values: float) -> None:
@@ -70,11 +70,11 @@ class Effect:
 
     @property
     def absent(self) -> bool:
-        """Tell whether all amplitudes are 0."""
+        """Return whether all amplitudes are 0."""
         return all(self.values[p.name] == 0 for p in self.amplitudes)
 
     def overrides(self, hook: Hook) -> bool:
-        """Tell whether the law's class has its own version of a hook of the time step."""
+        """Return whether the law's class overrides a hook of the time step."""
         return getattr(type(self), hook) is not getattr(Effect, hook)
 
     def material(self, material: Material) -> Material:
@@ -86,7 +86,7 @@ class Effect:
         return config
 
     def at_rest(self) -> Effect:
-        """Give the law under which an object comes to rest before its first frame: as it acts after a long time."""
+        """Return the law under which an object settles before its first frame: its long-time limit."""
         return self
 
     def before(self, body: Body, dt: float) -> None:
@@ -99,15 +99,15 @@ class Effect:
         """Act after a time step: flow rules change `body.f` and the effect's memory in place."""
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
-        """Give the longest time step at which the law is stable [s]; infinite when it sets no limit."""
+        """Return the longest stable time step of the law [s]; infinite when it sets no limit."""
         return np.inf
 
 
 def at_rest(effects: Sequence[Effect]) -> list[Effect]:
-    """Give the laws under which an object comes to rest.
+    """Return the laws under which an object settles.
 
     Raises:
-        PlopError: The hook raised or gave no effect.
+        PlopError: The hook raised an error or returned no effect.
     """
     given = [(effect, call(effect, "at_rest")) for effect in effects]
     for effect, resting in given:

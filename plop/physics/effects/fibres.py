@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 import numpy as np
 
@@ -39,7 +39,7 @@ def fibre_stress(f, cos, sin, half_pa, extra):
 
 
 class Fibres(Effect):
-    """One family of fibres, W = ratio E / 8 (I4 - 1)^2, that resist stretching and shortening alike.
+    """One family of fibres, W = ratio E / 8 (I4 - 1)^2, that resist stretching and compression equally.
 
     At small strain a bar along the fibres has the modulus (1 + ratio) E. Directions are those of the material
     where F is the identity.

@@ -1,4 +1,4 @@
-"""Inertia, a decoy: the object resists acceleration more than its weight tells."""
+"""Inertia, a decoy: the object resists acceleration more than its weight implies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from plop.physics.engine.material import Material
 
 
 class Inertia(Effect):
-    """Added mass: inertia grows and weight does not; in slow motion nothing shows it."""
+    """Added mass: inertia grows and weight does not; it is invisible in slow motion."""
 
     name = "inertia"
     kind = "decoy"

@@ -1,4 +1,4 @@
-"""Find effects by name: the project's own, and a user's from a file."""
+"""Find effects by name: built-in ones, and a user's from a file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _effects_of(module: object) -> list[EffectType]:
 
 
 def library(effect_files: Iterable[str | Path] = ()) -> dict[str, EffectType]:
-    """Give all effects by name: the project's, then those of the user's files.
+    """Return all effects by name: the built-in ones, then those of the user's files.
 
     Args:
         effect_files: Python files with subclasses of `Effect`.
@@ -67,7 +67,7 @@ def library(effect_files: Iterable[str | Path] = ()) -> dict[str, EffectType]:
 
 
 def effect_type(name: str, effects: dict[str, EffectType] | None = None) -> EffectType:
-    """Give one effect's class by its name.
+    """Return one effect's class by its name.
 
     Raises:
         PlopError: There is none; suggests the nearest name.
@@ -85,10 +85,10 @@ def effect_type(name: str, effects: dict[str, EffectType] | None = None) -> Effe
 
 
 def load_effect_file(path: Path) -> list[EffectType]:
-    """Import a user's file and give the effects it defines.
+    """Import a user's file and return the effects that it defines.
 
     Raises:
-        PlopError: No such file, an error in it or in what an effect declares (its line is named), or no effect.
+        PlopError: No such file, an error in it or in the declaration of an effect (names the line), or no effect.
     """
     if not path.is_file():
         raise PlopError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 import math
 
@@ -36,9 +36,9 @@ def von_mises(xx, yy, zz, xy, xz, yz):
 
 @njit(fastmath=True)
 def admissible_share(law, mu, lam, mean, x, y, z, limit_pa, slope_pa, trial_pa):
-    """The share s of the deviatoric logarithmic strain (x, y, z) at which the base's stress is on the limit.
+    """The share s of the deviatoric logarithmic strain (x, y, z) at which the base's stress is at the limit.
 
-    The limit is limit_pa + slope_pa (1 - s). The stress is nearly linear in s: four rounds of Newton's
+    The limit is limit_pa + slope_pa (1 - s). The stress is nearly linear in s: four iterations of Newton's
     method reach float32 precision.
     """
     share, stress = _ONE, trial_pa
@@ -53,7 +53,7 @@ def admissible_share(law, mu, lam, mean, x, y, z, limit_pa, slope_pa, trial_pa):
 
 @kernel()
 def yield_flow(f, flow, law, mu, lam, yield_pa, hardening_pa):
-    """Shrink the elastic strain of every particle until its von Mises stress is not above the yield stress.
+    """Reduce the elastic strain of every particle until its von Mises stress does not exceed the yield stress.
 
     Takes:
         f: Elastic deformation gradient, updated, [N, 3, 3]; its volume and its rotation are kept.
@@ -88,14 +88,14 @@ def yield_flow(f, flow, law, mu, lam, yield_pa, hardening_pa):
 class Plasticity(Effect):
     """Plasticity after von Mises with linear hardening; the engine's `f` is the elastic part F_e of F = F_e F_p.
 
-    The yield stress is 1 / softness, so that 0 means 'never yields'. The stress judged is the base's Kirchhoff
-    stress. Nothing happens until the largest stress of a motion reaches the yield stress: the response
-    starts at a threshold. Without hardening the flow would gather in a layer one cell thick.
+    The yield stress is 1 / softness, so that 0 means 'never yields'. The criterion uses the base's Kirchhoff
+    stress. There is no response until the largest stress of a motion reaches the yield stress: the response
+    has a threshold. Without hardening the flow would localise in a layer one cell thick.
     """
 
     name = "plasticity"
     help = "beyond a yield stress it flows and keeps its new shape"
-    law = "sqrt(3/2) |dev(tau)| <= 1 / softness + 3 mu hardening e_p, by shrinking the elastic strain by the flow e_p"
+    law = "sqrt(3/2) |dev(tau)| <= 1 / softness + 3 mu hardening e_p, by reducing the elastic strain by the flow e_p"
     source = "von Mises 1913; return mapping: Simo & Hughes, Computational Inelasticity, 1998, ch. 9"
     amplitudes = (
         Parameter(

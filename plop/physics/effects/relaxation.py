@@ -1,8 +1,8 @@
-"""Relaxation: under held strain part of the stress fades."""
+"""Relaxation: under constant strain part of the stress decays."""
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 from copy import copy
 
@@ -19,12 +19,12 @@ _ONE = np.float32(1)
 
 @kernel()
 def relax(c, branch, dt, keep):
-    """Carry the branch's strain B - I along with the motion and let it fade.
+    """Convect the branch's strain B - I with the motion and let it decay.
 
     Takes:
         c: Velocity gradient [N, 3, 3] [1/s].
         branch: Updated: B - I (xx, yy, zz, xy, xz, yz) [N, 6].
-        dt, keep: Step [s] and what is left of B - I after it [-].
+        dt, keep: Step [s] and remaining share of B - I after it [-].
     """
     a, g = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
     for p in range(c.shape[0]):
@@ -60,15 +60,15 @@ def branch_stress(f, branch, shear_pa, extra):
 
 
 class Relaxation(Effect):
-    """A Maxwell branch carries part of the shear modulus: fast strain meets mu, held strain (1 - ratio) mu.
+    """A Maxwell branch has part of the shear modulus: mu under fast strain, (1 - ratio) mu under constant strain.
 
-    The branch's strain B follows the upper-convected law, so it is objective, and dev(B) fades as
-    exp(-t / tau) under held strain. It starts without strain: a state that is deformed at the start has
-    relaxed already.
+    The branch's strain B follows the upper-convected law, so it is objective, and dev(B) decays as
+    exp(-t / tau) under constant strain. It starts without strain: a state that is deformed at the start is
+    already relaxed.
     """
 
     name = "relaxation"
-    help = "under held strain part of the stress fades"
+    help = "under constant strain part of the stress decays"
     law = "tau += ratio mu (dev(B) - dev(F F^T)), B' = L B + B L^T - (B - I) / tau"
     source = "Maxwell 1867; upper-convected form: Larson, Constitutive Equations for Polymer Melts, 1988, ch. 1"
     amplitudes = (
@@ -80,7 +80,7 @@ class Relaxation(Effect):
     _fades_at_once = False
 
     def at_rest(self) -> Relaxation:
-        """What has lain for long has relaxed: the branch carries nothing, (1 - ratio) mu is left."""
+        """An object at rest for a long time is relaxed: the branch has no stress, (1 - ratio) mu remains."""
         resting = copy(self)
         resting._fades_at_once = True
         return resting

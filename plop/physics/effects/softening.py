@@ -1,8 +1,8 @@
-"""Softening with cycles: what has been strained before resists less when strained again."""
+"""Softening with cycles: material that has been strained before resists less when strained again."""
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 import math
 
@@ -21,7 +21,7 @@ _ONE = np.float32(1)
 
 @kernel()
 def softened_stress(f, peak, law, mu, lam, loss, scale, extra):
-    """Take away the share that is lost below the largest strain so far.
+    """Remove the share of stress that is lost below the largest strain so far.
 
     Takes:
         f, law, mu, lam: Deformation gradient [N, 3, 3] and the base's law, see `plop.physics.engine.kernels.elastic`.
@@ -40,11 +40,11 @@ class Softening(Effect):
     """A Mullins effect: below the largest strain so far the deviatoric stress is smaller than on first loading.
 
     Loss sets in over `strain`: after a uniaxial strain much larger than that, the stress on reloading is
-    (1 - loss) times the first one. First loading itself is not changed.
+    (1 - loss) times the first one. First loading is not changed.
     """
 
     name = "softening"
-    help = "what was strained before resists less the second time"
+    help = "material that was strained before resists less the second time"
     law = "dev(tau) -> (1 - loss (1 - exp(-(peak - w) / (3 strain^2)))) dev(tau), w = I1bar - 3, peak = max w so far"
     source = "Ogden & Roxburgh 1999, A pseudo-elastic model for the Mullins effect in filled rubber, with exp for erf"
     amplitudes = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 import numpy as np
 
@@ -45,5 +45,5 @@ class Stiffening(Effect):
         stiffening_stress(body.f, np.float32(self["growth"] * body.material.shear_pa), body.extra)
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
-        """Waves at a stretch of about 1.2, where I1bar - 3 is 0.1; beyond it the engine halves the step."""
+        """Use the wave speed at a stretch of 1.2, where I1bar - 3 is about 0.1; beyond it the step is halved."""
         return wave_step_s(0.4 * self["growth"] * material.shear_pa, material, config)

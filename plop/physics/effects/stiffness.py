@@ -1,4 +1,4 @@
-"""Stiffness, a base parameter: Young's modulus is not what the base believes."""
+"""Stiffness, a base parameter: Young's modulus differs from the base's."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Stiffness(Effect):
     kind = "base"
     help = "the material is stiffer or softer"
     law = "E -> E exp(d_ln_e)"
-    source = "Hooke's law; the logarithm makes twice and half as far from 1"
+    source = "Hooke's law; in the logarithm twice and half are equally far from 1"
     amplitudes = (Parameter("d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.7, help="change of the modulus' logarithm"),)
 
     def material(self, material: Material) -> Material:

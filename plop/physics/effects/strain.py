@@ -1,6 +1,6 @@
 """Measures of one particle's strain in closed form, shared by the kernels of effects."""
 
-# Numba infers the types of kernels; their docstrings say what they take.
+# Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def left_cauchy_green(f, p):
 
 @njit(fastmath=True)
 def isochoric_strain(f, p):
-    """How far a particle is sheared: I1 J^(-2/3) - 3, and the factor J^(-2/3); 0 and 1 at rest."""
+    """Return the shear measure I1 J^(-2/3) - 3 of a particle, and the factor J^(-2/3); 0 and 1 at rest."""
     xx, yy, zz, _, _, _ = left_cauchy_green(f, p)
     j = max(determinant(*row_major(f, p)), _SMALLEST_J)
     scale = math.exp(-(_THIRD + _THIRD) * math.log(j))

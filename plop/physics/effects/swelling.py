@@ -12,7 +12,7 @@ from plop.physics.effects.effect import Effect
 class Swelling(Effect):
     """Multiplicative growth F = F_e F_g with F_g = exp(rate t / 3) I; the engine's `f` is the elastic part F_e.
 
-    A free body's volume grows as exp(rate t), its lengths as exp(rate t / 3). Mass stays; stress is counted
+    A free body's volume grows as exp(rate t), its lengths as exp(rate t / 3). Mass is constant; stress is
     per original volume, which for growth by some per cent changes forces by as many per cent.
     """
 
@@ -21,11 +21,11 @@ class Swelling(Effect):
     law = "F_e' = L F_e - (rate / 3) F_e"
     source = "Rodriguez, Hoger & McCulloch 1994, Stress-dependent finite growth in soft elastic tissues"
     amplitudes = (
-        Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.01, typical=-0.1, help="relative change of volume a second"),
+        Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.01, typical=-0.1, help="relative change of volume per second"),
     )
 
     def at_rest(self) -> Swelling:
-        """An object that grows never comes to rest: it does so before, and grows from the first frame on."""
+        """A growing object never settles: it settles before, and grows from the first frame on."""
         return type(self)()
 
     def after(self, body: Body, dt: float) -> None:

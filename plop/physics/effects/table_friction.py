@@ -1,4 +1,4 @@
-"""Table friction: the object slides more or less easily than the base believes."""
+"""Table friction: the object slides more or less easily than in the base."""
 
 from __future__ import annotations
 

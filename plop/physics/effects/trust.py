@@ -1,9 +1,9 @@
-"""Effect files that came inside an artifact run only once their user has trusted them.
+"""Trust in effect files: those inside an artifact run only after the user has trusted them.
 
 An effect file is a program. One that the user names with --effect-file is their own choice; one that came with a
-model may be a stranger's. It runs from a copy in the user's own folder, named by the digest of its content, which is
-made when the user says so: other content is another file, and what lies beside the original (byte code, kernel caches,
-which Python and numba would load unasked) is never read.
+model may be from an unknown author. It runs from a copy in the user's own folder, named by the digest of its content
+and made when the user trusts it: changed content is a new file, and files beside the original (byte code and kernel
+caches, which Python and numba load automatically) are never read.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from plop.artifacts.atomic_file import whole
 from plop.errors import PlopError
 
 TRUST = "PLOP_TRUST_EFFECTS"
-"""Environment variable: "1" trusts every effect file that is met. Processes started for a run inherit it."""
+"""Environment variable: "1" trusts every effect file. Processes started for a run inherit it."""
 
 
 class UntrustedEffectError(PlopError):
-    """A model holds effect files whose content nobody here has trusted."""
+    """A model contains effect files whose content the user has not trusted."""
 
     def __init__(self, files: Sequence[Path]) -> None:
         self.files = list(files)
         super().__init__(
-            "This model holds a program of somebody's own, and would run it.",
+            "This model contains an effect file, a program that would run here.",
             where=", ".join(map(str, files)),
             expected="effect files that you have read and trust",
-            found="content that was not trusted here before",
+            found="content that was not trusted before",
             fix="Read the file; then repeat the command with --trust-effects (remembered for this content only).",
         )
 
 
 def trusted_copies(files: Sequence[Path]) -> list[Path]:
-    """Give the copies that may run of effect files that came inside an artifact.
+    """Return the trusted copies of effect files inside an artifact.
 
     Raises:
-        UntrustedEffectError: The content of some was never trusted.
+        UntrustedEffectError: The content of some is not trusted.
     """
     asked = os.environ.get(TRUST) == "1"
     copies = [_remembered(path) if asked else _known_copy(path) for path in files]
@@ -49,16 +49,16 @@ def trusted_copies(files: Sequence[Path]) -> list[Path]:
 
 
 def remember(path: Path) -> None:
-    """Trust a file of the user's own from now on, also inside artifacts; no matter where it cannot be remembered."""
+    """Trust a user's own file from now on, also inside artifacts; ignored where this cannot be stored."""
     try:
         _remembered(path)
     except OSError:
-        return  # a read-only home: --trust-effects or the environment variable will be asked for
+        return  # a read-only home: --trust-effects or the environment variable is needed later
 
 
 @contextmanager
 def trusting(wanted: bool) -> Iterator[None]:
-    """Trust every effect file met inside the block, in this process and those it starts, if `wanted`."""
+    """Trust every effect file inside the block, in this process and its children, if `wanted`."""
     before = os.environ.get(TRUST)
     if wanted:
         os.environ[TRUST] = "1"
@@ -71,7 +71,7 @@ def trusting(wanted: bool) -> Iterator[None]:
 
 
 def folder() -> Path:
-    """Give the user's folder of trusted copies; deleting one withdraws the trust."""
+    """Return the user's folder of trusted copies; deleting one withdraws the trust."""
     config = os.environ.get("XDG_CONFIG_HOME")
     return (Path(config) if config else Path.home() / ".config") / "plop" / "trusted-effects"
 

@@ -21,7 +21,7 @@ class Viscosity(Effect):
     )
 
     def at_rest(self) -> Viscosity:
-        """What lies still has no viscous stress, and comes to rest sooner without it."""
+        """An object at rest has no viscous stress, and settles sooner without it."""
         return type(self)()
 
     def material(self, material: Material) -> Material:

@@ -20,7 +20,7 @@ from plop.physics.engine.tracers import Tracers
 _MARGIN = 3
 """Free cells between the particles and the end of the grid."""
 _MAX_NODES = 30_000_000
-_PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius")
+_PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius", "held")
 
 
 class UnstableStepError(Exception):
@@ -79,6 +79,7 @@ class Engine:
         self.tracers = Tracers(*(part[~own] for part in state))
         self.volume = volume[own]
         self.radius = _given(particles.radii, 0.5 * np.cbrt(volume))[own]
+        self.held = _given(particles.held, np.zeros((count, 3)))[own]
 
     def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
         """What effects remember of each particle: as given, else their first values."""
@@ -191,6 +192,7 @@ class Engine:
                 self.radius,
                 self.side,
                 self.cut,
+                self.held,
                 self._bounds,
                 *self.tool_now,
                 self._friction[1],
@@ -345,10 +347,19 @@ class Engine:
         """Copy the whole state in the caller's order; a run can go on from it."""
         cut = self._whole("cut")
         sides = np.where(cut | self._whole("fixed"), 1 - 2 * self._whole("side"), 0)
-        volume, radius = self._scattered(self.volume), self._scattered(self.radius)
+        volume, radius, held = (self._scattered(values) for values in (self.volume, self.radius, self.held))
         memory = {key: self._scattered(value) for key, value in self.memory.items()}
         return Particles(
-            self._whole("x"), volume, self._whole("v"), self._whole("f"), sides, radius, self._whole("c"), cut, memory
+            self._whole("x"),
+            volume,
+            self._whole("v"),
+            self._whole("f"),
+            sides,
+            radius,
+            self._whole("c"),
+            cut,
+            memory,
+            held,
         )
 
     def _whole(self, name: str) -> np.ndarray:

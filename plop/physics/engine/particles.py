@@ -35,6 +35,10 @@ class Particles:
     memory: dict[str, np.ndarray] | None = None
     """What effects remember of each particle, arrays [N, ...] by "<effect>.<name>"; their first values when absent."""
 
+    held: np.ndarray | None = None
+    """Way along the tool's surface since it touched a particle, as far as its friction holds, [N, 3] [m]; zero when
+    absent."""
+
     def __post_init__(self) -> None:
         positions, volumes = np.asarray(self.positions), np.asarray(self.volumes)
         if positions.ndim != 2 or positions.shape[1] != 3 or volumes.shape != (len(positions),) or not len(positions):
@@ -62,7 +66,7 @@ class Particles:
                 found=f"{np.ptp(positions, axis=0).max():g}",
                 fix="Are these millimetres?",
             )
-        for name in ("velocities", "F", "sides", "radii", "affine", "passed"):
+        for name in ("velocities", "F", "sides", "radii", "affine", "passed", "held"):
             value = getattr(self, name)
             if value is not None and (len(value) != len(positions) or not np.isfinite(value).all()):
                 raise PlopError(
@@ -93,4 +97,5 @@ class Particles:
             taken(self.affine),
             taken(self.passed),
             memory,
+            taken(self.held),
         )

@@ -15,9 +15,9 @@ from plop.physics.hidden.wish import Wish, typical
 from plop.physics.scenes.scene import Scene
 
 _COARSER = 1.5
-"""Amplitudes are sought at this many times the scene's spacing."""
+"""Particle spacing during the search for amplitudes, in units of the scene's."""
 _RANDOM_SNR = (0.5, 2.0)
-"""Effects that are drawn move the object by so many times the noise of one point; most cannot do more."""
+"""Signal of drawn effects, in units of the noise of one point; most effects cannot give more."""
 
 
 def choose(
@@ -29,31 +29,33 @@ def choose(
     effects: dict[str, EffectType],
     progress: Callable[[float], None] = lambda share: None,
     jobs: int = 1,
+    seed: int | None = None,
 ) -> list[Effect]:
-    """Draw what is to be drawn and scale amplitudes to the wanted signal.
+    """Draw effects and scale amplitudes to the requested signal.
 
-    Without `snr`, given amplitudes stay as they are, and effects that are drawn get a signal between 0.5 and 2.
+    Without `snr`, given amplitudes are kept, and drawn effects get a signal between 0.5 and 2.
     Each effect is scaled alone.
 
     Args:
-        scene: What is simulated; its seed draws.
-        wishes: What shall be hidden.
-        snr: Wanted root mean square of the displacement over `noise_floor_m`; 0 leaves amplitudes alone.
-        noise_floor_m: What counts as noise [m].
-        effects: All effects there are.
+        scene: The scene; its seed draws the motions.
+        wishes: The effects to hide.
+        snr: Requested root mean square of the displacement over `noise_floor_m`; 0 keeps the amplitudes.
+        noise_floor_m: The noise [m].
+        effects: All effects.
         progress: Called with the share that is done.
         jobs: See Response.
+        seed: Draws; the scene's when absent.
 
     Raises:
-        SignalTooWeakError: No amplitude in its range gives the wanted signal.
-        PlopError: No effect that is drawn can give one.
+        SignalTooWeakError: No amplitude in its range gives the requested signal.
+        PlopError: No effect of the library can give it.
     """
     coarser = min(_COARSER, min(scene.shape.size_m) / 3 / scene.spacing_m)
     coarse = replace(scene, spacing_m=coarser * scene.spacing_m, dx_m=coarser * scene.dx_m)
     response = Response(coarse, jobs=jobs)
     chosen: list[Effect] = []
     for number, wish in enumerate(wishes):
-        random = np.random.default_rng([scene.seed, number, 20])
+        random = np.random.default_rng([scene.seed if seed is None else seed, number, 20])
         if wish.effect is None:
             taken = {effect.name for effect in chosen} | {w.effect.name for w in wishes if w.effect}
             chosen.append(_drawn(response, random, taken, snr, noise_floor_m, effects))
@@ -76,7 +78,7 @@ def _drawn(
     noise_floor_m: float,
     effects: dict[str, EffectType],
 ) -> Effect:
-    """Draw an effect that can give the signal; the draw goes on until one can."""
+    """Draw effects until one can give the signal."""
     names = sorted(name for name, effect in effects.items() if effect.kind == "physics" and name not in taken)
     wanted = snr or float(np.exp(random.uniform(*np.log(_RANDOM_SNR))))
     for name in random.permutation(names):
@@ -86,22 +88,22 @@ def _drawn(
         if found is not None:
             return found
     raise PlopError(
-        "No effect can be hidden here.",
+        "No effect is strong enough to be hidden here.",
         where="--hide random",
         expected=f"an effect that moves the object by {wanted * noise_floor_m * 1000:.2g} mm",
         found=f"a signal below {wanted:.1f} times the noise floor from all",
-        fix="Lower --snr, or take motions that load the object more.",
+        fix="Lower --snr, or use motions that load the object more.",
     )
 
 
 def _direction(effect: EffectType, random: np.random.Generator) -> dict[str, float]:
-    """Turn several amplitudes into a random direction; choose the sign where both are alike."""
+    """Draw the direction of several amplitudes; draw the sign where the range is symmetric."""
     size = typical(effect)
     turn = random.normal(size=len(size))
     if len(size) > 1:
         turn *= np.sqrt(len(size)) / np.linalg.norm(turn)
     else:
-        # a change of a base value has no room downwards; a range that is alike on both sides has two signs
+        # a change of a base value cannot go down; a symmetric range has two signs
         (p,) = effect.amplitudes
         turn = np.sign(turn) if p.low == -p.high and not p.name.startswith("d_") else np.ones(1)
     return {key: value * float(factor) for (key, value), factor in zip(size.items(), turn, strict=True)}
@@ -113,9 +115,9 @@ def _too_weak(response: Response, wish: Wish, snr: float, noise_floor_m: float) 
     rms = stable_rms(response, strongest)
     reached = "an unstable run" if rms is None else f"SNR {rms / noise_floor_m:.2g}"
     return SignalTooWeakError(
-        "The effect cannot give the wanted signal in these motions.",
+        "The effect cannot give the requested signal in these motions.",
         where=f"--hide {wish.effect.name}",
         expected=f"SNR {snr:g}",
         found=f"{reached} at {strongest}, the largest that can be computed",
-        fix="Lower --snr, or take motions in which the effect acts.",
+        fix="Lower --snr, or use motions in which the effect acts.",
     )

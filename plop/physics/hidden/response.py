@@ -1,4 +1,4 @@
-"""How far effects move an object, and the amplitude that moves it as far as wanted."""
+"""The displacement caused by effects, and the amplitude for a requested displacement."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from plop.physics.scenes.scene import Scene, simulate_episode
 _TOLERANCE = 0.05
 _ROUNDS = 7
 _SLOWER = 8.0
-"""How many times more time steps than without an effect a scaled amplitude may need."""
+"""Largest factor in the number of time steps that a scaled amplitude may cause."""
 
 
 class Response:
-    """Displacement that effects cause in the episodes of a scene; runs without effect are kept."""
+    """Displacement caused by effects in the episodes of a scene; runs without effects are cached."""
 
     def __init__(self, scene: Scene, *, jobs: int = 1) -> None:
-        """Take a scene.
+        """Create the response of a scene.
 
         Args:
-            scene: What is simulated.
-            jobs: Processes; effects of the user's files are known in this one only.
+            scene: The scene.
+            jobs: Number of processes; effects of the user's files are known in this one only.
         """
         self.scene, self.jobs = scene, jobs
         self._base: dict[int, np.ndarray] = {}
 
     def affordable(self, wish: Wish) -> float:
-        """Give the largest factor of a wish that needs at most `_SLOWER` times as many time steps."""
+        """Return the largest factor of a wish that needs at most `_SLOWER` times as many time steps."""
         config, factor = EngineConfig(dx_m=self.scene.dx_m), wish.most()
         while factor > 1e-3 and slowdown(wish.scaled(factor), self.scene.material, config) > _SLOWER:
             factor *= 0.8
@@ -67,16 +67,16 @@ def _vertices(scene: Scene, k: int, effects: Sequence[Effect]) -> np.ndarray:
 
 
 def slowdown(effect: Effect, material: Material, config: EngineConfig) -> float:
-    """Tell how many times more time steps a run takes with an effect."""
+    """Return the factor in the number of time steps caused by an effect."""
     own, around = effect.material(material), effect.config(config)
     return stable_step_s(material, config) / min(stable_step_s(own, around), effect.slowest_step_s(own, around))
 
 
 def scaled_to(response: Response, wish: Wish, wanted_m: float) -> Effect | None:
-    """Find the amplitude with the wanted response, by secants of log response over log factor.
+    """Find the amplitude with the requested response, by secants of log response over log factor.
 
     Returns:
-        None when no amplitude in its range, or none at which the run is stable, comes near.
+        None when no amplitude in its range, or none with a stable run, comes close.
     """
     most = response.affordable(wish)
     low, high = 0.0, np.inf  # factors known to be too weak, and too strong or unstable
@@ -88,7 +88,7 @@ def scaled_to(response: Response, wish: Wish, wanted_m: float) -> Effect | None:
             continue
         if abs(rms / wanted_m - 1) < _TOLERANCE:
             return wish.scaled(factor)
-        # responses bend down, if they bend: out of reach when not even a straight line gets there
+        # responses are concave, if not linear: out of reach when a linear extrapolation does not get there
         if rms < wanted_m and (factor >= most or (last is None and 2 * rms * most / factor < wanted_m)):
             return None
         if last is not None and factor != last[0] and min(rms, last[1]) > 0 and rms != last[1]:
@@ -104,7 +104,7 @@ def scaled_to(response: Response, wish: Wish, wanted_m: float) -> Effect | None:
 
 
 def stable_rms(response: Response, effect: Effect) -> float | None:
-    """Give the response [m], or None where the run is unstable."""
+    """Return the response [m], or None where the run is unstable."""
     try:
         return response.rms_m(effect)
     except PlopError:

@@ -1,4 +1,4 @@
-"""Effects that a user wants hidden, as typed: EFFECT=AMPLITUDE, EFFECT.PARAMETER=VALUE, EFFECT, or random."""
+"""Effects that a user wants to hide: EFFECT=AMPLITUDE, EFFECT.PARAMETER=VALUE, EFFECT, or random."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType, effect_type
 
 RANDOM = "random"
-"""What a user types to have an effect drawn."""
+"""The word for a randomly drawn effect."""
 
 
 @dataclass(frozen=True)
 class Wish:
-    """One effect that shall be hidden."""
+    """One effect to hide."""
 
     effect: EffectType | None
-    """None: to be drawn."""
+    """The effect's class; None: to be drawn."""
     values: dict[str, float]
     """Parameters that were given."""
 
     def scaled(self, factor: float) -> Effect:
-        """Give the effect with its amplitudes multiplied.
+        """Return the effect with its amplitudes multiplied.
 
         Raises:
             PlopError: An amplitude leaves its range.
@@ -33,12 +33,12 @@ class Wish:
         assert self.effect is not None
         ends = {p.name: (p.low, p.high) for p in self.effect.amplitudes}
         values = {key: value * factor if key in ends else value for key, value in self._start().items()}
-        if factor == self.most():  # rounding must not lead out of the range
+        if factor == self.most():  # rounding must not leave the range
             values |= {key: float(np.clip(value, *ends[key])) for key, value in values.items() if key in ends}
         return self.effect(**values)
 
     def most(self) -> float:
-        """Give the largest factor at which all amplitudes stay in their ranges."""
+        """Return the largest factor at which all amplitudes stay in their ranges."""
         assert self.effect is not None
         start, limits = self._start(), [np.inf]
         for p in self.effect.amplitudes:
@@ -56,14 +56,14 @@ class Wish:
 def parse_hidden(texts: Sequence[str], effects: dict[str, EffectType] | None = None) -> list[Wish]:
     """Read `EFFECT=AMPLITUDE`, `EFFECT.PARAMETER=VALUE`, `EFFECT` alone, or `random`.
 
-    Several texts on one effect are one wish; `random` may stand several times.
+    Several texts about one effect are merged; `random` may be repeated.
 
     Args:
-        texts: What the user typed, one each.
-        effects: All effects there are; None takes the project's.
+        texts: The arguments of the user.
+        effects: All effects; None uses the built-in ones.
 
     Raises:
-        PlopError: An unknown effect or parameter, no number, or a value out of range.
+        PlopError: An unknown effect or parameter, not a number, or a value out of range.
     """
     drawn, named = [Wish(None, {}) for text in texts if text.strip() == RANDOM], dict[str, Wish]()
     for text in (text.strip() for text in texts if text.strip() != RANDOM):
@@ -77,7 +77,7 @@ def parse_hidden(texts: Sequence[str], effects: dict[str, EffectType] | None = N
             wish.values[parameter or effect.amplitudes[0].name] = float(number)
         except ValueError:
             raise PlopError(
-                "A hidden effect cannot be read.",
+                "The hidden effect is not valid.",
                 where=text,
                 found=repr(number),
                 expected="EFFECT=AMPLITUDE or EFFECT.PARAMETER=VALUE with a number",
@@ -89,5 +89,5 @@ def parse_hidden(texts: Sequence[str], effects: dict[str, EffectType] | None = N
 
 
 def typical(effect: EffectType) -> dict[str, float]:
-    """Give the amplitudes at which an effect is plainly there."""
+    """Return the typical amplitudes of an effect."""
     return {p.name: p.typical or p.step for p in effect.amplitudes}

@@ -10,13 +10,13 @@ from plop.physics.scenes.names import one_of
 
 
 def shipped_scenes() -> list[str]:
-    """Give the names of the scenes that come with plop, e.g. "block.toml"."""
+    """Return the names of the scenes that come with plop, e.g. "block.toml"."""
     folder = importlib.resources.files("plop.physics.scenes")
     return sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def find_scene(path: Path) -> Path:
-    """Find a scene's file: where the path says, else among the shipped ones by its bare name.
+    """Find a scene's file: at its path, else among the shipped ones by its bare name.
 
     Raises:
         PlopError: Neither there nor shipped; suggests a name.

@@ -1,4 +1,4 @@
-"""A run of the engine as a mesh sequence: the raw recording that every reader knows."""
+"""A run of the engine as a mesh sequence, a raw recording for `ingest mesh`."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from plop.recordings.readers.mesh.sequence import MeshSequence
 def as_sequence(
     name: str, environment: str, body: Body, motion: ToolMotion, run: EngineTrajectory, facts: dict[str, Any]
 ) -> MeshSequence:
-    """Take the surface of a body out of a run.
+    """Extract the surface of a body from a run.
 
     Args:
         name: Name of the episode.
         environment: Name of the object.
-        body: What was simulated; its rest is where its particles were before anything acted.
+        body: The simulated body; its rest positions are those before any load.
         motion: The tool, with a pose at every time of the run.
         run: The trajectory of the body's particles.
-        facts: What the simulator says about itself, JSON types only.
+        facts: Metadata of the simulator, JSON types only.
     """
     return MeshSequence(
         name=name,

@@ -1,4 +1,4 @@
-"""The recordings that the project makes for itself: a soft block is cut in two, one half is pushed away."""
+"""The demo's recordings: a soft block is cut in two, and one half is pushed away."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FRAMES = 22
 
 @dataclass(frozen=True)
 class CutPlan:
-    """How the blade moves in one episode."""
+    """Motion of the blade in one episode."""
 
     offset_m: float
     """Where the cut crosses the block's middle, along x [m]."""
@@ -59,7 +59,7 @@ def make_demo_recordings(
     the same files.
 
     Args:
-        folder: Where to write; made when it does not exist.
+        folder: Where to write; created when it does not exist.
         seed: Draws positions, speeds and directions.
         progress: Called after each episode with (done, total, label).
     """
@@ -96,7 +96,7 @@ def demo_episode(name: str, plan: CutPlan) -> MeshSequence:
 
 
 def blade_motion(plan: CutPlan) -> ToolMotion:
-    """Lead the blade down through the block and, after a short rest, sideways along its normal."""
+    """Move the blade down through the block and, after a short rest, sideways along its normal."""
     top, bottom = BLOCK_M[2] + 0.004, -0.006
     normal = np.array([np.cos(plan.yaw_rad), np.sin(plan.yaw_rad), 0.0])
     down = (top - bottom) / plan.speed_m_s

@@ -14,7 +14,7 @@ class Lattice:
     parameters: np.ndarray
     """[N, 3] [-], w fastest."""
     weights: np.ndarray
-    """Share of the volume of a box that each node stands for, [N]; adds up to 1."""
+    """Share of the volume of a box that each node stands for, [N]; sums to 1."""
     faces: np.ndarray
     """Triangles of the surface, [F, 3], indices into the nodes, outward for a right-handed map."""
     face_of: np.ndarray
@@ -32,7 +32,7 @@ def lattice(counts: tuple[int, int, int]) -> Lattice:
     for axis in range(3):
         for end in range(2):
             sheet = np.take(index, -end, axis=axis)
-            # taking axis 1 out of (u, v, w) leaves a left-handed pair, the other two a right-handed one
+            # removing axis 1 from (u, v, w) leaves a left-handed pair, removing another one a right-handed pair
             if (axis == 1) != (end == 1):
                 sheet = sheet.T
             a, b, c, d = sheet[:-1, :-1].ravel(), sheet[1:, :-1].ravel(), sheet[1:, 1:].ravel(), sheet[:-1, 1:].ravel()

@@ -1,7 +1,7 @@
 """How a tool moves in one episode: press, hold, retract, cycles, cut, cut-retract, cut-draw, cut-push, push.
 
-A motion is a path of straight pieces at constant speed, sampled at the frames: between frames a tool
-moves as its recorded poses say, so that a recording holds everything that the object felt.
+A motion is a path of straight segments at constant speed, sampled at the frames: between frames the tool
+moves by interpolation of its recorded poses, so that a recording contains the whole motion.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ PRESSES = ("press", "hold", "retract", "cycles")
 CUTS = ("cut", "cut-retract", "cut-draw", "cut-push")
 MOTIONS = (*PRESSES, *CUTS, "push")
 """press: down and rest. hold: down and a long rest. retract: down, rest, up. cycles: twice down and up.
-cut: the blade goes through. cut-retract: through and up again. cut-draw: through, a long rest, drawn out slowly.
+cut: the blade cuts through. cut-retract: through and up again. cut-draw: through, a long rest, slow withdrawal.
 cut-push: through and sideways with one half. push: a block pushes the whole object along the table."""
 
 _GAP_M = 0.004
-"""Free way before the tool touches [m]."""
+"""Free distance before contact [m]."""
 _BELOW_M = 0.006
 """How far the edge of the blade goes below the table's height [m]."""
 _REST_S = 0.12
 _SLOWLY = 0.4
-"""Speed at which a blade is drawn out slowly, as a share of the descent's."""
+"""Speed of a slow withdrawal, as a share of the descent's."""
 _PUSHER = 0.4
-"""Length of the pushing block along its way, as a share of the object's narrower side."""
+"""Length of the pushing block along its path, as a share of the object's narrower side."""
 
 
 @dataclass(frozen=True)
 class MotionRanges:
-    """What an episode's motion is drawn from, uniformly: (least, most)."""
+    """Ranges of the uniformly drawn motion of an episode: (least, most)."""
 
     press_speed_m_s: tuple[float, float] = (0.04, 0.14)
     """Speed of a press, down and up [m/s]."""
@@ -52,7 +52,7 @@ class MotionRanges:
     yaw_deg: tuple[float, float] = (-15.0, 15.0)
     """Turn of blade and indenter about the vertical [deg]."""
     aside_m: tuple[float, float] = (0.014, 0.022)
-    """Way of a sideways push, of one half or of the whole [m]."""
+    """Distance of a sideways push, of one half or of the whole [m]."""
     aside_speed_m_s: tuple[float, float] = (0.05, 0.11)
     """Speed of a sideways push [m/s]."""
 
@@ -72,7 +72,7 @@ class MotionRanges:
             pair = getattr(self, name)
             if len(pair) != 2 or not low <= pair[0] <= pair[1] <= high:
                 raise PlopError(
-                    "A range of the motions cannot be used.",
+                    "A range of the motions is not valid.",
                     where=f"motion.{name}",
                     found=str(pair),
                     expected=f"(least, most) within {low:g} to {high:g}",
@@ -101,13 +101,13 @@ class MotionPlan:
     hold_s: float
     """Rest of a hold [s]."""
     aside_m: float
-    """Way of a sideways push; its sign chooses the half [m]."""
+    """Distance of a sideways push; its sign chooses the half [m]."""
     aside_speed_m_s: float
     """Speed of a sideways push [m/s]."""
 
 
 def draw_motion(kind: str, ranges: MotionRanges, generator: np.random.Generator) -> MotionPlan:
-    """Draw one episode's motion; the same number of draws for every kind."""
+    """Draw one episode's motion, with the same number of draws for every kind."""
 
     def draw(pair: tuple[float, float]) -> float:
         return float(generator.uniform(*pair))
@@ -133,7 +133,7 @@ def tool_motion(plan: MotionPlan, shape: Shape, frame_rate_hz: float) -> ToolMot
     Args:
         plan: The motion.
         shape: The object.
-        frame_rate_hz: Frames a second.
+        frame_rate_hz: Frames per second.
     """
     knots_s, points = _path(plan, shape)
     count = int(np.ceil(knots_s[-1] * frame_rate_hz - 1e-9)) + 1
@@ -142,13 +142,13 @@ def tool_motion(plan: MotionPlan, shape: Shape, frame_rate_hz: float) -> ToolMot
 
 
 def led_along(knots_s: np.ndarray, points: np.ndarray, yaw_rad: float, times: np.ndarray) -> np.ndarray:
-    """Lead a tool along straight pieces with a fixed turn about the vertical.
+    """Move a tool along straight segments with a fixed rotation about the vertical.
 
     Args:
         knots_s: Times of the corners, [K] [s].
         points: Corners of the path, [K, 3] [m].
-        yaw_rad: The turn [rad].
-        times: When poses are wanted, [T] [s].
+        yaw_rad: The rotation [rad].
+        times: Times of the poses, [T] [s].
 
     Returns:
         world_from_tool, [T, 4, 4].
@@ -189,7 +189,7 @@ def _path(plan: MotionPlan, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _timed(start: np.ndarray, legs: list[tuple[np.ndarray, float] | float]) -> tuple[np.ndarray, np.ndarray]:
-    """Turn legs, each (where to, speed) or a rest in seconds, into corners with times."""
+    """Convert legs, each (target, speed) or a rest in seconds, to corners with times."""
     times, points = [0.0], [start]
     for leg in legs:
         if isinstance(leg, tuple):

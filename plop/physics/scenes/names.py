@@ -1,4 +1,4 @@
-"""Names that a user types: one of a few, with a suggestion when it is none of them."""
+"""Check of names given by the user, with a suggestion when one is unknown."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from plop.errors import PlopError
 
 
 def one_of(name: str, known: Iterable[str], what: str, *, where: str) -> str:
-    """Give the name back when it is known.
+    """Return the name when it is known.
 
     Args:
-        name: What the user typed.
-        known: All names there are.
+        name: The name given by the user.
+        known: All names.
         what: What it names, for the message, e.g. "motion".
-        where: Key or file that it stands in.
+        where: Key or file that contains it.
 
     Raises:
         PlopError: It is unknown; suggests the nearest.

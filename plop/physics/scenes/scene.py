@@ -1,4 +1,4 @@
-"""A scene: what is simulated, how finely, and which episodes; read from a TOML file."""
+"""A scene: object, resolution and episodes of a simulation; read from a TOML file."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from plop.physics.scenes.shapes import Shape, halved_body, whole_body
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
 _SETTLE_DAMPING_PER_S, _SETTLE_S, _SETTLE_ROUNDS, _AT_REST_M_S = 100.0, 0.06, 6, 5e-4
-"""Damping about critical for a hand-sized soft object; a round lasts until most of its fall is over."""
+"""Damping, about critical for a hand-sized soft object; a round lasts until most of its sagging is over."""
 _TOUCH = 0.01
-"""Force of a touch as a share of the object's weight; the grid makes a near miss count for less."""
+"""Force of a contact as a share of the object's weight; the grid gives a near miss a smaller force."""
 _STANDS = 0.6
-"""Share of its height below which an object that no tool has touched has collapsed; one that sinks by more than a press
-is deep has, too."""
+"""Share of its height below which an object without contact has collapsed; one that sinks by more than the depth of a
+press has, too."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is simulated; every field is a key of the TOML file, the inner ones keys of a table."""
+    """A simulation; every field is a key of the TOML file, nested ones keys of a table."""
 
     name: str = "block"
     """Name of the object; it becomes the recordings' environment."""
     episodes: int = 8
     """Number of episodes."""
     motions: tuple[str, ...] = ("push", "hold", "cut-push", "cycles")
-    """Kinds of motion, taken in turn."""
+    """Kinds of motion, used in turn."""
     frame_rate_hz: float = 30.0
-    """Frames a second."""
+    """Frames per second."""
     spacing_m: float = 0.004
     """Distance of the particles [m]."""
     dx_m: float = 0.008
@@ -54,11 +54,11 @@ class Scene:
     seed: int = 0
     """Draws positions, speeds and directions."""
     shape: Shape = field(default_factory=Shape)
-    """What it looks like."""
+    """Texture of the object."""
     material: Material = MATERIAL
-    """What it is made of."""
+    """Material of the object."""
     motion: MotionRanges = field(default_factory=MotionRanges)
-    """What the motions are drawn from."""
+    """Ranges of the motions."""
 
     def __post_init__(self) -> None:
         for kind in self.motions:
@@ -93,7 +93,7 @@ class Scene:
         """Read a scene from a TOML file.
 
         Raises:
-            PlopError: No such file, not TOML, an unknown key, or a value that cannot be used.
+            PlopError: No such file, not TOML, an unknown key, or an invalid value.
         """
         path = Path(path)
         try:
@@ -115,10 +115,10 @@ class Scene:
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Scene:
-        """Build a scene from what a TOML file holds.
+        """Build a scene from the content of a TOML file.
 
         Raises:
-            PlopError: An unknown key, or a value that cannot be used.
+            PlopError: An unknown key, or an invalid value.
         """
         values = known_keys(table, cls, "")
         if "shape" in values:
@@ -149,16 +149,16 @@ class Scene:
 def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> MeshSequence:
     """Simulate one episode; the same scene, k and effects give the same numbers.
 
-    Effects act while the object settles, too: it starts in balance with them. The sequence's facts hold
-    the motion and the material of the scene, and say nothing of the effects.
+    Effects also act while the object settles: it starts in equilibrium with them. The sequence's facts contain
+    the motion and the material of the scene, but not the effects.
 
     Args:
-        scene: What is simulated.
+        scene: The scene.
         k: Number of the episode, from 0.
-        effects: Laws that act besides the material's own.
+        effects: Laws in addition to the base material.
 
     Raises:
-        PlopError: The tool never touches the object, the cut leaves it, or the run is unstable.
+        PlopError: The tool never touches the object, the cut is outside it, or the run is unstable.
     """
     plan = scene.motion_plan(k)
     body = (
@@ -187,13 +187,13 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
 
 
 def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *, where: str) -> PlopError:
-    """Say why no tool has touched the object: it has sunk below the tool's way, or that passes it by.
+    """Return why no tool has touched the object: it has sunk below the tool's path, or the path misses it.
 
     Args:
-        scene: What was simulated.
+        scene: The scene.
         plan: The motion.
-        height_m: The object's height as it was made [m].
-        left_m: The least that it had in the episode [m].
+        height_m: The object's initial height [m].
+        left_m: Its smallest height in the episode [m].
         where: Episode and kind of motion.
     """
     if left_m < _STANDS * height_m or 0 < plan.depth_m < height_m - left_m:
@@ -204,7 +204,7 @@ def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *
             expected=f"an object that stays about {1000 * height_m:.0f} mm high",
             found=f"{1000 * left_m:.0f} mm high, with youngs_modulus_pa = {material.youngs_modulus_pa:g} and "
             f"density_kg_m3 = {material.density_kg_m3:g}",
-            fix="Give a stiffer or lighter material in the scene's [material]; stiffness is in Pa, density in kg/m^3.",
+            fix="Set a stiffer or lighter material in the scene's [material]; stiffness is in Pa, density in kg/m^3.",
         )
     return PlopError(
         "The tool never touches the object.",
@@ -216,7 +216,7 @@ def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *
 
 
 def settled(particles: Particles, material: Material, config: EngineConfig, effects: Sequence[Effect]) -> Particles:
-    """Let an object come to rest on the table, strongly damped; gives its state without speed."""
+    """Let an object settle on the table, strongly damped; return its state at zero velocity."""
     resting = at_rest(effects)
     damped = replace(material, damping_per_s=max(material.damping_per_s, _SETTLE_DAMPING_PER_S))
     for _ in range(_SETTLE_ROUNDS):

@@ -1,4 +1,4 @@
-"""Values of a scene's TOML file, checked one by one."""
+"""Checks of the values of a scene's TOML file."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ MATERIAL = Material(
     toughness_j_m2=2.0,
     law=ElasticLaw.FIXED_COROTATED,
 )
-"""What an object is made of where the scene does not say otherwise."""
+"""Default material of an object."""
 Built = TypeVar("Built")
 _WRITE = "Write the value as docs/how-to/simulate.md shows it."
 
 
 def table_of(value: Any, key: str) -> Mapping[str, Any]:
-    """Refuse a value where a table belongs."""
+    """Reject a value in place of a table."""
     if not isinstance(value, Mapping):
         raise PlopError(
-            "A table of the scene is none.",
+            "A value of the scene should be a table.",
             where=key,
             expected=f"[{key}] with keys",
             found=repr(value),
@@ -41,7 +41,7 @@ def table_of(value: Any, key: str) -> Mapping[str, Any]:
 
 
 def known_keys(table: Mapping[str, Any], owner: type, prefix: str) -> dict[str, Any]:
-    """Refuse keys that a dataclass does not have, with a suggestion."""
+    """Reject keys that a dataclass does not have, with a suggestion."""
     names = [entry.name for entry in fields(owner)]
     for key in table:
         one_of(key, names, "key", where=f"{prefix}{key}")
@@ -49,13 +49,13 @@ def known_keys(table: Mapping[str, Any], owner: type, prefix: str) -> dict[str, 
 
 
 def built(owner: type[Built], values: dict[str, Any], where: str) -> Built:
-    """Build a dataclass; a value of the wrong kind becomes an error for people."""
+    """Build a dataclass; a value of the wrong type becomes a PlopError."""
     kind: Any = owner
     for entry in fields(kind):
         value = values.get(entry.name, 0)
         if entry.type in ("int", "float") and (isinstance(value, bool) or not isinstance(value, (int, float))):
             raise PlopError(
-                "A value of the scene has the wrong kind.",
+                "A value of the scene has the wrong type.",
                 where=f"{where}.{entry.name}",
                 expected="a number without quotes",
                 found=repr(value),
@@ -65,7 +65,7 @@ def built(owner: type[Built], values: dict[str, Any], where: str) -> Built:
         return owner(**values)
     except TypeError as error:
         raise PlopError(
-            "A value of the scene has the wrong kind.",
+            "A value of the scene has the wrong type.",
             where=where,
             found=str(error),
             expected="numbers without quotes, names in quotes",
@@ -74,11 +74,11 @@ def built(owner: type[Built], values: dict[str, Any], where: str) -> Built:
 
 
 def numbers(value: Any, key: str) -> tuple[float, ...]:
-    """Take a pair, or one number for a range without width."""
+    """Read a pair, or one number for a range without width."""
     pair = value if isinstance(value, list) else [value, value]
     if not all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in pair):
         raise PlopError(
-            "A value of the scene has the wrong kind.",
+            "A value of the scene has the wrong type.",
             where=key,
             expected="[least, most]",
             found=repr(value),
@@ -95,11 +95,11 @@ def shape_of(table: Mapping[str, Any]) -> Shape:
     kind = one_of(str(table.get("kind", "block")), SHAPES, "shape", where="shape.kind")
     if "radius_m" in table and "size_m" in table:
         raise PlopError(
-            "The shape has two sizes.",
+            "The shape has two conflicting sizes.",
             where="shape",
             found="radius_m and size_m",
             expected="one of them",
-            fix="Leave radius_m out for a block, size_m for a round object.",
+            fix="Remove radius_m for a block, size_m for a round object.",
         )
     if "radius_m" in table and kind != "block":
         across = 2 * numbers(table["radius_m"], "shape.radius_m")[0]
@@ -119,7 +119,7 @@ def shape_of(table: Mapping[str, Any]) -> Shape:
 
 
 def material_of(table: dict[str, Any]) -> Material:
-    """Read [material]: what is not given is MATERIAL's."""
+    """Read [material]; missing values are those of MATERIAL."""
     base = {entry.name: getattr(MATERIAL, entry.name) for entry in fields(Material)}
     if "law" in table:
         laws = {law.name.lower(): law for law in ElasticLaw}

@@ -1,4 +1,4 @@
-"""The sealed answer of a simulation: what was hidden in it, in a form that nobody reads by accident.
+"""The sealed answer of a simulation: the hidden effects, encoded so that nobody reads them by accident.
 
     answer/sealed.json   {"schema": 1, "sealed": base64 of JSON}
 
@@ -16,11 +16,11 @@ from typing import Any
 from plop.errors import PlopError
 
 ANSWER = Path("answer") / "sealed.json"
-"""Where the answer lies in an artifact of `simulate`."""
+"""Path of the answer in an artifact of `simulate`."""
 
 
 def seal_answer(folder: Path, answer: dict[str, Any]) -> Path:
-    """Write the sealed answer below a folder; gives the file."""
+    """Write the sealed answer below a folder; return the file."""
     path = folder / ANSWER
     path.parent.mkdir(parents=True, exist_ok=True)
     sealed = base64.b64encode(json.dumps(answer, sort_keys=True).encode()).decode()
@@ -29,14 +29,14 @@ def seal_answer(folder: Path, answer: dict[str, Any]) -> Path:
 
 
 def open_answer(path: str | Path) -> dict[str, Any]:
-    """Read what was hidden.
+    """Read the hidden effects and faults.
 
     Args:
         path: The sealed file, or the artifact's folder.
 
     Returns:
         "effects": {name: {parameter: value}}, "faults": {camera: {name: {parameter: value}}}, "random": whether
-        they were drawn, "rms_m": displacement that the effects cause, root mean square over all surface points,
+        they were drawn, "rms_m": displacement caused by the effects, root mean square over all surface points,
         frames and episodes [m], "noise_floor_m", and "snr", the ratio of the two.
 
     Raises:
@@ -50,10 +50,10 @@ def open_answer(path: str | Path) -> dict[str, Any]:
             raise TypeError("not a table")
     except (OSError, ValueError, KeyError, TypeError, binascii.Error) as error:
         raise PlopError(
-            "There is no sealed answer to open.",
+            "There is no sealed answer.",
             where=file,
             expected="answer/sealed.json of `plop simulate`",
             found=str(error),
-            fix="Name the folder of a simulate artifact.",
+            fix="Give the folder of a simulate artifact.",
         ) from error
     return answer

@@ -1,10 +1,10 @@
 """Soft objects as lattices of particles: block, sphere, upright cylinder, whole or in two halves.
 
-The halves meet in the plane of the coming cut and are closed surfaces that coincide there before it.
+The halves meet in the plane of the later cut and are closed surfaces that coincide there before it.
 Objects stand on the table z = 0 around the origin.
 
-A round object is the image of a cube: the smooth map of a cube onto a ball (Nowell 2005), and for a
-cut beside the middle the translation of the hyperbolic plane in Klein's model, which keeps ball and
+A round object is the image of a cube: the smooth map of a cube onto a ball (Nowell 2005), and for an
+off-centre cut the translation of the hyperbolic plane in Klein's model, which preserves ball and
 planes and moves the plane x = 0 to x = b.
 """
 
@@ -36,15 +36,19 @@ class Shape:
         one_of(self.kind, SHAPES, "shape", where="shape.kind")
         if len(self.size_m) != 3:
             raise PlopError(
-                "A shape's size has three numbers.",
+                "A shape's size must have three numbers.",
                 where="shape.size_m",
                 found=str(self.size_m),
                 expected="length, width and height in metres",
-                fix="Write size_m = [0.08, 0.05, 0.04], say.",
+                fix="Write for example size_m = [0.08, 0.05, 0.04].",
             )
         for value in self.size_m:
             if not _LEAST_M <= value <= _MOST_M:
-                guess = f"Is that millimetres? Then write {value / 1000:g}." if value > _MOST_M else "Check the unit."
+                guess = (
+                    f"Is the value in millimetres? Then write {value / 1000:g}."
+                    if value > _MOST_M
+                    else "Check the unit."
+                )
                 raise PlopError(
                     "The object has an implausible size.",
                     where="shape.size_m",
@@ -55,11 +59,11 @@ class Shape:
         equal = {"block": 1, "sphere": 3, "cylinder": 2}[self.kind]
         if len(set(self.size_m[:equal])) > 1:
             raise PlopError(
-                f"The sizes do not make a {self.kind}.",
+                f"The sizes are not those of a {self.kind}.",
                 where="shape.size_m",
                 found=str(self.size_m),
                 expected=f"the first {equal} numbers equal",
-                fix="Give radius_m (and height_m of a cylinder) instead of size_m.",
+                fix="Write radius_m (and height_m of a cylinder) instead of size_m.",
             )
 
     @property
@@ -83,33 +87,33 @@ class Body:
     faces: np.ndarray
     """Triangles over the surface's vertices, outward, [F, 3]."""
     cut_faces: np.ndarray
-    """Faces that the cut makes, bool [F]."""
+    """Faces created by the cut, bool [F]."""
 
 
 def whole_body(shape: Shape, spacing_m: float) -> Body:
     """Fill a shape with one lattice of particles about `spacing_m` [m] apart."""
-    grid = lattice(_counts(shape, shape.size_m[0], spacing_m))
+    grid = lattice(lattice_counts(shape, shape.size_m[0], spacing_m))
     points = _placed(shape, grid.parameters * 2 - 1, 0.0, 0.0)
     return _body([grid], [points], [0])
 
 
 def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float) -> Body:
-    """Fill the two sides of a coming cut with a lattice each.
+    """Fill the two sides of a later cut with a lattice each.
 
     Args:
         shape: The object.
         spacing_m: Distance of the particles [m].
-        offset_m: Where the cut crosses the object's x axis [m].
+        offset_m: Position of the cut on the object's x axis [m].
         yaw_rad: Turn of the blade about the vertical; at 0 its normal is x [rad].
 
     Raises:
-        PlopError: The plane does not cut both halves at least two cells thick.
+        PlopError: The plane leaves a half less than two cells thick.
     """
     half = shape.size_m[0] / 2
     away = abs(offset_m) + (np.tan(abs(yaw_rad)) * shape.size_m[1] / 2 if shape.kind == "block" else 0.0)
     if half - away < 2 * spacing_m:
         raise PlopError(
-            "The cut leaves the object.",
+            "The cut is outside the object.",
             where="motion.cut_offset_m, motion.yaw_deg",
             expected=f"a cut at most {half - 2 * spacing_m:.3g} m from the middle",
             found=f"{away:.3g} m",
@@ -117,7 +121,7 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
         )
     grids, points, sides = [], [], []
     for sign in (-1, 1):
-        grid = lattice(_counts(shape, half - sign * offset_m, spacing_m))
+        grid = lattice(lattice_counts(shape, half - sign * offset_m, spacing_m))
         cube = grid.parameters * [1, 2, 2] + [-1 if sign < 0 else 0, -1, -1]
         grids.append(grid)
         points.append(_placed(shape, cube, offset_m, yaw_rad))
@@ -125,8 +129,9 @@ def halved_body(shape: Shape, spacing_m: float, offset_m: float, yaw_rad: float)
     return _body(grids, points, sides)
 
 
-def _counts(shape: Shape, length_m: float, spacing_m: float) -> tuple[int, int, int]:
-    # an even number of cells across puts a node where a round object touches the table
+def lattice_counts(shape: Shape, length_m: float, spacing_m: float) -> tuple[int, int, int]:
+    """Count the cells of a lattice along each axis for a shape of which `length_m` [m] lie along x."""
+    # an even number of cells puts a node at the contact of a round object with the table
     step = 1 if shape.kind == "block" else 2
     first = max(2, round(length_m / spacing_m))
     across, up = (step * max(1, round(size / spacing_m / step)) for size in shape.size_m[1:])
@@ -181,7 +186,7 @@ def _body(grids: list[Lattice], points: list[np.ndarray], sides: list[int]) -> B
     cut = np.concatenate([grid.face_of == {-1: 1, 1: 0, 0: -1}[side] for grid, side in zip(grids, sides, strict=True)])
     volumes = [_node_volumes(grid, part) for grid, part in zip(grids, points, strict=True)]
     surface, numbered = surface_vertices(faces)
-    # nodes lie on the surface itself, so that no material reaches beyond them
+    # nodes lie on the surface itself, so that no material extends beyond them
     particles = Particles(
         np.concatenate(points), np.concatenate(volumes), sides=np.repeat(sides, counts), radii=np.zeros(sum(counts))
     )
@@ -189,7 +194,7 @@ def _body(grids: list[Lattice], points: list[np.ndarray], sides: list[int]) -> B
 
 
 def _node_volumes(grid: Lattice, points: np.ndarray) -> np.ndarray:
-    """Give each node an eighth of every cell around it, [N] [m^3]; adds up to the lattice's volume."""
+    """Return the volume of each node, an eighth of every adjacent cell, [N] [m^3]; sums to the lattice's volume."""
     shape = tuple(len(np.unique(column.round(12))) for column in grid.parameters.T)
     node = points.reshape(*shape, 3)
     corner = [

@@ -1,6 +1,6 @@
-"""A recorded motion of a tool, changed: elsewhere on the object, turned, faster or slower, less far or farther.
+"""Variations of a recorded tool motion: shifted, rotated, faster or slower, shorter or longer.
 
-What a robot did once tells how it moves this tool; a simulator can carry out what it might have done instead.
+A recorded motion shows how the robot moves this tool; a simulator can run similar motions.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from plop.setting_kinds import Range, Settings, Unit
 _ASIDE = 0.15
 """Largest shift along the object's extents, as a share of them [-]."""
 _CLEAR_M = 0.001
-"""A tool whose box is this near to a point of the object touches it [m]."""
+"""Largest distance between the tool's box and a point of the object that counts as contact [m]."""
 _TRIES = 20
 
 
 @dataclass(frozen=True)
 class VariationRanges(Settings):
-    """How far motions may differ from the recorded ones; the defaults are written only here."""
+    """How far motions may differ from the recorded ones; the defaults are defined only here."""
 
     reach: Annotated[float, Range(0, 10)] = 1.6
-    """Largest factor of the way along the table; the smallest is 0.5."""
+    """Largest factor of the path along the table; the smallest is 0.5."""
     speed: Annotated[float, Range(1, 10)] = 1.4
     """Largest factor of the speed; the smallest is its inverse."""
     turn_deg: Annotated[float, Range(0, 180), Unit("deg")] = 20.0
-    """Largest turn about the vertical through the object's middle."""
+    """Largest rotation about the vertical through the object's middle."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Variation:
     """One change of a motion."""
 
     reach: float
-    """Factor of the way along the table since the first frame; heights stay [-]."""
+    """Factor of the path along the table since the first frame; heights are kept [-]."""
     speed: float
     """Factor of the speed [-]."""
     turn_rad: float
-    """Turn of the whole motion about the vertical through the object's middle [rad]."""
+    """Rotation of the whole motion about the vertical through the object's middle [rad]."""
     aside_m: tuple[float, float]
     """Shift of the whole motion along x and y [m]."""
 
@@ -51,16 +51,16 @@ class Variation:
 def another_motion(
     motion: ToolMotion, points: np.ndarray, ranges: VariationRanges, generator: np.random.Generator
 ) -> ToolMotion:
-    """Draw a motion like a recorded one that touches the object at the first frame no more than that does.
+    """Draw a variation of a recorded motion without more contact at the first frame.
 
     Args:
         motion: As recorded.
         points: The object at the first frame, [N, 3] [m].
-        ranges: How far it may differ.
+        ranges: Largest differences.
         generator: Source of the draws.
 
     Returns:
-        The motion, at frames as far apart in time as the recorded ones are in the middle.
+        The motion, at frames with the median time step of the recorded ones.
     """
     touched = _touched(motion, points)
     for _ in range(_TRIES):
@@ -80,7 +80,7 @@ def varied(motion: ToolMotion, points: np.ndarray, change: Variation) -> ToolMot
         change: What to change.
 
     Returns:
-        The motion, at frames as far apart in time as the recorded ones are in the middle.
+        The motion, at frames with the median time step of the recorded ones.
     """
     step_s = float(np.median(np.diff(motion.times)))
     frames = max(2, 1 + round(float(np.ptp(motion.times)) / change.speed / step_s))
@@ -95,7 +95,7 @@ def varied(motion: ToolMotion, points: np.ndarray, change: Variation) -> ToolMot
 
 
 def _drawn(points: np.ndarray, ranges: VariationRanges, generator: np.random.Generator) -> Variation:
-    """Draw a change; half of the motions keep their heading."""
+    """Draw a change; half of the motions keep their direction."""
     most = np.radians(ranges.turn_deg)
     extent = np.ptp(points[:, :2], axis=0)
     speed = np.exp(generator.uniform(-1, 1) * np.log(ranges.speed))

@@ -1,11 +1,11 @@
-"""Time stamps as people have them: which unit they are in, and exact nanoseconds of them.
+"""Time stamps in unknown units: detection of the unit, and exact conversion to nanoseconds.
 
-A unit is decided by two facts of a column, never by its name. By its size: 1.7e9, 1.7e12, 1.7e15 and 1.7e18 are
+The unit is determined by two properties of a column, never by its name. Its size: 1.7e9, 1.7e12, 1.7e15 and 1.7e18 are
 today's Unix time in s, ms, us and ns, a thousand apart, while all dates from 2000 to 2050 lie within a factor of 2.7.
-By its step: consecutive rows of a recording are between 0.2 ms and 4 s apart. A clock that counts from a start of its
-own has no size to go by: it stays in the unit that its format documents where that gives a possible step, and is
-otherwise read in the one unit whose step is that of a camera (2 to 400 Hz: less than a factor of 1000, so never two).
-What remains open (1 Hz in s against 1 kHz in ms, both from a start of their own) only the motion can tell.
+Its step: consecutive rows of a recording are between 0.2 ms and 4 s apart. For a clock with
+its own origin the size is not informative: it has the unit that its format documents if that gives a plausible step,
+and otherwise the one unit with the step of a camera (2 to 400 Hz: less than a factor of 1000, so never two).
+The remaining ambiguity (1 Hz in s against 1 kHz in ms, both with their own origin) is resolved by the motion only.
 """
 
 from __future__ import annotations
@@ -35,42 +35,42 @@ class TimeUnit(Enum):
 
 
 UNKNOWN = int(np.iinfo(np.int64).min)
-"""Stands for a stamp that is not known, in nanoseconds."""
+"""Value of an unknown stamp, in nanoseconds."""
 UNIX_S = (946_684_800, 2_524_608_000)
-"""2000-01-01 and 2050-01-01 [s since 1970]: wide enough for a clock that is set wrongly, too narrow for an uptime."""
+"""2000-01-01 and 2050-01-01 [s since 1970]: wide enough for a wrongly set clock, too narrow for an uptime."""
 STEP_S = (0.2e-3, 4.0)
-"""Median step of anything that is a recording: 5 kHz to 0.25 Hz [s]."""
+"""Plausible median step of a recording: 5 kHz to 0.25 Hz [s]."""
 OWN_START_STEP_S = (0.9e-3, 2.2)
-"""The same for a clock with a start of its own, in its documented unit: 1.1 kHz to 0.45 Hz [s]."""
+"""The same for a clock with its own origin, in its documented unit: 1.1 kHz to 0.45 Hz [s]."""
 CAMERA_STEP_S = (1 / 400, 0.5)
-"""Median step by which a unit that no format documents is recognised: 10 to 240 Hz with room on both sides [s]."""
+"""Median step for detecting an undocumented unit: 10 to 240 Hz with a margin on both sides [s]."""
 LONGEST_UPTIME_S = 2e9
-"""A clock with a start of its own has not run longer than this (60 years) [s]."""
+"""Longest time since a clock's own origin (60 years) [s]."""
 ASTRAY_S = 86_400.0
-"""A stamp farther than this from the median of its column is no stamp [s]."""
+"""Largest distance of a valid stamp from the median of its column [s]."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """One column of stamps, understood."""
+    """One decoded column of stamps."""
 
     ns: np.ndarray
-    """int64, shape [N] [ns] since 1970 or since the clock's own start; UNKNOWN where there is none."""
+    """int64, shape [N] [ns] since 1970 or since the clock's own origin; UNKNOWN where there is none."""
     unit: TimeUnit
-    """Unit of the column as it was."""
+    """Original unit of the column."""
     since_1970: bool
-    """False: it counts from a start of its own."""
+    """False: it counts from its own origin."""
     where: str
     notes: tuple[str, ...] = ()
-    """What a person should know: stamps left out, steps back. (Compare `unit` with what is documented, too.)"""
+    """Notes for the user: discarded stamps, steps back. (Also compare `unit` with the documented one.)"""
 
     @property
     def known(self) -> np.ndarray:
-        """Which stamps there are, bool, shape [N]."""
+        """Which stamps are known, bool, shape [N]."""
         return self.ns != UNKNOWN
 
     def since(self, origin_ns: int) -> np.ndarray:
-        """Give seconds since a moment, float64, shape [N], from a difference of whole nanoseconds; NaN unknown."""
+        """Return seconds since a moment, float64, shape [N], from a difference of whole nanoseconds; NaN unknown."""
         return np.where(self.known, (np.where(self.known, self.ns, origin_ns) - origin_ns) / 1e9, np.nan)
 
 
@@ -81,21 +81,21 @@ def read_clock(
     where: str,
     own_start_step_s: tuple[float, float] = OWN_START_STEP_S,
 ) -> Clock | None:
-    """Find the unit of a column of stamps and give them in nanoseconds.
+    """Detect the unit of a column of stamps and convert them to nanoseconds.
 
     Args:
-        values: Whole or decimal numbers in order of time, shape [N]: an array, or a list as JSON gives it (its numbers
+        values: Whole or decimal numbers in order of time, shape [N]: an array, or a list from JSON (its numbers
             may be texts, as int64 often is in JSON). NaN, infinity, null and negative numbers are unknown; so is 0,
-            but as the only one before all others.
-        documented: The unit that the format asks for.
+            unless it is the first stamp and the only zero.
+        documented: The unit that the format documents.
         where: File and key, for messages.
-        own_start_step_s: Range of the median step in which a clock with its own start keeps the documented unit [s].
+        own_start_step_s: Range of the median step in which a clock with its own origin keeps the documented unit [s].
 
     Returns:
         The clock; None where no stamp is known.
 
     Raises:
-        PlopError: It stands still, runs backwards, counts frames, is too coarse, or no unit makes it a recording.
+        PlopError: It is constant, runs backwards, counts frames, is too coarse, or has no plausible unit.
     """
     exact, known = _exact(values, where)
     if not known.any():
@@ -106,7 +106,7 @@ def read_clock(
         astray = known & (np.abs(exact - np.median(exact[known])) > ASTRAY_S * 1e9 / unit.value)
     if astray.any():
         notes.append(
-            f"{where}: {int(astray.sum())} of {len(known)} stamps lie days from the others and are left out, "
+            f"{where}: {int(astray.sum())} of {len(known)} stamps differ by days from the others and are discarded, "
             f"the first in row {int(np.argmax(astray))}"
         )
     ns = _nanoseconds(exact, known & ~astray, unit)
@@ -121,22 +121,23 @@ def read_clock(
 
 
 def check_together(clocks: Mapping[str, Clock]) -> None:
-    """Refuse clocks of one recording that cannot be one time.
+    """Reject inconsistent clocks of one recording.
 
     Args:
-        clocks: By the name that a message gives them, e.g. "the robot's clock".
+        clocks: Clocks by their name in messages, e.g. "the robot's clock".
 
     Raises:
-        PlopError: One counts since 1970 and another from its own start, or they last longer by a factor of 30 or more.
+        PlopError: One counts since 1970 and another from its own origin, or their spans differ by a factor of 30 or
+            more.
     """
     names = list(clocks)
     for name in names[1:]:
         one, other = clocks[names[0]], clocks[name]
         if one.since_1970 != other.since_1970:
             raise PlopError(
-                "Two clocks of a recording count from different starts.",
+                "Two clocks of a recording have different origins.",
                 where=other.where,
-                expected="the same start for all clocks",
+                expected="the same origin for all clocks",
                 found=f"{name} counts {_start(other)}, {names[0]} {_start(one)} ({one.where})",
                 fix="Write all stamps from one clock.",
             )
@@ -146,17 +147,17 @@ def check_together(clocks: Mapping[str, Clock]) -> None:
                 "Two clocks of a recording run at different rates.",
                 where=other.where,
                 expected="the same unit for all clocks, or the unit that the format documents",
-                found=f"{names[0]} lasts {spans[0]:.4g} s and {name} {spans[1]:.4g} s",
+                found=f"{names[0]} spans {spans[0]:.4g} s and {name} {spans[1]:.4g} s",
                 fix=f"Correct the unit of {name} or of {names[0]} ({one.where}).",
             )
 
 
 def _start(clock: Clock) -> str:
-    return "since 1970" if clock.since_1970 else f"from its own start ({clock.ns[clock.known][0] / 1e9:.6g} s)"
+    return "since 1970" if clock.since_1970 else f"from its own origin ({clock.ns[clock.known][0] / 1e9:.6g} s)"
 
 
 def _exact(values: np.ndarray | Sequence[Any], where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Give the numbers without loss, int64 or float64, and which are known."""
+    """Return the numbers without loss, int64 or float64, and which are known."""
     array = np.asarray(values) if isinstance(values, np.ndarray) else _from_list(values, where)
     if array.ndim != 1 or array.dtype.kind not in "iuf":
         raise PlopError(
@@ -177,7 +178,7 @@ def _exact(values: np.ndarray | Sequence[Any], where: str) -> tuple[np.ndarray, 
 
 
 def _starts_at_zero(exact: np.ndarray, known: np.ndarray, zero: np.ndarray) -> bool:
-    """Tell whether the only zero is the first stamp, no farther from the next than ten usual steps."""
+    """Return whether the only zero is the first stamp, at most ten usual steps before the next."""
     rows = np.flatnonzero(known)
     if zero.sum() != 1 or len(rows) < 3 or not zero[rows[0]]:
         return False
@@ -185,7 +186,7 @@ def _starts_at_zero(exact: np.ndarray, known: np.ndarray, zero: np.ndarray) -> b
 
 
 def _from_list(values: Sequence[Any], where: str) -> np.ndarray:
-    """Read a list without making whole numbers decimal ones; null becomes -1, a text the number in it."""
+    """Read a list without converting integers to floats; null becomes -1, a text the number in it."""
     numbers: list[int | float] = []
     for row, value in enumerate(values):
         try:
@@ -195,7 +196,7 @@ def _from_list(values: Sequence[Any], where: str) -> np.ndarray:
                 raise ValueError
         except ValueError:
             raise PlopError(
-                "A time stamp is no number.",
+                "A time stamp is not a number.",
                 where=f"{where}: entry {row}",
                 expected="a number",
                 found=str(value)[:40],
@@ -209,7 +210,7 @@ def _from_list(values: Sequence[Any], where: str) -> np.ndarray:
 def _unit(
     exact: np.ndarray, known: np.ndarray, documented: TimeUnit, where: str, own_start_step_s: tuple[float, float]
 ) -> tuple[TimeUnit, bool]:
-    """Decide unit and start of the known stamps; see the head of this file."""
+    """Determine unit and origin of the known stamps; see the module docstring."""
     middle = float(np.median(exact[known]))
     sized = [unit for unit in TimeUnit if UNIX_S[0] <= middle * unit.value / 1e9 < UNIX_S[1]]
     if known.sum() < 2:
@@ -229,24 +230,24 @@ def _unit(
     lasts = float(np.ptp(exact[known])) * read.value / 1e9
     right = [unit for unit in TimeUnit if STEP_S[0] <= fits[unit] <= STEP_S[1]]
     advice = ", or ".join(
-        f"in {unit.plural} it would last {_long(lasts * unit.value / read.value)} ({1 / fits[unit]:.3g} rows a second)"
+        f"in {unit.plural} it would span {_long(lasts * unit.value / read.value)} ({1 / fits[unit]:.3g} rows a second)"
         for unit in camera or right
     )
     raise PlopError(
-        "A recording cannot be as short or as long as its clock says.",
+        "The duration of the recording according to its clock is not plausible.",
         where=where,
         expected=f"rows {own_start_step_s[0]:.3g} to {own_start_step_s[1]:g} s apart",
-        found=f"in {read.plural}{', as the size of its stamps says,' if sized else ''} it lasts "
+        found=f"in {read.plural}{', from the size of its stamps,' if sized else ''} it spans "
         f"{_long(lasts)}, rows {fits[read]:.3g} s apart" + (f"; {advice}" if advice else ""),
         fix=f"Write the stamps in {documented.plural}.",
     )
 
 
 def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: str) -> float:
-    """Give the median step from row to row of a clock that runs; rows without a stamp are counted in.
+    """Return the median step per row of a running clock; rows without a stamp are included.
 
     Raises:
-        PlopError: It stands still, runs backwards, is too coarse, or counts frames.
+        PlopError: It is constant, runs backwards, is too coarse, or counts frames.
     """
     rows = np.flatnonzero(known)
     steps = np.diff(exact[rows])
@@ -254,11 +255,11 @@ def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: st
     if not ahead or behind > ahead:
         what = "backwards" if behind else f"not at all ({exact[rows[0]]:.10g} in every row)"
         raise PlopError(
-            "A clock does not run.",
+            "A clock does not advance.",
             where=where,
             expected="stamps that increase",
             found=f"it runs {what}",
-            fix="Sort the rows by time." if behind else "Store when each row was recorded.",
+            fix="Sort the rows by time." if behind else "Store the time of each row.",
         )
     step = float(np.median(steps[steps > 0] / np.diff(rows)[steps > 0]))
     coarse = next((unit for unit in sized if step * unit.value / 1e9 >= 0.5), None)
@@ -266,25 +267,25 @@ def _step(exact: np.ndarray, known: np.ndarray, sized: list[TimeUnit], where: st
         raise PlopError(
             "A clock is too coarse for its rows.",
             where=where,
-            expected="another stamp in every row",
+            expected="a different stamp in every row",
             found=f"{len(steps) - ahead} of {len(steps)} stamps equal the one before; they are "
             f"{step * coarse.value / 1e9:g} s apart where they differ",
-            fix="Stamps were rounded to whole seconds, or stored as float32: "
+            fix="The stamps were rounded to whole seconds, or stored as float32: "
             "store int64 nanoseconds or float64 seconds.",
         )
     if not sized and len(steps) > 1 and (steps == np.diff(rows)).all() and exact[rows[0]] in (0, 1):
         raise PlopError(
-            "Times are frame numbers.",
+            "The times are frame numbers.",
             where=where,
             expected="times",
             found=f"{exact[rows[0]]:g}, {exact[rows[1]]:g}, ... {exact[rows[-1]]:g}: steps of 1",
-            fix="Divide them by the frame rate, in the unit that the format asks for.",
+            fix="Divide them by the frame rate, in the unit that the format documents.",
         )
     return step
 
 
 def _nanoseconds(exact: np.ndarray, known: np.ndarray, unit: TimeUnit) -> np.ndarray:
-    """Convert to int64 nanoseconds; whole and decimal part apart: only a float's own digits count."""
+    """Convert to int64 nanoseconds; integer and fractional part separately, to keep a float's precision."""
     known = known & (np.abs(exact) < np.iinfo(np.int64).max // unit.value)
     values = np.where(known, exact, 0)
     whole = np.floor(values) if values.dtype.kind == "f" else values

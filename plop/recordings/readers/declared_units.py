@@ -1,7 +1,7 @@
-"""Axes and units that the files of a simulator declare, and the way from there to plop's world (metres, seconds, z up).
+"""Axes and units declared in the files of a simulator, and the conversion to plop's world (metres, seconds, z up).
 
-Only what a file says counts: a fallback of its format is a guess about data that somebody else wrote. Two files that
-say different things are refused, for nothing tells which of them is right.
+Only explicit declarations are used: the default of a format is a guess about data of another author. Contradicting
+files are rejected, because it is unknown which of them is right.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ WORLD_FROM_UP = {
     "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
     "-x": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
 }
-"""Rotation to z up, by the axis of the file that points up."""
+"""Rotation to z up, by the up axis of the file."""
 METRES = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Length of each unit [m]."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -50,13 +50,13 @@ _LONG_NAMES = {
     "nanosecond": "ns",
 }
 _UPTIME_S = 86_400.0
-"""Times that begin later than this are a date, and count from their first frame on [s]."""
+"""Times that start later than this are dates, and are counted from their first frame [s]."""
 _ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
 class Declared:
-    """What one file, or all of them, say; None where nothing is said."""
+    """Declarations of one file, or of all; None where there is none."""
 
     source: str
     """File and key, for messages."""
@@ -76,18 +76,18 @@ class Declared:
 
 @dataclass(frozen=True)
 class WorldFrame:
-    """The way from a file's axes and unit of length to the world."""
+    """The transformation from a file's axes and unit of length to the world."""
 
     up: str
     metres: float
 
     def points(self, points: np.ndarray) -> np.ndarray:
-        """Take positions [..., 3] in the file's axes and unit to the world [m]."""
+        """Transform positions [..., 3] in the file's axes and unit to the world [m]."""
         turned = points @ WORLD_FROM_UP[self.up].T if self.up != "z" else points
         return turned * self.metres if self.metres != 1 else turned
 
     def rotations(self, rotations: np.ndarray) -> np.ndarray:
-        """Take rotations [..., 3, 3] that map the file's axes to themselves to the world's axes."""
+        """Transform rotations [..., 3, 3] between axes of the file to the world's axes."""
         turn = WORLD_FROM_UP[self.up]
         return turn @ rotations @ turn.T
 
@@ -117,7 +117,7 @@ def declared_in_side_file(side: Mapping[str, Any], path: Path) -> Declared:
             where=where,
             expected="time, or frames_per_second where times are frame numbers",
             found=f"time {units['time']!r} and frames_per_second {rate:g}",
-            fix='Leave one out (times are frame numbers: "time": "frames").',
+            fix='Remove one of them (if times are frame numbers: "time": "frames").',
         )
     return Declared(where, up, metres, 1 / rate if rate is not None else seconds)
 
@@ -135,7 +135,7 @@ def _length(value: Any, table: Mapping[str, float], where: str) -> float | None:
 
 def _unknown(where: str, expected: str, value: Any) -> PlopError:
     return PlopError(
-        "The recording states a unit that plop does not know.",
+        "The recording declares a unit that plop does not know.",
         where=where,
         expected=expected,
         found=repr(value),
@@ -144,7 +144,7 @@ def _unknown(where: str, expected: str, value: Any) -> PlopError:
 
 
 def together(one: Declared, other: Declared) -> Declared:
-    """Join what two files of one recording declare.
+    """Merge the declarations of two files of one recording.
 
     Raises:
         PlopError: They contradict each other; both are named.
@@ -166,23 +166,23 @@ def _contradiction(one: Declared, other: Declared, what: str, first: str, second
         where=one.source,
         expected=f"the same {what} in both",
         found=f"{first} in {one.source}, {second} in {other.source}",
-        fix="Correct the one that is wrong, or take it out of the file.",
+        fix="Correct the wrong one, or remove it from the file.",
     )
 
 
 def seconds_from(times: np.ndarray, unit_s: float) -> tuple[np.ndarray, list[str]]:
-    """Convert times; those of a date count from their first frame on, subtracted before anything is rounded.
+    """Convert times; dates are counted from their first frame, which is subtracted before rounding.
 
     Args:
         times: Shape [T], whole or decimal.
         unit_s: Length of their unit [s].
 
     Returns:
-        Seconds, float64, and a note where the start was taken off.
+        Seconds, float64, and a note where the start was subtracted.
     """
     exact = times.astype(np.int64) if times.dtype.kind in "ui" else times.astype(np.float64)
     if not len(exact) or not abs(float(exact[0])) * unit_s > _UPTIME_S:
         return exact.astype(np.float64) * unit_s if unit_s != 1 else exact.astype(np.float64), []
     return (exact - exact[0]).astype(np.float64) * unit_s, [
-        f"times begin at {float(exact[0]):.10g}: they count from the first frame on"
+        f"times start at {float(exact[0]):.10g}: they are counted from the first frame"
     ]

@@ -1,4 +1,4 @@
-"""Which format a folder of recordings is in: those that plop reads, and those that it knows only by sight."""
+"""Detection of the format of a folder: formats that plop reads, and formats that it only recognises."""
 
 from __future__ import annotations
 
@@ -8,54 +8,54 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from plop.recordings.readers.folder_look import Look
+from plop.recordings.readers.folder_scan import FolderScan
 
 PAGE = "docs/how-to/droid-layout.md"
 
 
 @dataclass(frozen=True)
 class Sight:
-    """By what a format was recognised."""
+    """Evidence for a format."""
 
     by: str
     """E.g. "meta/info.json, codebase_version v3.0"."""
     folder: Path
-    """What the command of the format would be given."""
+    """Argument for the command of the format."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format that can be recognised."""
+    """One recognisable format."""
 
     name: str
-    look: Callable[[Look], Sight | None]
-    """Tells by what a folder is recognised; None when it is something else."""
+    look: Callable[[FolderScan], Sight | None]
+    """Returns the evidence in a folder; None when it has another format."""
     reader: str = ""
-    """What follows `plop ingest` where plop reads it; "" where it does not."""
+    """Name after `plop ingest` if plop reads it; "" otherwise."""
     layout: str = ""
-    """Of a format that plop reads: what lies in the folder."""
+    """Files in the folder, for a format that plop reads."""
     nearest: str = ""
     """Reader of the nearest format that plop reads."""
     advice: str = ""
-    """How to get from the one to the other, one sentence."""
+    """How to convert to it, one sentence."""
 
 
 @dataclass(frozen=True)
 class Recognised:
-    """A format, and by what."""
+    """A format with its evidence."""
 
     format: Format
     sight: Sight
 
 
 def recognise(path: Path, formats: Iterable[Format] | None = None) -> Recognised | None:
-    """Tell which format a file or folder is in; None when it looks like none of them.
+    """Return the format of a file or folder; None when it is unknown.
 
     Args:
-        path: It exists.
-        formats: Those that are tried, the first that fits counts; all without.
+        path: An existing path.
+        formats: Formats to try, the first match wins; all when absent.
     """
-    look = Look(path)
+    look = FolderScan(path)
     for each in FORMATS if formats is None else formats:
         sight = each.look(look)
         if sight is not None:
@@ -63,26 +63,26 @@ def recognise(path: Path, formats: Iterable[Format] | None = None) -> Recognised
     return None
 
 
-def _droid(look: Look) -> Sight | None:
+def _droid(look: FolderScan) -> Sight | None:
     found = look.find("trajectory.h5", "trajectory_im128.h5", "recordings/mp4", "recordings/svo", "metadata_*.json")
     return Sight(found[0].rstrip("/"), look.path) if found else None
 
 
-def _disect(look: Look) -> Sight | None:
+def _disect(look: FolderScan) -> Sight | None:
     for name in look.find("*.npz"):
         if {"knife_position", "points_rest"} <= look.npz_keys(name):
             return Sight(f"{name} with points_rest and knife_position", look.folder(name))
     return None
 
 
-def _mesh(look: Look) -> Sight | None:
+def _mesh(look: FolderScan) -> Sight | None:
     for name in look.find("*.npz"):
         if {"vertices", "faces", "world_from_tool"} <= look.npz_keys(name):
             return Sight(f"{name} with vertices, faces and world_from_tool", look.folder(name))
     return None
 
 
-def _lerobot(look: Look) -> Sight | None:
+def _lerobot(look: FolderScan) -> Sight | None:
     for name in look.find("meta/info.json"):
         version = look.json(name).get("codebase_version")
         if version:
@@ -90,55 +90,55 @@ def _lerobot(look: Look) -> Sight | None:
     return None
 
 
-def _rlds(look: Look) -> Sight | None:
+def _rlds(look: FolderScan) -> Sight | None:
     found = look.find("*.tfrecord*")
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-def _robomimic(look: Look) -> Sight | None:
+def _robomimic(look: FolderScan) -> Sight | None:
     for name in look.find("*.hdf5", "*.h5"):
         if look.hdf5_has(name, "data/demo_0") or look.hdf5_has(name, "data/demo_1"):
             return Sight(f"{name} with data/demo_<n>", look.folder(name))
     return None
 
 
-def _aloha(look: Look) -> Sight | None:
+def _aloha(look: FolderScan) -> Sight | None:
     for name in look.find("*.hdf5"):
         if look.hdf5_has(name, "observations/qpos"):
             return Sight(f"{name} with observations/qpos", look.folder(name))
     return None
 
 
-def _zarr(look: Look) -> Sight | None:
+def _zarr(look: FolderScan) -> Sight | None:
     found = look.find("*.zarr", "*.zarr.zip")
     return Sight(found[0].rstrip("/"), look.folder(found[0])) if found else None
 
 
-def _phystwin(look: Look) -> Sight | None:
+def _phystwin(look: FolderScan) -> Sight | None:
     found = look.find("calibrate.pkl")
     pictures = look.find("color/0", "depth/0")
     return Sight(f"{found[0]} and {pictures[0]}", look.folder(found[0])) if found and pictures else None
 
 
-def _nerfstudio(look: Look) -> Sight | None:
+def _nerfstudio(look: FolderScan) -> Sight | None:
     for name in look.find("transforms.json", "transforms_train.json"):
         if "frames" in look.json(name):
             return Sight(f"{name} with frames", look.folder(name))
     return None
 
 
-def _colmap(look: Look) -> Sight | None:
+def _colmap(look: FolderScan) -> Sight | None:
     found = [name for name in look.find("cameras.bin", "cameras.txt") if look.find("images.bin", "images.txt")]
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-def _bag(look: Look) -> Sight | None:
+def _bag(look: FolderScan) -> Sight | None:
     found = look.find("*.mcap", "*.bag", "*.db3")
     return Sight(found[0], look.folder(found[0])) if found else None
 
 
-def _surfaces(look: Look) -> Sight | None:
-    """Find a numbered sequence of surfaces: three or more of one name, or two where nothing else lies beside them."""
+def _surfaces(look: FolderScan) -> Sight | None:
+    """Find a numbered sequence of surfaces: three or more of one name, or two without other files."""
     files = sorted(look.find("*.obj", "*.ply", "*.stl", "*.vtk", "*.vtu"))
     for stem, group in groupby(files, key=lambda name: re.sub(r"\d+(?=\.\w+$)", "#", name)):
         names = list(group)
@@ -147,7 +147,7 @@ def _surfaces(look: Look) -> Sight | None:
     return None
 
 
-def _usd(look: Look) -> Sight | None:
+def _usd(look: FolderScan) -> Sight | None:
     found = look.find("*.usd", "*.usda", "*.usdc", "*.usdz")
     return Sight(found[0], look.folder(found[0])) if found else None
 
@@ -170,7 +170,7 @@ FORMATS = (
         "RLDS / TFDS data set",
         _rlds,
         nearest="droid",
-        advice="for DROID take the raw data instead of the RLDS copy, which has no depth; for others " + _AS_ROBOT,
+        advice="for DROID use the raw data instead of the RLDS copy, which has no depth; for others " + _AS_ROBOT,
     ),
     Format("robomimic HDF5 file", _robomimic, nearest="droid", advice=_AS_ROBOT),
     Format("ALOHA / ACT HDF5 file", _aloha, nearest="droid", advice=_AS_ROBOT),
@@ -179,21 +179,21 @@ FORMATS = (
         "PhysTwin capture",
         _phystwin,
         nearest="droid",
-        advice="it has pictures and depth but no poses of a robot's tool, which plop needs; where you know them, "
+        advice="it has images and depth but no poses of a robot's tool, which plop needs; if you know them, "
         + _AS_ROBOT,
     ),
     Format(
         "nerfstudio capture",
         _nerfstudio,
         nearest="droid",
-        advice="it has pictures and camera poses (OpenGL axes) but neither depth nor a tool; where you have them, "
+        advice="it has images and camera poses (OpenGL axes) but neither depth nor a tool; if you have them, "
         + _AS_ROBOT,
     ),
     Format(
         "COLMAP model",
         _colmap,
         nearest="droid",
-        advice="it has pictures and camera poses without a scale, but neither depth nor a tool; where you have "
+        advice="it has images and camera poses without a scale, but neither depth nor a tool; if you have "
         "them, " + _AS_ROBOT,
     ),
     Format("ROS bag or MCAP log", _bag, nearest="droid", advice="export its topics, then " + _AS_ROBOT),
@@ -201,24 +201,24 @@ FORMATS = (
         "sequence of surfaces",
         _surfaces,
         nearest="mesh",
-        advice="bring the frames together with the tool's mesh, its poses and the times, then " + _AS_MESH,
+        advice="combine the frames with the tool's mesh, its poses and the times, then " + _AS_MESH,
     ),
     Format(
         "USD scene",
         _usd,
         nearest="mesh",
-        advice="`ingest disect` reads DiSECt's own files only; take points, tool and times out of the layer, with "
+        advice="`ingest disect` reads DiSECt's own files only; extract points, tool and times from the layer, with "
         "its upAxis, metersPerUnit and timeCodesPerSecond, then " + _AS_MESH,
     ),
 )
-"""Formats in the order in which they are tried: those that plop reads first, the vaguest last."""
+"""Formats in the order in which they are tried: those that plop reads first, the least specific last."""
 
 READ = tuple(each for each in FORMATS if each.reader)
 """Those that plop reads."""
 
 
 def format_of(reader: str) -> Format:
-    """Give the format that `plop ingest <reader>` reads.
+    """Return the format that `plop ingest <reader>` reads.
 
     Raises:
         KeyError: There is none.

@@ -1,4 +1,4 @@
-"""The raw folder that the user names: is it there, and is it what the command reads?"""
+"""Checks of the user's raw folder: existence and format."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from plop.errors import PlopError
 from plop.recordings.readers.formats import PAGE, READ, Recognised, format_of, recognise
 
 _ARCHIVES = (".zip", ".tar", ".tgz", ".gz", ".bz2", ".xz", ".zst", ".7z", ".rar")
-_TOLD = 8
+_LISTED = 8
 
 
 def check_raw_folder(path: Path, reader: str) -> None:
-    """Refuse a raw folder that is surely not what a reader reads; what is wrong inside of it the reader says.
+    """Reject a raw folder of another format; errors inside it are reported by the reader.
 
     Args:
         path: As the user gave it.
         reader: "droid", "disect" or "mesh".
 
     Raises:
-        PlopError: It is not there, no folder, empty, or in another format, which is named with the command for it.
+        PlopError: It does not exist, is not a folder, is empty, or has another format, which is named with its command.
     """
     _check_there(path)
     wanted = format_of(reader)
@@ -31,18 +31,18 @@ def check_raw_folder(path: Path, reader: str) -> None:
         return
     found = own or _meant(path)
     if path.is_dir() and (found is None or (_has_own_files(path, reader) and not found.format.reader)):
-        return  # the reader looks closer, and says which file is missing or damaged
+        return  # the reader checks in detail, and reports missing or damaged files
     raise _other(path, found, f"a folder with {wanted.layout} ({wanted.name})", reader, ())
 
 
 def _has_own_files(path: Path, reader: str) -> bool:
-    """Tell whether files lie where a reader of single files looks for them."""
+    """Return whether files are where a reader of single files expects them."""
     scenes = (file.with_suffix(".json").is_file() for file in path.glob("*.usd"))
     return reader != "droid" and (any(path.glob("*.npz")) or (reader == "disect" and any(scenes)))
 
 
 def _meant(path: Path) -> Recognised | None:
-    """Recognise a folder; of a file the folder that it belongs to, or else the file."""
+    """Recognise a folder; for a file its folder, or else the file."""
     if path.is_file():
         beside = recognise(path.parent, READ)
         if beside is not None and (beside.format.reader == "droid" or beside.sight.folder == path.parent):
@@ -51,11 +51,11 @@ def _meant(path: Path) -> Recognised | None:
 
 
 def ask_format(path: Path, rest: Sequence[str] = ()) -> PlopError:
-    """Make the error for `plop ingest PATH`, which names no format: it guesses which one it is.
+    """Make the error for `plop ingest PATH` without a format, with a guess of the format.
 
     Args:
         path: As the user gave it.
-        rest: Further arguments, which the command to type repeats.
+        rest: Further arguments, repeated in the suggested command.
     """
     try:
         _check_there(path)
@@ -73,27 +73,27 @@ def _check_there(path: Path) -> None:
             "This is an archive; plop reads folders.",
             where=path,
             found=f"a {path.suffix} file",
-            fix="Unpack it, and give the folder that holds the recordings.",
+            fix="Unpack it, and give the folder that contains the recordings.",
         )
     if path.is_dir() and not any(path.iterdir()):
         raise PlopError(
             "The folder is empty.",
             where=path,
             found="no file",
-            fix="Give the folder that holds the recordings, or copy them there.",
+            fix="Give the folder that contains the recordings, or copy them there.",
         )
 
 
 def _other(path: Path, found: Recognised | None, expected: str, reader: str, rest: Sequence[str]) -> PlopError:
-    """Say what a path holds instead, and what to type or to do."""
+    """Return the actual content of a path, and what to do."""
     if found is None:
-        what = "a file of no format that plop knows" if path.is_file() else _listed(path)
+        what = "a file of an unknown format" if path.is_file() else _listed(path)
         return PlopError(
-            f"It is not clear what {path.name or path} holds.",
+            f"The format of {path.name or path} is not recognised.",
             where=path,
             expected=expected,
             found=what,
-            fix=f"{PAGE} says what recordings must look like.",
+            fix=f"{PAGE} describes the formats of recordings.",
         )
     form, sight = found.format, found.sight
     if form.reader:
@@ -103,7 +103,9 @@ def _other(path: Path, found: Recognised | None, expected: str, reader: str, res
         return PlopError(
             problem, where=path, expected=expected, found=f"{form.name}: {sight.by}", fix=f"Type: {command}"
         )
-    fix = f"The nearest that plop reads is `plop ingest {form.nearest}`: {form.advice}. See {PAGE}, Other formats."
+    fix = (
+        f"The closest format that plop reads is `plop ingest {form.nearest}`: {form.advice}. See {PAGE}, Other formats."
+    )
     return PlopError(
         f"This looks like a {form.name}, which plop does not read yet.",
         where=path,
@@ -120,11 +122,11 @@ def _commands(path: str) -> str:
 
 def _listed(path: Path) -> str:
     names = sorted(entry.name + ("/" if entry.is_dir() else "") for entry in path.iterdir())
-    return ", ".join(names[:_TOLD]) + (f" and {len(names) - _TOLD} more" if len(names) > _TOLD else "")
+    return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
 
 
 def _nearest(path: Path) -> str:
-    """Name what is there and resembles the part of a path that is not."""
+    """Suggest existing names similar to the missing part of a path."""
     missing = path
     while missing.parent != missing and not missing.parent.exists():
         missing = missing.parent

@@ -1,4 +1,4 @@
-"""The JSON file beside a raw episode of a simulator, and the episodes of a folder as those files tell them."""
+"""The JSON file beside a raw episode of a simulator, and the list of episodes from these files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class RawEpisode:
-    """One raw episode in a folder, not read yet."""
+    """One unread raw episode in a folder."""
 
     name: str
     environment: str
@@ -31,16 +31,16 @@ class RawEpisode:
     path: Path
     """File that its reader opens."""
     guessed: bool = False
-    """The environment is what the name tells: the JSON file is missing or damaged."""
+    """Whether the environment is guessed from the name, because the JSON file is missing or damaged."""
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file that a person or another program wrote: UTF-8 or, as some Windows programs, UTF-16; a byte
-    order mark or none.
+    """Read a JSON file written by a person or another program: UTF-8 or, as by some Windows programs, UTF-16, with or
+    without a byte order mark.
 
     Raises:
         OSError: It cannot be read.
-        ValueError: It is no JSON, or of another encoding.
+        ValueError: It is not JSON, or has another encoding.
     """
     return json.loads(path.read_bytes())
 
@@ -51,7 +51,7 @@ def raw_episode(path: Path, read: Callable[[Path], Mapping[str, Any]], guess: Ca
     Args:
         path: File that its reader opens; the JSON lies beside it.
         read: Reads and checks the JSON file.
-        guess: Environment that a name tells.
+        guess: Returns the environment from a name.
     """
     try:
         return RawEpisode(path.stem, read(path.with_suffix(".json"))["environment"], path)
@@ -60,7 +60,7 @@ def raw_episode(path: Path, read: Callable[[Path], Mapping[str, Any]], guess: Ca
 
 
 def known_environments(entries: Iterable[RawEpisode]) -> list[str]:
-    """Give the environments that JSON files tell, sorted; what names tell only where no file tells any."""
+    """Return the environments from JSON files, sorted; those from names only where no file has one."""
     entries = list(entries)
     return sorted({e.environment for e in entries if not e.guessed} or {e.environment for e in entries})
 
@@ -70,11 +70,11 @@ def read_side_file(path: Path, kinds: Mapping[str, type], *, fix: str) -> dict[s
 
     Args:
         path: The file.
-        kinds: What each key holds where it is there, e.g. {"units": dict}.
+        kinds: Type of each optional key, e.g. {"units": dict}.
         fix: What to do about a file that is missing or damaged.
 
     Raises:
-        PlopError: It is missing, no JSON, no object, or a key holds something else; names file and key.
+        PlopError: It is missing, not JSON, not an object, or a key has another type; names file and key.
     """
     try:
         side = read_json(path)
@@ -92,7 +92,7 @@ def read_side_file(path: Path, kinds: Mapping[str, type], *, fix: str) -> dict[s
     for where, (value, kind) in held.items():
         if type(value) is not kind:
             raise PlopError(
-                "The episode's JSON file holds something else than it should.",
+                "A key of the episode's JSON file has the wrong type.",
                 where=where,
                 expected=_KINDS[kind],
                 found=f"{_KINDS[type(value)]}: {json.dumps(value)[:40]}",
@@ -102,10 +102,10 @@ def read_side_file(path: Path, kinds: Mapping[str, type], *, fix: str) -> dict[s
 
 
 def check_has_environment(side: Mapping[str, Any], path: Path, *, fix: str) -> None:
-    """Raise PlopError when a JSON file does not tell the environment."""
+    """Raise PlopError when a JSON file has no environment."""
     if "environment" not in side:
         raise PlopError(
-            "The episode's JSON file tells no environment.",
+            "The episode's JSON file has no environment.",
             where=f"{path}: environment",
             expected='a text, e.g. "prism-jelly"',
             found="nothing",

@@ -1,7 +1,7 @@
-"""Pictures beside a video, one per frame (depth, masks): which frame each belongs to.
+"""Images beside a video, one per frame (depth, masks): assignment to frames.
 
-That is decided by the whole set of files against the number of frames, never by the files that happen to be asked for:
-pictures numbered from 1 are one frame late everywhere, and nothing but the missing first one shows it.
+The assignment is determined from the whole set of files and the number of frames, never from the requested files only:
+images numbered from 1 are one frame late everywhere, and only the missing first one shows it.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from plop.errors import PlopError
 
 @dataclass(frozen=True)
 class SidePictures:
-    """The pictures of one camera."""
+    """The images of one camera."""
 
     folder: Path
     paths: dict[int, Path]
-    """Frame of the video, counted from 0 -> picture; a frame without one is not in it."""
+    """Frame of the video, counted from 0 -> image; frames without an image are absent."""
     notes: tuple[str, ...] = ()
-    """What was assumed, for a warning."""
+    """The assumption that was made, for a warning."""
 
     def range_text(self) -> str:
-        """Say what there is: "14 pictures, 000001.png .. 000014.png"."""
+        """Describe the images: "14 images, 000001.png .. 000014.png"."""
         return _range([self.paths[frame] for frame in sorted(self.paths)])
 
 
 def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) -> SidePictures:
-    """Give every frame its picture.
+    """Assign an image to every frame.
 
-    Numbers count the video's frames from 0, with any zero padding and any common text before them. As many pictures
-    as frames, without a gap, are one a frame whatever number they begin with: nothing else can be meant. Otherwise
-    numbers that no frame has show that something else is counted.
+    Numbers count the video's frames from 0, with any zero padding and any common prefix. As many images as frames,
+    without a gap, are one per frame independent of the first number: there is no other interpretation. Otherwise
+    numbers beyond the frames show that something else is counted.
 
     Args:
-        folder: Holds the pictures, `<number>.png`.
+        folder: Folder of the images, `<number>.png`.
         frames: Frames of the video.
-        what: What they are, for messages, e.g. "depth pictures".
-        cause: What a fault lies in.
+        what: Their kind, for messages, e.g. "depth images".
+        cause: Cause of a fault.
 
     Raises:
-        PlopError: Files cannot be told apart by one number, or the numbers are not the video's frames.
+        PlopError: Files are not distinguished by one number, or the numbers are not the video's frames.
     """
     numbered: dict[int, Path] = {}
     prefixes = set()
@@ -57,7 +57,7 @@ def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) ->
             raise PlopError(
                 f"There is more than one set of {what}.",
                 where=folder,
-                expected="one picture per frame: 000000.png, 000001.png, ...",
+                expected="one image per frame: 000000.png, 000001.png, ...",
                 found=f"{other.name} and {path.name}",
                 fix="Keep one set in this folder.",
                 cause=cause,
@@ -78,7 +78,7 @@ def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) ->
         raise PlopError(
             f"The numbers of the {what} are not those of the video's frames.",
             where=folder,
-            expected=f"numbers 0 to {frames - 1}, as the video has {frames} frames; or one picture per "
+            expected=f"numbers 0 to {frames - 1}, as the video has {frames} frames; or one image per "
             "frame, numbered without a gap",
             found=seen,
             cause=cause,
@@ -90,13 +90,13 @@ def find_side_pictures(folder: Path, frames: int, *, what: str, cause: Cause) ->
     elif first == 1 and whole and count == frames - 1:
         notes.append(
             f"{folder}: {seen} for {frames} frames, taken as frames 1 to {last}: if they are numbered from 1 "
-            "and the last is missing, every one is a frame late: rename them to begin with 0"
+            "and the last is missing, every one is a frame late: rename them to start with 0"
         )
     return SidePictures(folder, numbered, tuple(notes))
 
 
 def _range(paths: list[Path]) -> str:
-    return f"{len(paths)} pictures, {paths[0].name} .. {paths[-1].name}" if paths else "no pictures"
+    return f"{len(paths)} images, {paths[0].name} .. {paths[-1].name}" if paths else "no images"
 
 
 def _advice(numbers: list[int], frames: int) -> str:
@@ -104,7 +104,7 @@ def _advice(numbers: list[int], frames: int) -> str:
     if numbers[0] == 1 and numbers[-1] == frames:
         return "They count from 1, and some are missing: subtract 1 from every number."
     if numbers[-1] > 100 * frames and len(steps) > 1:
-        return "They look like time stamps: rename them to the frame of the video, from 000000.png."
+        return "They seem to be time stamps: rename them to the frame of the video, from 000000.png."
     if len(steps) == 1 and (step := steps.pop()) > 1:
-        return f"Every number is {step} more than the last: rename them to the frame of the video, from 000000.png."
-    return "Export one picture per frame of the video, named by the frame, from 000000.png."
+        return f"Numbers increase by {step}: rename them to the frame of the video, from 000000.png."
+    return "Export one image per frame of the video, named by the frame, from 000000.png."

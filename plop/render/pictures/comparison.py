@@ -1,7 +1,7 @@
-"""Pictures for people: measured | predicted | distance between the surfaces.
+"""Pictures for display: measured | predicted | distance between the surfaces.
 
-They are larger than what was recorded and scored, and show the part of the image in which the object is: predicted
-Gaussians are rendered anew, measured pixels are enlarged (plop.render.pictures.enlarge).
+They are larger than the recorded and scored images, and cropped to the object: predicted
+Gaussians are rendered again, measured pixels are enlarged (plop.render.pictures.enlarge).
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from plop.render.scene import tool_above_table
 from plop.render.view_file import ViewFile
 
 _MAP_PX = 192
-"""Most pixels along a side at which distance is computed; it is enlarged like what was measured."""
+"""Largest number of pixels along a side for computing distances, which are then enlarged like the measurement."""
 _MAP_SMOOTH_PX = 0.8
-"""Smoothing of a drawn distance: the nearest sample of a surface lies up to half a pixel beside the nearest point,
-which makes a pattern. Numbers are of the distances as they are."""
+"""Smoothing of a drawn distance: the nearest sample of a surface is up to half a pixel from the nearest point,
+which causes a pattern. Printed numbers are not smoothed."""
 _PHOTO_SMOOTH_PX = 0.45
 """Smoothing of a strongly enlarged photo [px of the recording]."""
 _NOT_MEASURED = (120, 126, 135)
-"""Object pixels at which there is no distance."""
+"""Colour of object pixels without a distance."""
 
 
 class Comparison:
-    """Draw frames of a rolled-out episode; what all frames share (crop, colour scale) is chosen at the start.
+    """Draw frames of a rolled-out episode; crop and colour scale are the same for all frames.
 
     Args:
-        recording: What was measured.
-        views: What was predicted, at the cameras' own size.
+        recording: The measurement.
+        views: Predicted views, at the cameras' own size.
         states: Predicted Gaussians, to render larger pictures; without them the predicted views are enlarged.
         tool: Gaussians of the tool in its own frame.
-        camera: Whose picture.
-        frames: Those that may be drawn; all when absent.
+        camera: Name of the camera.
+        frames: Frames that may be drawn; all when absent.
         backend: Renderer, see `plop.render.rasterizer.rasterize.render`.
-        device: Where it renders.
+        device: Device of the renderer.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Comparison:
         return self._layout.page(panels, (when, _short(self._name), _told(found)))
 
     def telling_frame(self) -> int:
-        """Give the frame at which the surfaces lie farthest apart, on average; the last where no distance is known."""
+        """Return the frame with the largest mean distance of the surfaces; the last where no distance is known."""
         means = [(float(np.nanmean(found)), frame) for frame, found in self._maps.items() if np.isfinite(found).any()]
         return max(means)[1] if means else self.frames[-1]
 
@@ -113,8 +113,8 @@ def compared_views(measured: View, predicted: View) -> np.ndarray:
     """Compare one view with its prediction at the camera's own size.
 
     Args:
-        measured: What a camera saw.
-        predicted: What it would have seen.
+        measured: The measured view.
+        predicted: The predicted view.
 
     Returns:
         The picture, uint8, shape [H, W, 3], both sides even.
@@ -127,7 +127,7 @@ def compared_views(measured: View, predicted: View) -> np.ndarray:
 
 
 def _photo(view: View, crop: Crop) -> np.ndarray:
-    """Show what a camera recorded; strongly enlarged, the steps of its pixels are smoothed."""
+    """Show a recorded image; if strongly enlarged, the steps of its pixels are smoothed."""
     part = crop.of(view.rgb).astype(np.float32)
     if crop.size[0] > 2 * crop.rows:
         part = cv2.GaussianBlur(part, (0, 0), _PHOTO_SMOOTH_PX, borderType=cv2.BORDER_REPLICATE)
@@ -147,7 +147,7 @@ def _drawn_map(distance_mm: np.ndarray, measured: View, crop: Crop, end_mm: floa
 
 
 def _layout(camera: Camera, crop: Crop, end_mm: float, drawn: str | None = None) -> Layout:
-    """Choose titles; `drawn` says how the predicted picture came about, without it as the measured one."""
+    """Choose titles; `drawn` describes the predicted picture, the same as the measured one when absent."""
     times = crop.size[0] / crop.rows
     shown = f"{camera.width} x {camera.height} px" + (f", enlarged {times:.1f} x" if times > 1.05 else "")
     titles = (
@@ -159,7 +159,7 @@ def _layout(camera: Camera, crop: Crop, end_mm: float, drawn: str | None = None)
 
 
 def _footprint_mm(view: View, crop: Crop) -> float:
-    """Give what a pixel of the map covers at the object's depth, 0 where no depth was measured."""
+    """Return the size of a pixel of the map at the object's depth, 0 where no depth was measured."""
     depth = view.depth_m[view.object_mask & (view.depth_m > 0)]
     return float(1000 * crop.step(_MAP_PX) * np.median(depth) / view.camera.intrinsics[0, 0]) if len(depth) else 0.0
 
@@ -176,9 +176,9 @@ def _told(distance_mm: np.ndarray) -> str:
 
 
 def _as_scored(scene: Gaussians, recorded: Camera, shown: Camera) -> Gaussians:
-    """Widen Gaussians by what a camera's own pixels widen them, so that finer pixels show the picture that is scored.
+    """Widen Gaussians by the low-pass filter of a camera's own pixels, so that finer pixels show the scored picture.
 
-    Rendering adds LOW_PASS_PX2 to a Gaussian's variance in the image, to which a fit is used; finer pixels add less.
+    Rendering adds LOW_PASS_PX2 to a Gaussian's variance in the image, which a fit includes; finer pixels add less.
     """
     pose = torch.as_tensor(recorded.cam_from_world).to(scene.means)
     depth = (scene.means @ pose[2, :3] + pose[2, 3]).clamp_min(0)

@@ -1,8 +1,7 @@
-"""Show people a part of what a camera recorded, larger and smooth.
+"""Show a part of a recorded image, enlarged and smoothed.
 
-A recorded picture has as many pixels as it has; between them is interpolated. What is known only at some pixels (a
-distance on an object) is interpolated among these, and the outline of a mask is drawn where it changes, smoothed by
-about a pixel.
+Recorded images are interpolated between pixels. Values known only at some pixels (a distance on an object) are
+interpolated among these, and the outline of a mask is smoothed by about a pixel.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from scipy.ndimage import distance_transform_edt
 from plop.geometry.cameras import Camera
 
 _MARGIN = 0.12
-"""Room around the object, as a share of its box's longer side."""
+"""Margin around the object, as a share of its box's longer side."""
 _LEAST_SIDE = 0.75
-"""Shorter side of a part, as a share of the longer, where the image allows: a strip is hard to look at."""
+"""Shorter side of a part, as a share of the longer, where the image allows: a strip is hard to read."""
 _LEAST_PX = 24
-"""Least side of a part [px of the recording], where the image allows: a few pixels enlarged show nothing around."""
+"""Smallest side of a part [px of the recording], where the image allows."""
 _SMOOTH_PX, _THIN_PX = 1.3, 0.45
-"""Smoothing of outlines [px of the recording]: the first takes the steps of pixels away; with the second, for what is
-one pixel thin, a line of one pixel is left."""
+"""Smoothing of outlines [px of the recording]: the first removes the steps of pixels; the second, for structures one
+pixel wide, leaves a line of one pixel."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +37,15 @@ class Crop:
     columns: int
     """Its width."""
     size: tuple[int, int]
-    """(height, width) of the picture that people see [px]."""
+    """(height, width) of the displayed picture [px]."""
 
     @classmethod
     def around(cls, masks: Sequence[np.ndarray], long_px: int) -> Crop:
-        """Take the part of an image that shows what some masks cover, with a little room.
+        """Return the part of an image that contains some masks, with a margin.
 
         Args:
             masks: At least one, bool, shape [H, W]; if all are empty, the whole image is taken.
-            long_px: Longer side of what people see [px].
+            long_px: Longer side of the displayed picture [px].
         """
         limit = np.array(masks[0].shape)
         boxes = [box for box in map(_box, masks) if box is not None]
@@ -61,22 +60,22 @@ class Crop:
         return cls(int(start[0]), int(start[1]), rows, columns, (int(shown[0]), int(shown[1])))
 
     def camera(self, camera: Camera) -> Camera:
-        """Give a camera at the same place that takes just this part, at the size that people see."""
+        """Return a camera at the same pose that renders only this part, at the displayed size."""
         matrix = camera.intrinsics.copy()
         matrix[:2, 2] -= [self.left, self.top]
         cut = Camera(camera.name, self.columns, self.rows, matrix, camera.world_from_cam)
         return cut.resized(self.size[1], self.size[0])
 
     def of(self, image: np.ndarray) -> np.ndarray:
-        """Cut the part out of an image, shape [H, W, ...]."""
+        """Crop an image to the part, shape [H, W, ...]."""
         return image[self.top : self.top + self.rows, self.left : self.left + self.columns]
 
     def step(self, most_px: int) -> int:
-        """Take every so many pixels so that at most so many are left along a side."""
+        """Return the step of a subsampling with at most a given number of pixels along a side."""
         return -(-max(self.rows, self.columns) // most_px)
 
     def grid(self, most_px: int) -> tuple[np.ndarray, np.ndarray]:
-        """Give rows and columns, evenly spread over the part, at most so many along a side."""
+        """Return rows and columns, evenly spread over the part, at most a given number along a side."""
         step = self.step(most_px)
         return (
             self.top + np.arange(min(step // 2, self.rows - 1), self.rows, step),
@@ -89,7 +88,7 @@ def enlarged_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
     Args:
         mask: Bool, shape [h, w].
-        size: (height, width) to give it.
+        size: New (height, width).
 
     Returns:
         Share of every pixel that is covered, float32, shape [height, width], 0..1.
@@ -100,21 +99,21 @@ def enlarged_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     thin = mask & (cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) == 0)
     if thin.any():
         inside = np.where(thin, np.maximum(inside, _depth_inside(mask, _THIN_PX)), inside)
-    # A ramp of one pixel of what people see.
+    # A ramp of one displayed pixel.
     return np.asarray(np.clip(resized(inside, size) * max(size[0] / mask.shape[0], 1.0) + 0.5, 0, 1))
 
 
 def enlarged(values: np.ndarray, known: np.ndarray, size: tuple[int, int], *, smooth_px: float) -> np.ndarray:
-    """Enlarge what is known at some pixels, without a trace of the others.
+    """Enlarge values known at some pixels, without influence of the others.
 
     Args:
         values: Shape [h, w].
-        known: Pixels that count, bool, shape [h, w].
-        size: (height, width) to give it.
+        known: Valid pixels, bool, shape [h, w].
+        size: New (height, width).
         smooth_px: Standard deviation of the smoothing [px before].
 
     Returns:
-        Float32, shape [height, width]; beyond the known pixels the nearest one goes on, zero where none is known.
+        Float32, shape [height, width]; the nearest known value beyond them, zero where none is known.
     """
     if not known.any():
         return np.zeros(size, np.float32)
@@ -126,27 +125,27 @@ def enlarged(values: np.ndarray, known: np.ndarray, size: tuple[int, int], *, sm
 
 
 def laid_over(picture: np.ndarray, upper: np.ndarray, cover: np.ndarray) -> np.ndarray:
-    """Lay a colour or a picture [H, W, 3] over another, where and as far as `cover` [H, W], 0..1, says."""
+    """Blend a colour or a picture [H, W, 3] over another with the opacity `cover` [H, W], 0..1."""
     return np.asarray(picture + cover[..., None] * (upper - picture))
 
 
 def resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Bring an image, float32 [h, w] or [h, w, C], to a size (height, width), smoothly."""
+    """Resize an image, float32 [h, w] or [h, w, C], to (height, width), smoothly."""
     smaller = size[0] < image.shape[0]
     return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
 
 
 def _depth_inside(mask: np.ndarray, smooth_px: float) -> np.ndarray:
-    """Give the distance from the outline, positive inside, up to 3 px, smoothed; float32, shape [h, w] [px]."""
+    """Return the distance from the outline, positive inside, up to 3 px, smoothed; float32, shape [h, w] [px]."""
     inside, outside = (
         cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for part in (mask, ~mask)
     )
-    # Pixel centres lie half a pixel from the outline that runs between them.
+    # Pixel centres are half a pixel from the outline between them.
     signed = np.clip(np.where(mask, inside - 0.5, 0.5 - outside), -3, 3).astype(np.float32)
     return np.asarray(cv2.GaussianBlur(signed, (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE))
 
 
 def _box(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Give first and end (row, column) of what a mask covers; None when it is empty."""
+    """Return first and end (row, column) of a mask; None when it is empty."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     return (np.array([rows[0], columns[0]]), np.array([rows[-1], columns[-1]]) + 1) if len(rows) else None

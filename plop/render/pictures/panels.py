@@ -1,4 +1,4 @@
-"""Lay pictures out beside each other with titles, a colour bar and a line of text, legible at the size of a video."""
+"""Arrange pictures side by side with titles, a colour bar and a line of text, legible at the size of a video."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from PIL import Image, ImageDraw, ImageFont
 from plop.artifacts.atomic_file import whole
 
 PANEL_PX = 512
-"""Longer side of what people see of one camera [px]."""
+"""Longer side of the picture of one camera [px]."""
 PAPER, PANEL, INK, FAINT, TOOL = (255, 255, 255), (228, 231, 235), (25, 28, 33), (95, 102, 112), (176, 181, 188)
-"""Colours around pictures, behind an object, of text, of less important text, and of a tool in a drawn map."""
+"""Colours around pictures, behind an object, of text, of secondary text, and of a tool in a drawn map."""
 _TITLE_PX, _FAINT_PX, _GAP_PX, _BAR_PX, _BAR_ROOM_PX = 26, 20, 10, 20, 90
 _HEAD_PX, _FOOT_PX = 72, 46
 _LEAST_COLUMN_PX = 384
-"""A narrower picture is shown in the middle of a column that has room for its title."""
+"""Smallest width of a column, which has room for a title; narrower pictures are centred."""
 _DISTANCES = "YlOrRd"
-"""From pale for nothing to dark red: gets darker all the way, so that all colour vision can read it."""
+"""From pale for zero to dark red: monotonically darker, so that it is readable with any colour vision."""
 
 
 @dataclass(frozen=True)
 class Titles:
-    """What stands above a panel."""
+    """Title of a panel."""
 
     main: str
     below: str = ""
@@ -36,7 +36,7 @@ class Titles:
 
 @dataclass(frozen=True)
 class Layout:
-    """Three panels of one size, with what stays the same from frame to frame drawn once."""
+    """Three panels of one size, with the constant parts drawn once."""
 
     titles: tuple[Titles, Titles, Titles]
     size: tuple[int, int]
@@ -45,14 +45,14 @@ class Layout:
     """End of the colour bar beside the last panel [mm]; None for no bar."""
 
     def page(self, panels: Sequence[np.ndarray], texts: tuple[str, str, str]) -> np.ndarray:
-        """Fill it in.
+        """Fill the layout.
 
         Args:
             panels: Three pictures, uint8, shape [height, width, 3].
-            texts: What stands under each.
+            texts: Text under each.
 
         Returns:
-            Picture, uint8, shape [H, W, 3], both sides even (as video codecs want).
+            Picture, uint8, shape [H, W, 3], both sides even (as video codecs require).
         """
         canvas = _frame(self).copy()
         for column, panel in enumerate(panels):
@@ -66,7 +66,7 @@ class Layout:
 
 
 def distance_colours(distance_mm: np.ndarray, end_mm: float) -> np.ndarray:
-    """Give the colours of distances, shape [...] -> uint8 [..., 3]; what lies beyond the end has its colour."""
+    """Return the colours of distances, shape [...] -> uint8 [..., 3]; distances beyond the end have its colour."""
     shares = np.clip(np.nan_to_num(distance_mm) / end_mm, 0, 1)
     return np.asarray(_colour_table()[np.round(255 * shares).astype(np.uint8)])
 
@@ -87,7 +87,7 @@ def sheet(rows: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def millimetres(value: float) -> str:
-    """Write a number of millimetres with as many digits as one reads."""
+    """Format millimetres with a readable number of digits."""
     return f"{value:.2f} mm" if value < 0.995 else f"{value:.1f} mm" if value < 9.95 else f"{value:.0f} mm"
 
 
@@ -145,6 +145,6 @@ def _even(size: int) -> int:
 
 @lru_cache(maxsize=8)
 def _font(size_px: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Load the font that comes with matplotlib: a machine need not have any."""
+    """Load the font that is shipped with matplotlib: a machine may have none."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size_px)

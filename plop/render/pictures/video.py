@@ -37,7 +37,7 @@ class VideoWriter:
     """Write a video; use as a context manager. The file appears when the block ends without error.
 
     Args:
-        path: Where the video goes, `<name>.mp4`.
+        path: Path of the video, `<name>.mp4`.
         rate_hz: Frames per second of the video.
     """
 
@@ -55,7 +55,7 @@ class VideoWriter:
         """Add one picture, uint8, shape [H, W, 3], both sides even, all of one size.
 
         Raises:
-            PlopError: The encoder cannot be run, or the disk is full.
+            PlopError: The encoder does not run, or the disk is full.
         """
         size = (picture.shape[1], picture.shape[0])
         if self._size not in (None, size) or size[0] % 2 or size[1] % 2:
@@ -88,13 +88,13 @@ class VideoWriter:
         elif self._scratch.is_file() and self._scratch.stat().st_size:
             os.replace(self._scratch, self.path)
         else:
-            raise self._failure("no video came out")
+            raise self._failure("no video was written")
 
     def _failure(self, error: object) -> PlopError:
         return PlopError(
             "The video cannot be written.",
             where=self.path,
-            expected="a working ffmpeg and free disk",
+            expected="a working ffmpeg and free disk space",
             found=str(error).splitlines()[0],
             fix="Free some space or reinstall imageio-ffmpeg.",
         )

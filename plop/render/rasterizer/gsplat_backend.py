@@ -34,7 +34,7 @@ def render_gsplat(gaussians: Gaussians, cameras: list[Camera], background: Tenso
         raise PlopError(
             "gsplat renders on CUDA devices only.",
             found=f"Gaussians on {gaussians.means.device}, CUDA {'' if torch.cuda.is_available() else 'not '}available",
-            fix="Choose the backend auto or numba, or a device with CUDA; `plop doctor` tells what torch sees.",
+            fix="Choose the backend auto or numba, or a device with CUDA; `plop doctor` shows those that torch finds.",
         )
     try:
         from gsplat import rasterization

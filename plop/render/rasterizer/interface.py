@@ -1,4 +1,4 @@
-"""One way to render Gaussians, whatever computes it."""
+"""The common interface of all renderers of Gaussians."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The CPU backend: tile-based Gaussian splatting with a hand-written gradient, compiled by numba.
 
-The stages and their kernels: project (rasterize_numba_project), colour (rasterize_numba_colour), sort and
-list (rasterize_numba_bins), blend (rasterize_numba_blend). All views of a call share one pass through them.
-By hand, since the library for it, gsplat, which plop takes where there is a GPU, has no kernels for the CPU.
+The stages and their kernels: project (numba_project), colour (numba_colour), sort and list (numba_bins),
+blend (numba_blend). All views of a call share one pass through them.
+No library, since gsplat, which plop uses on a GPU, has no kernels for the CPU.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def render_numba(gaussians: Gaussians, cameras: list[Camera], background: Tensor
 
 
 def pack_view(camera: Camera, near_m: float) -> np.ndarray:
-    """Lay a camera out as the kernels read it, float64, shape [VIEW] (see rasterize_numba_project)."""
+    """Pack a camera for the kernels, float64, shape [VIEW] (see numba_project)."""
     k = camera.intrinsics
     view = np.zeros(VIEW)
     view[POSE:FOCAL] = camera.cam_from_world[:3].ravel()
@@ -92,7 +92,7 @@ def pack_view(camera: Camera, near_m: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Lists:
-    """The splats of V views and which tiles they reach."""
+    """The splats of V views and the tiles that they reach."""
 
     splats: np.ndarray
     """Float32, shape [V, N, SPLAT]."""
@@ -108,7 +108,7 @@ class _Lists:
     by_tile: np.ndarray
     """Splat of each intersection, by tile and depth, int32."""
     by_splat: np.ndarray
-    """Place in `by_tile` of each intersection, by splat, int32."""
+    """Position in `by_tile` of each intersection, by splat, int32."""
 
 
 def _list_splats(arrays: list[np.ndarray], views: np.ndarray, width: int, height: int) -> _Lists:
@@ -138,14 +138,14 @@ def _list_splats(arrays: list[np.ndarray], views: np.ndarray, width: int, height
 
 
 def _starts(counts: np.ndarray) -> np.ndarray:
-    """Give the sum of all counts before each, in row-major order, same shape."""
+    """Return the sum of all counts before each, in row-major order, same shape."""
     return np.asarray((np.cumsum(counts.ravel()) - counts.ravel()).reshape(counts.shape))
 
 
 class _Rasterize(torch.autograd.Function):
     """Rasterize V views of one size: (fields, packed views, width, height) -> rgb, depth, alpha of each view in turn.
 
-    Buffers are numpy's: torch would fill the larger ones on several threads, which costs more than it saves.
+    Buffers are numpy's: torch would fill the larger ones on several threads, which takes longer.
     """
 
     @staticmethod
@@ -160,7 +160,7 @@ class _Rasterize(torch.autograd.Function):
         width: int,
         height: int,
     ) -> tuple[Tensor, ...]:
-        """Render; keep what the gradient needs."""
+        """Render; store the values that the gradient needs."""
         fields = [field.contiguous() for field in (means, quats, scales, opacities, sh)]
         lists = _list_splats([field.detach().numpy() for field in fields], views, width, height)
         shape = (len(views), height, width)
@@ -175,7 +175,7 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
-        """Bring the gradient of the images back to the Gaussians."""
+        """Propagate the gradient of the images back to the Gaussians."""
         fields = [field.detach().numpy() for field in ctx.saved_tensors]
         means, quats, scales, _, sh = fields
         views, lists, *images = ctx.kept

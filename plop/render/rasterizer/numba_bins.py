@@ -18,7 +18,7 @@ TILE_HEIGHT = 16
 
 @kernel
 def _tiles(box):  # type: ignore[no-untyped-def]
-    """Give the range of tiles (column from, to, row from, to; ends exclusive) that a box of pixels touches."""
+    """Return the range of tiles (column from, to, row from, to; ends exclusive) that a box of pixels touches."""
     return (
         box[0] // TILE_WIDTH,
         (box[1] + TILE_WIDTH - 1) // TILE_WIDTH,
@@ -32,7 +32,7 @@ def count_intersections(part, parts, boxes, tiles_x, tile_counts, splat_counts):
     """Count intersections per tile and per splat.
 
     Args:
-        part: Which share of the views to work on.
+        part: Index of the share of the views to process.
         parts: Number of shares.
         boxes: Pixels that each splat can reach, int32, shape [V, N, 4].
         tiles_x: Tiles in one row of the image.
@@ -52,7 +52,7 @@ def count_intersections(part, parts, boxes, tiles_x, tile_counts, splat_counts):
 def _drawn_by_depth(depths, boxes):  # type: ignore[no-untyped-def]
     """List drawn splats nearest first, ties by index: a radix sort of the leading bits of positive float64.
 
-    The keys tell depths apart from 1 mm to 4000 km, to 2e-12 of their value.
+    The keys resolve depths from 1 mm to 4000 km, to 2e-12 of their value.
     """
     order = np.empty(boxes.shape[0], np.int32)
     keys = np.empty(boxes.shape[0], np.int64)
@@ -88,15 +88,15 @@ def list_intersections(part, parts, depths, boxes, tiles_x, tile_starts, splat_s
     """Fill both numberings of the intersections.
 
     Args:
-        part: Which share of the views to work on.
+        part: Index of the share of the views to process.
         parts: Number of shares.
         depths: Shape [V, N] [m].
         boxes: Shape [V, N, 4].
         tiles_x: Tiles in one row of the image.
         tile_starts: First intersection of each tile, int64, shape [V, tiles].
-        splat_starts: First place of each splat in `by_splat`, int64, shape [V, N].
+        splat_starts: First position of each splat in `by_splat`, int64, shape [V, N].
         by_tile: Out, int32: index g of the splat, per tile nearest first.
-        by_splat: Out, int32: place in `by_tile`, per splat.
+        by_splat: Out, int32: position in `by_tile`, per splat.
     """
     for v in range(part, boxes.shape[0], parts):
         cursors = tile_starts[v].copy()
@@ -114,7 +114,7 @@ def list_intersections(part, parts, depths, boxes, tiles_x, tile_starts, splat_s
 
 @kernel
 def sum_by_splat(part, parts, splat_starts, splat_counts, by_splat, partial, sums):  # type: ignore[no-untyped-def]
-    """Sum what intersections hold [I, C], numbered by tile, into splats [V, N, C]; shares as in projection."""
+    """Sum values of intersections [I, C], numbered by tile, into splats [V, N, C]; shares as in projection."""
     views, count, channels = sums.shape
     for g in range(count * part // parts, count * (part + 1) // parts):
         for v in range(views):

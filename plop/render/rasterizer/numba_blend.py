@@ -1,6 +1,6 @@
 """Kernels: blend the splats of each tile front to back, and the gradient of that; parallel over tiles.
 
-The state of a tile's pixels lies in one flat array, one plane after another, so that the innermost loops
+The state of a tile's pixels is one flat array, one plane after another, so that the innermost loops
 run over whole rows of a tile without branches and compile to vector instructions. Indices there are
 unsigned because numba's handling of negative ones would keep the loops scalar.
 """
@@ -20,7 +20,7 @@ _PLANES = 9 * PIXELS
 _MAX, _MIN, _LEFT = np.float32(ALPHA_MAX), np.float32(ALPHA_MIN), np.float32(TRANSMITTANCE_MIN)
 _0, _1, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
 _FAR = np.float32(5.6)
-"""exp(-5.6) < 1/255: beyond, no splat counts."""
+"""exp(-5.6) < 1/255: beyond this, splats are ignored."""
 _E = tuple(
     np.float32(c)
     for c in (
@@ -35,14 +35,14 @@ _E = tuple(
 )
 _E0, _E1, _E2, _E3, _E4, _E5, _E6 = _E
 _CHECK_EVERY = 8
-"""Splats between two looks whether a tile is finished."""
+"""Number of splats between two checks whether a tile is finished."""
 
 
 @kernel
 def _falloff(exponent):  # type: ignore[no-untyped-def]
-    """Give exp(-exponent) for 0 <= exponent <= 5.6: an interpolating polynomial of exp(-e / 8), to the 8th power.
+    """Return exp(-exponent) for 0 <= exponent <= 5.6: an interpolating polynomial of exp(-e / 8), to the 8th power.
 
-    Relative error below 1e-6 in float32; made of products and sums only, so that it vectorises.
+    Relative error below 1e-6 in float32; products and sums only, so that it vectorises.
     """
     p = _E1 + _E0 * exponent
     p = _E2 + p * exponent
@@ -85,7 +85,7 @@ def _blend(s, first, last, index, x, y, xx, xy, yy, opacity, red, green, blue, d
 
 @kernel
 def _finished(s):  # type: ignore[no-untyped-def]
-    """Tell whether no pixel of the tile lets light through any more."""
+    """Return whether all pixels of the tile are finished."""
     most = s[0]
     for k in range(1, PIXELS):
         most = max(most, s[k])
@@ -109,7 +109,7 @@ def blend_forward(  # type: ignore[no-untyped-def]
     """Render all tiles of all views.
 
     Args:
-        part: Which share of the tiles to work on.
+        part: Index of the share of the tiles to process.
         parts: Number of shares; neighbouring tiles are in different ones.
         splats: Shape [V, N, 10].
         boxes: Shape [V, N, 4].
@@ -121,7 +121,7 @@ def blend_forward(  # type: ignore[no-untyped-def]
         depth: Out, expected depth, shape [V, H, W] [m].
         alpha: Out, shape [V, H, W].
         left: Out, transmittance at the end, shape [V, H, W].
-        stop: Out, one more than the last place in the tile's list of a splat that was let through, [V, H, W].
+        stop: Out, one more than the last position in the tile's list of a blended splat, [V, H, W].
     """
     views, tiles = tile_starts.shape
     height, width = alpha.shape[1], alpha.shape[2]
@@ -154,10 +154,10 @@ def blend_forward(  # type: ignore[no-untyped-def]
 
 @kernel
 def _blend_backward(s, out, first, last, index, x, y, xx, xy, yy, opacity, red, green, blue, depth):  # type: ignore[no-untyped-def]
-    """Take one splat off pixels first..last of a tile, and write the ten sums of its gradient.
+    """Remove one splat from pixels first..last of a tile, and write the ten sums of its gradient.
 
     Planes of s: transmittance behind the splat, gradients of the sums of r, g, b, depth, 1, pixel x,
-    pixel y, stop; plane 9 is the value (gradient . colour) of what lies behind.
+    pixel y, stop; plane 9 is the value (gradient . colour) of everything behind.
     """
     half_xx, half_yy = _HALF * xx, _HALF * yy
     g_0 = g_x = g_y = g_xx = g_xy = g_yy = g_red = g_green = g_blue = g_depth = _0
@@ -212,7 +212,7 @@ def blend_backward(  # type: ignore[no-untyped-def]
     d_alpha,
     partial,
 ):
-    """Write the gradient of each intersection into `partial`, shape [I, 10], zeros on entry; the rest as forward."""
+    """Write the gradient of each intersection into `partial`, shape [I, 10], zeros on entry."""
     views, tiles = tile_starts.shape
     height, width = alpha.shape[1], alpha.shape[2]
     s = np.empty(10 * PIXELS, np.float32)

@@ -21,7 +21,7 @@ _2, _3, _4, _6, _8 = (np.float32(c) for c in (2, 3, 4, 6, 8))
 
 @kernel
 def _direction(mean, view, eye):  # type: ignore[no-untyped-def]
-    """Give the unit vector from the eye to the mean, and the inverse of the distance."""
+    """Return the unit vector from the eye to the mean, and the inverse of the distance."""
     x, y, z = mean[0] - view[eye], mean[1] - view[eye + 1], mean[2] - view[eye + 2]
     inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-12)
     return np.float32(x * inverse), np.float32(y * inverse), np.float32(z * inverse), np.float32(inverse)
@@ -51,7 +51,7 @@ def _basis(x, y, z, terms, basis):  # type: ignore[no-untyped-def]
 
 @kernel
 def _basis_backward(x, y, z, terms, d):  # type: ignore[no-untyped-def]
-    """Give the gradient of the direction from the gradients `d` of the basis functions."""
+    """Return the gradient of the direction from the gradients `d` of the basis functions."""
     d_x, d_y, d_z = -_C1 * d[3], -_C1 * d[1], _C1 * d[2]
     if terms > 4:
         d_x += _C20 * (y * d[4] - z * d[7]) - _2 * _C21 * x * d[6] + _2 * _C22 * x * d[8]
@@ -75,11 +75,11 @@ def colour_forward(part, parts, means, sh, views, eye, boxes, splats):  # type: 
     """Write r, g, b of every drawn splat.
 
     Args:
-        part: Which share of the Gaussians to work on.
+        part: Index of the share of the Gaussians to process.
         parts: Number of shares.
         means: Shape [N, 3], float32 [m].
         sh: Shape [N, K, 3], float32.
-        views: Packed cameras, float64, one a row.
+        views: Packed cameras, float64, one per row.
         eye: Column of `views` where the camera's position starts.
         boxes: Which splats are drawn (`project_forward`).
         splats: In and out, shape [V, N, 10].

@@ -1,4 +1,4 @@
-"""Kernels: project Gaussians to splats, and bring the gradient of splats back; parallel over Gaussians.
+"""Kernels: project Gaussians to splats, and propagate the gradient of splats back; parallel over Gaussians.
 
 A splat is ten float32: mean x, mean y [px] from the corner of its box of pixels (nearer than the corner
 of the image, so finer), conic xx, xy, yy [1/px^2], opacity, r, g, b, depth [m].
@@ -19,7 +19,7 @@ from plop.render.rasterizer.projection import ALPHA_MIN, LOW_PASS_PX2
 SPLAT = 10
 """Numbers per splat and per gradient of a splat."""
 POSE, FOCAL, CENTRE, LIMITS, EYE, NEAR, VIEW = 0, 12, 14, 16, 20, 23, 24
-"""Where a packed view keeps cam_from_world (3x4), fx fy, cx cy, Jacobian limits, eye, near plane; its length."""
+"""Offsets in a packed view: cam_from_world (3x4), fx fy, cx cy, Jacobian limits, eye, near plane; its length."""
 
 
 @kernel
@@ -80,7 +80,7 @@ def _project_one(mean, opacity, view, width, height, axes, turned, image, splat,
         yy += image[1, k] * image[1, k]
     u = view[FOCAL] * x_over_z + view[CENTRE]
     v = view[FOCAL + 1] * y_over_z + view[CENTRE + 1]
-    # Beyond this many standard deviations alpha is below ALPHA_MIN; 1e-3 px absorb float32 rounding.
+    # Beyond this many standard deviations alpha is below ALPHA_MIN; 1e-3 px covers float32 rounding.
     reach = math.sqrt(2 * math.log(opacity / ALPHA_MIN))
     reach_x, reach_y = reach * math.sqrt(xx) + 1e-3, reach * math.sqrt(yy) + 1e-3
     x0 = math.ceil(min(max(u - reach_x - 0.5, 0.0), width))
@@ -104,7 +104,7 @@ def project_forward(  # type: ignore[no-untyped-def]
     """Project N Gaussians into V views.
 
     Args:
-        part: Which share of the Gaussians to work on.
+        part: Index of the share of the Gaussians to process.
         parts: Number of shares.
         means: Shape [N, 3], float32 [m].
         quats: Shape [N, 4], float32, of any length.
@@ -113,9 +113,9 @@ def project_forward(  # type: ignore[no-untyped-def]
         views: Packed cameras, float64, shape [V, VIEW].
         width: Columns of every view [px].
         height: Rows of every view [px].
-        splats: Out, float32, shape [V, N, SPLAT]; r, g, b are left alone.
+        splats: Out, float32, shape [V, N, SPLAT]; r, g, b are not changed.
         boxes: Out, int32, shape [V, N, 4]: x0, x1, y0, y1, ends exclusive; zeros if not drawn.
-        depths: Out, float64, shape [V, N] [m]: what the splats are sorted by.
+        depths: Out, float64, shape [V, N] [m]: sort key of the splats.
     """
     count = means.shape[0]
     axes, turned, image = np.empty((3, 3)), np.empty((3, 3)), np.empty((2, 3))
@@ -192,7 +192,7 @@ def _quat_backward(d_rotation, inverse, w, x, y, z, d_quat):  # type: ignore[no-
 def project_backward(  # type: ignore[no-untyped-def]
     part, parts, means, quats, scales, views, splats, boxes, grads, d_means, d_quats, d_scales, d_opacities
 ):
-    """Turn gradients of splats [V, N, SPLAT] into gradients of the Gaussians, summed over views.
+    """Convert gradients of splats [V, N, SPLAT] to gradients of the Gaussians, summed over views.
 
     `d_means` is added to; `d_quats`, `d_scales` and `d_opacities` are written.
     """

@@ -20,15 +20,15 @@ LOW_PASS_PX2 = 0.1
 """Variance added to both image axes of every 2D Gaussian [px^2]: a pixel's own, 1/12, and a little more. The usual 0.3
 makes outlines and thin tools half a pixel wider."""
 NEAR_M = 0.01
-"""Gaussians whose centre is nearer than this along the optical axis are not drawn [m]."""
+"""Gaussians whose centre is closer than this along the optical axis are not drawn [m]."""
 FOV_MARGIN = 0.3
 """The Jacobian is evaluated at most this fraction of half the field of view outside the image."""
 ALPHA_MAX = 0.999
-"""No Gaussian covers a pixel more than this."""
+"""Largest alpha of a Gaussian at a pixel."""
 ALPHA_MIN = 1.0 / 255.0
-"""A Gaussian that covers a pixel less than this is skipped there."""
+"""Smallest alpha of a Gaussian at a pixel; lower ones are skipped."""
 TRANSMITTANCE_MIN = 1e-4
-"""A pixel is finished before the Gaussian that would bring its transmittance down to this."""
+"""A pixel is finished before the Gaussian that would lower its transmittance to this."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Splats:
 
 
 def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
-    """Give the range of x/z and y/z within which the Jacobian is evaluated: (x low, x high, y low, y high)."""
+    """Return the range of x/z and y/z within which the Jacobian is evaluated: (x low, x high, y low, y high)."""
     fx, fy = camera.intrinsics[0, 0], camera.intrinsics[1, 1]
     cx, cy = camera.intrinsics[0, 2], camera.intrinsics[1, 2]
     margin_x = FOV_MARGIN * 0.5 * camera.width / fx
@@ -93,7 +93,7 @@ def project(gaussians: Gaussians, camera: Camera, near_m: float = NEAR_M) -> Spl
 
 
 def _image_covariances(gaussians: Gaussians, points: Tensor, cam_from_world: Tensor, camera: Camera) -> Tensor:
-    """Push covariances through the Jacobian of the projection at `points` (camera frame): [M, 2, 2] [px^2]."""
+    """Transform covariances by the Jacobian of the projection at `points` (camera frame): [M, 2, 2] [px^2]."""
     fx, fy = float(camera.intrinsics[0, 0]), float(camera.intrinsics[1, 1])
     x_low, x_high, y_low, y_high = jacobian_limits(camera)
     z = points[:, 2]

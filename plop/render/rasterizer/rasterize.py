@@ -1,4 +1,4 @@
-"""The front of the rasterizer: check the input, choose a backend, render."""
+"""The entry point of the rasterizer: check the input, choose a backend, render."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def render(
         background: Colour behind everything, shape [3]; black when absent.
         backend: "numba" (CPU), "gsplat" (CUDA), "torch" (the slow reference), or "auto": gsplat for CUDA
             tensors, numba otherwise.
-        near_m: Gaussians whose centre is nearer than this are not drawn [m].
+        near_m: Gaussians whose centre is closer than this are not drawn [m].
 
     Returns:
         The view, in the dtype of the means; "numba" and "gsplat" compute in float32.
 
     Raises:
-        PlopError: A value is not finite, a shape is wrong, or the backend cannot run here.
+        PlopError: A value is not finite, a shape is wrong, or the backend is not available.
     """
     return render_many(gaussians, [camera], background=background, backend=backend, near_m=near_m)[0]
 
@@ -66,7 +66,7 @@ def render_many(
     for camera in cameras:
         check_camera(camera)
     if not near_m > 0:
-        raise PlopError("The near plane must lie in front of the camera.", expected="near_m > 0", found=f"{near_m} m")
+        raise PlopError("The near plane must be in front of the camera.", expected="near_m > 0", found=f"{near_m} m")
     background = _checked_background(background, gaussians.means)
     draw = _load(backend, gaussians.means)
     renderings: dict[int, Rendering] = {}
@@ -78,7 +78,7 @@ def render_many(
 
 
 def _load(backend: str, means: Tensor) -> Callable[[Gaussians, list[Camera], Tensor, float], list[Rendering]]:
-    """Import the backend asked for; it renders cameras of one size."""
+    """Import the requested backend; it renders cameras of one size."""
     if backend == "auto":
         backend = "gsplat" if means.is_cuda else "numba"
     if backend == "torch":
@@ -97,7 +97,7 @@ def _load(backend: str, means: Tensor) -> Callable[[Gaussians, list[Camera], Ten
 
 
 def check_gaussians(gaussians: Gaussians) -> None:
-    """Raise a PlopError that names the field whose shape is wrong or that holds NaN or infinity."""
+    """Raise a PlopError that names the field with a wrong shape, NaN or infinity."""
     count = len(gaussians)
     tails = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": ()}
     for name, tail in tails.items():
@@ -118,13 +118,13 @@ def check_gaussians(gaussians: Gaussians) -> None:
 
 
 def check_camera(camera: Camera) -> None:
-    """Raise a PlopError that names the camera whose size, intrinsics or pose cannot be used."""
+    """Raise a PlopError that names the camera with an invalid size, intrinsics or pose."""
     where = f"camera {camera.name}"
     if camera.width < 1 or camera.height < 1:
         raise PlopError("The camera has no pixels.", where=where, found=f"{camera.width} x {camera.height}")
     for name in ("intrinsics", "world_from_cam"):
         if not np.isfinite(getattr(camera, name)).all():
-            raise PlopError(f"The camera's {name} holds NaN or infinity.", where=where)
+            raise PlopError(f"The camera's {name} contains NaN or infinity.", where=where)
     if camera.intrinsics[0, 0] <= 0 or camera.intrinsics[1, 1] <= 0:
         found = f"fx {camera.intrinsics[0, 0]:g}, fy {camera.intrinsics[1, 1]:g}"
         raise PlopError("The camera's focal length is not positive.", where=where, found=found)
@@ -144,16 +144,16 @@ def _check_finite(name: str, values: Tensor) -> None:
     bad = ~torch.isfinite(values).reshape(values.shape[0], -1).all(dim=1)
     if bad.any():
         raise PlopError(
-            f"The Gaussians' {name} hold NaN or infinity.",
+            f"The Gaussians' {name} contain NaN or infinity.",
             where=f"gaussians.{name}",
             expected="finite numbers",
             found=f"{int(bad.sum())} of {len(bad)} Gaussians, the first at index {int(bad.nonzero()[0])}",
-            fix="Look for a diverged optimisation or a division by zero in what made them.",
+            fix="Check their source for a diverged optimisation or a division by zero.",
         )
 
 
 def _array(gaussians: Gaussians, name: str) -> np.ndarray | Tensor:
-    """Give a field without gradient; on the CPU as numpy, whose sums of a few thousand numbers need no threads."""
+    """Return a field without gradient; on the CPU as numpy, which sums a few thousand numbers without threads."""
     values: Tensor = getattr(gaussians, name).detach()
     return values.numpy() if values.device.type == "cpu" else values
 
@@ -167,7 +167,7 @@ def _check_ranges(gaussians: Gaussians) -> None:
             where="gaussians.opacities",
             expected="0 to 1",
             found=f"{low:g} to {high:g}",
-            fix="Files hold logits; apply the sigmoid, as read_splat does.",
+            fix="Files contain logits; apply the sigmoid, as read_splat does.",
         )
     if float((quats * quats).sum(1).min()) == 0:
         raise PlopError("A Gaussian has no rotation.", where="gaussians.quats", found="a quaternion of four zeros")

@@ -1,4 +1,4 @@
-"""The reference rasterizer in plain torch: slow, short, and what the fast backends are tested against."""
+"""The reference rasterizer in plain torch: slow and short; the fast backends are tested against it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from plop.render.rasterizer.interface import Rendering
 from plop.render.rasterizer.projection import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, Splats, project
 
 CHUNK_PAIRS = 4_000_000
-"""Pixel-Gaussian pairs held in memory at once; larger images are recomputed chunk by chunk in the backward pass."""
+"""Pixel-Gaussian pairs in memory at once; larger images are recomputed chunk by chunk in the backward pass."""
 
 
 def render_torch(gaussians: Gaussians, cameras: list[Camera], background: Tensor, near_m: float) -> list[Rendering]:
-    """Render by visiting every Gaussian at every pixel; follows the dtype and device of the Gaussians.
+    """Render by evaluating every Gaussian at every pixel; follows the dtype and device of the Gaussians.
 
     Args:
         gaussians: N Gaussians, world frame.

@@ -1,4 +1,4 @@
-"""An arm that holds the tool from above and hides part of the view, as a robot's does."""
+"""An arm that holds the tool from above and hides part of the view, like a robot's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def hide_behind_arm(view: View, world_from_tool: np.ndarray, tool_vertices: np.n
     """Draw a straight arm from the upper end of the tool to the upper edge of the image.
 
     The arm is a strip that faces the camera, at the depth of the tool's upper end: everything behind it is
-    hidden, and its pixels are undecided in the mask, as those of a hand are.
+    hidden, and its pixels are labelled undecided in the mask, like those of a hand.
 
     Args:
         view: The image without the arm.

@@ -1,7 +1,7 @@
 """Colour by Blender's Cycles, run as a process of its own with its own Python packages.
 
-plop never imports bpy: it needs an older numpy. The scene goes over as one npz file, the images come
-back as PNG. Depth and labels stay those of `MeshRenderer`, whose rays go through the pixel centres.
+plop never imports bpy: it needs an older numpy. The scene is passed as one npz file, the images are
+read as PNG. Depth and labels are those of `MeshRenderer`, whose rays go through the pixel centres.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from plop.render.virtual_cameras.mesh_raycast import Look
 
 _SCRIPT = Path(__file__).with_name("blender_scene.py")
 _GET_IT = (
-    "Install Blender 4 or 5, or make a virtual environment with `pip install bpy`, and name its executable "
+    "Install Blender 4 or 5, or create a virtual environment with `pip install bpy`, and set its executable "
     "or its python with --cameras.blender; or use --cameras.renderer raycast."
 )
 
@@ -37,7 +37,7 @@ def blender_command(executable: str, scene: Path, folder: Path) -> list[str]:
     Args:
         executable: Blender itself, or a Python that has bpy (its file name starts with "python").
         scene: The npz file.
-        folder: Where the images go.
+        folder: Folder of the images.
 
     Raises:
         PlopError: There is no such executable.
@@ -45,7 +45,7 @@ def blender_command(executable: str, scene: Path, folder: Path) -> list[str]:
     found = shutil.which(executable)
     if found is None:
         raise PlopError(
-            "Blender is not here.",
+            "Blender is not found.",
             where=f"--cameras.blender {executable}",
             expected="Blender or a Python with bpy",
             found="no such executable",
@@ -57,12 +57,12 @@ def blender_command(executable: str, scene: Path, folder: Path) -> list[str]:
 
 
 def subdivided(sequence: MeshSequence, look: Look, parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cut every triangle into parts^2, so that colours at vertices carry the texture.
+    """Divide every triangle into parts^2, so that vertex colours resolve the texture.
 
     Args:
         sequence: The episode.
         look: Its colours.
-        parts: Pieces along an edge.
+        parts: Number of parts of each edge.
 
     Returns:
         Vertices [T, K, 3] m, faces [L, 3], linear colours [K, 3]; no vertex is shared between triangles of the input.
@@ -94,11 +94,11 @@ class BlenderRenderer:
         look: Colours.
         cameras: Fixed cameras, all of one size.
         executable: Blender, or a Python that has bpy.
-        samples: Cycles samples a pixel.
-        parts: Pieces that an edge of the mesh is cut into.
+        samples: Cycles samples per pixel.
+        parts: Number of parts of each edge of the mesh.
 
     Raises:
-        PlopError: Blender is not here, or it failed.
+        PlopError: Blender is not found, or it failed.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class BlenderRenderer:
         self._folder.cleanup()
 
     def recolour(self, view: View, frame: int) -> View:
-        """Give a ray-cast view Blender's colour; depth and labels stay."""
+        """Replace the colour of a ray-cast view by Blender's; depth and labels are kept."""
         name = f"{frame:04d}_{self._index[view.camera.name]:02d}.png"
         return replace(view, rgb=read_picture(Path(self._folder.name) / name))
 

@@ -1,9 +1,9 @@
-"""Draw a mesh sequence inside Blender; runs there, not in plop, so it imports only bpy and numpy.
+"""Render a mesh sequence inside Blender; this script runs there, not in plop, so it imports only bpy and numpy.
 
     blender --background --factory-startup --python blender_scene.py -- <scene.npz> <folder>
     python blender_scene.py -- <scene.npz> <folder>          with a Python that has bpy
 
-Writes <folder>/<frame>_<camera>.png, frame and camera as numbers. Only colour is made here: depth and
+Writes <folder>/<frame>_<camera>.png, frame and camera as numbers. Only colour is rendered here: depth and
 labels come from plop's own ray caster, which is exact. `plop/render/virtual_cameras/blender.py` writes the npz.
 """
 

@@ -25,17 +25,17 @@ _CREASE_COS = np.cos(np.radians(40.0))
 
 @dataclass(frozen=True)
 class Light:
-    """Constant light plus one distant lamp that never moves."""
+    """Constant light plus one distant, fixed lamp."""
 
     ambient: float = 0.75
     """Brightness of a face turned away from the lamp."""
     directional: float = 0.25
     """Brightness added to a face turned towards the lamp."""
     direction: tuple[float, float, float] = (0.3, -0.4, 0.87)
-    """Where the lamp is, seen from the object; any length."""
+    """Direction of the lamp from the object; any length."""
 
     def shade(self, normals: np.ndarray) -> np.ndarray:
-        """Give the brightness of faces with these unit normals, shape [N, 3] -> [N, 1]."""
+        """Return the brightness of faces with these unit normals, shape [N, 3] -> [N, 1]."""
         toward = np.asarray(self.direction, np.float32)
         toward = toward / np.linalg.norm(toward)
         return self.ambient + self.directional * np.clip(normals @ toward, 0, None)[:, None]
@@ -59,7 +59,7 @@ is background."""
 
 
 class MeshRenderer:
-    """Render the frames of one mesh sequence; holds what does not change from frame to frame.
+    """Renderer of one mesh sequence; stores the data that are constant over frames.
 
     Args:
         sequence: The episode.
@@ -79,7 +79,7 @@ class MeshRenderer:
         self._frame = -1
 
     def render(self, frame: int, camera: Camera) -> View:
-        """Render one frame of one camera; fastest when all cameras of a frame are asked for in a row."""
+        """Render one frame of one camera; fastest when all cameras of a frame are rendered in a row."""
         if frame != self._frame:
             self._build(frame)
         rays, empty = self._prepared(camera)
@@ -131,7 +131,7 @@ class MeshRenderer:
         return _add(scene, table, np.array([[0, 1, 2], [0, 2, 3]]))
 
     def _prepared(self, camera: Camera) -> tuple[np.ndarray, _Images]:
-        """Give a camera's rays and its images of the bare table, made once."""
+        """Return a camera's rays and its images of the empty table, computed once."""
         key = repr((camera.width, camera.height, camera.intrinsics.tolist(), camera.world_from_cam.tolist()))
         if key not in self._static:
             rays = pixel_rays(camera, self.supersample)

@@ -1,4 +1,4 @@
-"""What sensors add to exact depth and colour; off by default."""
+"""Sensor noise of depth and colour; off by default."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from plop.render.virtual_cameras.texture import seed_from
 def add_depth_noise(
     depth_m: np.ndarray, *, noise_m: float, quantization_m: float, dropout: float, seed: tuple[str | int, ...]
 ) -> np.ndarray:
-    """Disturb a depth image.
+    """Add noise to a depth image.
 
     Args:
         depth_m: Shape [H, W], float32 [m]; 0 = not measured.
         noise_m: Standard deviation of Gaussian noise [m].
-        quantization_m: Step that depth is rounded to [m]; 0 rounds nothing.
+        quantization_m: Step that depth is rounded to [m]; 0 disables rounding.
         dropout: Probability that a pixel is not measured.
-        seed: Anything that names this image; the same seed gives the same noise.
+        seed: Identifier of this image; the same seed gives the same noise.
 
     Returns:
-        Shape [H, W], float32 [m]; what was not measured stays so.
+        Shape [H, W], float32 [m]; unmeasured pixels stay unmeasured.
     """
     if not (noise_m or quantization_m or dropout):
         return depth_m
@@ -34,7 +34,7 @@ def add_depth_noise(
 
 
 def add_colour_noise(rgb: np.ndarray, *, noise: float, seed: tuple[str | int, ...]) -> np.ndarray:
-    """Disturb a colour image.
+    """Add noise to a colour image.
 
     Args:
         rgb: Shape [H, W, 3], uint8.

@@ -1,4 +1,4 @@
-"""Let a ring of virtual RGB-D cameras, with their faults, record a simulated episode."""
+"""Record a simulated episode with virtual RGB-D cameras, including their faults."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from plop.render.virtual_cameras.texture import SolidTexture, seed_from
 from plop.sensors.faults.library import Faults, frame_share
 
 Render = Callable[[int, Camera], View]
-"""`(frame, camera) -> what the camera records`."""
+"""`(frame, camera) -> the recorded view`."""
 
 
 @dataclass(frozen=True)
 class Disturbances:
-    """What is wrong with the cameras, besides noise of their depth; nothing by default."""
+    """Faults of the cameras, besides noise of their depth; none by default."""
 
     faults: Faults = field(default_factory=lambda: Faults({}))
     """Wrong clocks, poses and depths, by camera."""
     colour_noise: float = 0.0
     """Standard deviation of noise added to each channel, of 255 [-]."""
     arm_m: float = 0.0
-    """Width of an arm that holds the tool and hides what is behind it [m]; 0 leaves it out."""
+    """Width of an arm that holds the tool and occludes the view [m]; 0: no arm."""
 
 
 NOTHING = Disturbances()
@@ -48,17 +48,17 @@ NOTHING = Disturbances()
 def record(
     path: Path, sequence: MeshSequence, settings: CameraSettings, disturbances: Disturbances = NOTHING, *, seed: int = 0
 ) -> Iterator[float]:
-    """Write one recording; yield the share that is done, 0..1.
+    """Write one recording; yield the finished share, 0..1.
 
     Args:
-        path: Where it goes.
+        path: Path of the recording.
         sequence: The episode.
         settings: Cameras, light, noise of depth.
-        disturbances: What else is wrong.
-        seed: Of texture and noise; the texture depends on it and on the environment's name only.
+        disturbances: Further faults.
+        seed: Seed of texture and noise; the texture depends on it and on the environment's name only.
 
     Raises:
-        PlopError: A camera sees nothing of the object at the start, or Blender is missing or asked for faults.
+        PlopError: A camera does not see the object at the start, or Blender is missing or used with faults.
     """
     cameras = cameras_of(sequence, settings)
     images = len(sequence) * len(cameras)
@@ -92,15 +92,15 @@ def disturbed_render(
     *,
     seed: int = 0,
 ) -> Render:
-    """Give the function that renders what a camera records at a frame, faults and noise included.
+    """Return the function that renders the recorded view of a camera at a frame, including faults and noise.
 
     Args:
         sequence: The episode.
-        cameras: As they are said to stand.
+        cameras: Cameras with their stated poses.
         settings: Light, texture and noise.
-        disturbances: What is wrong with the cameras.
+        disturbances: Faults of the cameras.
         stack: Closes the renderer.
-        seed: Of texture and noise.
+        seed: Seed of texture and noise.
     """
     faults = disturbances.faults
     if faults and settings.renderer == "blender":
@@ -108,7 +108,7 @@ def disturbed_render(
             "Blender cannot render cameras with faults.",
             where="renderer",
             found="blender",
-            fix="Take the renderer raycast, or no faults.",
+            fix="Use the renderer raycast, or remove the faults.",
         )
     shared = _renderer(sequence, cameras, settings, stack, seed)
     shown = {
@@ -159,13 +159,13 @@ def write_episode(path: Path, sequence: MeshSequence, cameras: Sequence[Camera],
     """Render every frame of every camera into a recording; yield the number of images written so far.
 
     Args:
-        path: Where the recording goes.
+        path: Path of the recording.
         sequence: The episode.
         cameras: Fixed cameras.
-        render: Gives one image, noise included.
+        render: Returns one image, including noise.
 
     Raises:
-        PlopError: A camera sees nothing of the object at the start, or the disk is full.
+        PlopError: A camera does not see the object at the start, or the disk is full.
     """
     writer = RecordingWriter(
         path,
@@ -187,7 +187,7 @@ def write_episode(path: Path, sequence: MeshSequence, cameras: Sequence[Camera],
                 view = render(frame, camera)
                 if frame == 0 and not (view.mask == MaskLabel.OBJECT).any():
                     raise PlopError(
-                        "A camera sees nothing of the object.",
+                        "A camera does not see the object.",
                         where=f"{sequence.name}, {camera.name}",
                         expected="object pixels in the first frame",
                         found="none",

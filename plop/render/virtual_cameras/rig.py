@@ -1,4 +1,4 @@
-"""Where the virtual cameras stand: two rings around the object, all looking at its middle."""
+"""Poses of the virtual cameras: two rings around the object, all looking at its middle."""
 
 from __future__ import annotations
 
@@ -54,5 +54,5 @@ def ring_cameras(
 
 
 def camera_names(count: int) -> list[str]:
-    """Give the names of a ring's cameras."""
+    """Return the names of a ring's cameras."""
     return [f"cam_{index:02d}" for index in range(count)]

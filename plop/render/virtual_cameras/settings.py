@@ -1,4 +1,4 @@
-"""Settings of the virtual cameras that turn a simulated episode into a recording."""
+"""Settings of the virtual cameras that record a simulated episode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from plop.setting_kinds import COMMON, PROGRAM, SAME_RESULT, Formerly, Range, Se
 
 @dataclass(frozen=True)
 class CameraSettings(Settings):
-    """Cameras, light and depth sensors; their defaults are written only here."""
+    """Cameras, light and depth sensors; their defaults are defined only here."""
 
     count: Annotated[int, Range(1, 1000), COMMON, Formerly("cameras")] = 6
     """Number of cameras, alternately on the low and on the high ring."""
@@ -37,18 +37,18 @@ class CameraSettings(Settings):
     directional: Share = 0.25
     """Brightness that the lamp adds."""
     texture: Annotated[Texture, COMMON] = "waves"
-    """What the object looks like: waves of strong colours, which the published results were recorded with, or dough,
-    marbled in one warm colour, for people."""
+    """Texture of the object: waves of strong colours, as in the published results, or dough, marbled in one warm
+    colour, for presentation."""
     renderer: Literal["raycast", "blender"] = "raycast"
-    """Who makes the colour: raycast needs nothing else, blender runs Cycles in Blender's own environment."""
+    """Renderer of the colour: raycast needs nothing else, blender runs Cycles in Blender's own environment."""
     blender: Annotated[str, SAME_RESULT, PROGRAM] = "blender"
     """Blender's executable, or a Python that has the package bpy."""
     blender_samples: Annotated[int, Range(1, 1e5), Unit("samples")] = 16
-    """Cycles samples a pixel."""
+    """Cycles samples per pixel."""
     depth_noise_m: Annotated[float, Range(0, 0.1), Unit("m"), COMMON] = 0.0
     """Standard deviation of noise added to depth."""
     depth_quantization_m: Annotated[float, Range(0, 0.1), Unit("m")] = 0.0
-    """Step that depth is rounded to; 0 rounds nothing."""
+    """Step that depth is rounded to; 0 disables rounding."""
     depth_dropout: Annotated[float, Range(0, 0.999)] = 0.0
     """Probability that a pixel's depth is not measured."""
 

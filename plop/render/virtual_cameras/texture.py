@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 
 Texture = Literal["waves", "dough"]
-"""What an object may look like: strong colours that tell every place from every other, or a plausible soft object."""
+"""Textures of an object: strong colours that make every position unique, or a plausible soft object."""
 _DOUGHS = ((0.80, 0.62, 0.40), (0.76, 0.50, 0.36), (0.66, 0.58, 0.34), (0.72, 0.42, 0.40))
 """Colours of crust, caramel, pistachio and red bean."""
 
 
 def seed_from(*parts: str | int) -> int:
-    """Give the same 64-bit seed for the same parts on every machine."""
+    """Return a 64-bit seed that is the same for the same parts on every machine."""
     return int.from_bytes(hashlib.sha256("/".join(map(str, parts)).encode()).digest()[:8], "little")
 
 
@@ -27,7 +27,7 @@ class SolidTexture:
     outside: np.ndarray
     """Base colour of the outer surface, shape [3], 0..1."""
     inside: np.ndarray
-    """Base colour of faces that a cut makes, another hue, shape [3], 0..1."""
+    """Base colour of faces created by a cut, of another hue, shape [3], 0..1."""
     waves: np.ndarray
     """Wave vectors, shape [K, 3], float32 [rad/m]."""
     phases: np.ndarray
@@ -67,7 +67,7 @@ class SolidTexture:
     def dough(cls, seed: int, *, contrast: float = 0.13) -> SolidTexture:
         """Draw a marbled dough: one warm colour that gets lighter and darker, a paler one where it is cut.
 
-        Nearly all of the pattern is brightness, as in food, so that it can be tracked but is not garish.
+        Nearly all of the pattern is in brightness, as in food, so that it can be tracked without strong colours.
 
         Args:
             seed: Same seed, same texture.
@@ -76,7 +76,7 @@ class SolidTexture:
         random = np.random.default_rng(seed)
         base = np.array(_DOUGHS[random.integers(len(_DOUGHS))], np.float32)
         drawn = cls.from_seed(seed, shortest_m=0.009, longest_m=0.045, count=14, contrast=contrast)
-        # Darker dough is redder: the three channels go together, blue the most.
+        # Darker dough is redder: the three channels vary together, blue the most.
         grey = drawn.weights.mean(1)
         grey *= contrast / np.sqrt((grey**2).sum() / 2)
         tint = np.array([0.8, 1.0, 1.2], np.float32)
@@ -88,11 +88,11 @@ class SolidTexture:
         )
 
     def colour(self, rest_points: np.ndarray, is_inside: np.ndarray) -> np.ndarray:
-        """Give the colour of material points.
+        """Return the colour of material points.
 
         Args:
             rest_points: Material positions, shape [N, 3] [m].
-            is_inside: Points on faces that a cut made, bool, shape [N].
+            is_inside: Points on faces created by a cut, bool, shape [N].
 
         Returns:
             Colour before shading, shape [N, 3], float32, 0.02..0.98.

@@ -28,7 +28,7 @@ SHAPES = 'shapes = (Parameter("angle_deg", "deg", 0.0, 360.0, step=0.0),)\n    '
     [
         ('name = "mine"', "nome = 'mine'", 3, "nothing"),
         ('source = "mine"', 'source = ""', 5, "''"),
-        ("typical=0.5),)", "typical=0.5))", 6, "a comma is missing behind it"),
+        ("typical=0.5),)", "typical=0.5))", 6, "a trailing comma is missing"),
         ("step=0.1", "step=0.0", 6, "0"),
         ("-1.0, 1.0", "0.5, 0.5, default=0.5", 6, "0.5 and 0.5"),
         ("-1.0, 1.0", "-1.0, 1.0, default=0.5", 6, "0.5"),
@@ -50,8 +50,8 @@ SHAPES = 'shapes = (Parameter("angle_deg", "deg", 0.0, 360.0, step=0.0),)\n    '
         ("def", f"{SHAPES}variants = {{'angle_deg': 0.0}}\n    def", 8, "{'angle_deg': 0.0}"),
         ("def", "remembers = {'age': 0.0}\n    def", 7, "'age': 0.0"),
         ("def before(self, body, dt)", "def before(self, body)", 7, "(self, body)"),
-        ("def before", "def befor", 7, "befor, which nothing calls"),
-        ("def before(self, body, dt):\n        pass", "", 3, "none: it would change nothing"),
+        ("def before", "def befor", 7, "befor, which is never called"),
+        ("def before(self, body, dt):\n        pass", "", 3, "none: it would have no effect"),
     ],
 )
 def test_what_an_effect_declares_is_looked_at_before_anything_runs(tmp_path, old, new, line, found):

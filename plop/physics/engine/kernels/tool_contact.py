@@ -102,18 +102,38 @@ def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
 
 @kernel(parallel=True)
 def push_tool(
-    x, v, mass, radius, side, cut, bounds, kind, pose, faces, thickness, friction, modulus, density, dx, dt, impulses
+    x,
+    v,
+    mass,
+    radius,
+    side,
+    cut,
+    held,
+    bounds,
+    kind,
+    pose,
+    faces,
+    thickness,
+    friction,
+    modulus,
+    density,
+    dx,
+    dt,
+    impulses,
 ):
-    """Push particles that reach into the tool out of it, and rub them along with it.
+    """Push particles that reach into the tool out of it, and hold or rub them along with it.
 
-    The push is a stiff, damped spring over each particle's share of the surface; the tangential impulse obeys
-    Coulomb's law with the push's impulse. The spring's stiffness follows the object's, so that it sets no
-    shorter time step than the object's own waves.
+    The push is a stiff, damped spring over each particle's share of the surface, and so is what holds a particle at
+    the place where the tool touched it, until it slips: Coulomb's law limits the tangential impulse by the push's
+    (Cundall & Strack 1979). An impulse that only stops a particle's own slip holds nothing, since the grid shares it
+    with all the material around and the next step finds nearly the same slip. The springs' stiffness follows the
+    object's, so that they set no shorter time step than the object's own waves.
 
     Takes:
         x, v, mass, radius: Positions [N, 3] [m], velocities (updated) [N, 3] [m/s], masses [N] [kg], distance
             from a particle to the end of its material [N] [m].
         side, cut: Sides [N] and passage of the blade [N].
+        held: Updated: way along the tool's surface since it touched a particle, as far as friction holds it [N, 3] [m].
         bounds: Chunks [chunks + 1].
         kind, pose, faces, thickness: Tool, see `ToolShape` and `kernel_poses`.
         friction: Coulomb coefficient [-].
@@ -133,24 +153,31 @@ def push_tool(
             z = rx * pose[3, 0] + ry * pose[3, 1] + rz * pose[3, 2]
             gap, nd, ny, nz = tool_gap(kind, faces, thickness, d, y, z, side[p], cut[p], radius[p])
             depth = radius[p] - gap
-            if depth <= _ZERO:
-                continue
-            wx = nd * pose[1, 0] + ny * pose[2, 0] + nz * pose[3, 0]
-            wy = nd * pose[1, 1] + ny * pose[2, 1] + nz * pose[3, 1]
-            wz = nd * pose[1, 2] + ny * pose[2, 2] + nz * pose[3, 2]
-            ux = v[p, 0] - pose[4, 0] - pose[5, 1] * rz + pose[5, 2] * ry
-            uy = v[p, 1] - pose[4, 1] - pose[5, 2] * rx + pose[5, 0] * rz
-            uz = v[p, 2] - pose[4, 2] - pose[5, 0] * ry + pose[5, 1] * rx
-            along = ux * wx + uy * wy + uz * wz
-            # a particle that lies on the surface stands for less mass and as much surface as one a layer below
-            lightness = min(_TWO, max(_ONE, whole / mass[p]))
-            push = dt * (lightness * rate * depth - loss * along)
+            push = _ZERO
+            if depth > _ZERO:
+                wx = nd * pose[1, 0] + ny * pose[2, 0] + nz * pose[3, 0]
+                wy = nd * pose[1, 1] + ny * pose[2, 1] + nz * pose[3, 1]
+                wz = nd * pose[1, 2] + ny * pose[2, 2] + nz * pose[3, 2]
+                ux = v[p, 0] - pose[4, 0] - pose[5, 1] * rz + pose[5, 2] * ry
+                uy = v[p, 1] - pose[4, 1] - pose[5, 2] * rx + pose[5, 0] * rz
+                uz = v[p, 2] - pose[4, 2] - pose[5, 0] * ry + pose[5, 1] * rx
+                along = ux * wx + uy * wy + uz * wz
+                # a particle that lies on the surface stands for less mass and as much surface as one a layer below
+                stiff = min(_TWO, max(_ONE, whole / mass[p])) * rate
+                push = dt * (stiff * depth - loss * along)
             if push <= _ZERO:
+                held[p, 0], held[p, 1], held[p, 2] = _ZERO, _ZERO, _ZERO
                 continue
             tx, ty, tz = ux - along * wx, uy - along * wy, uz - along * wz
-            slip = math.sqrt(tx * tx + ty * ty + tz * tz)
-            rub = min(_ONE, friction * push / max(slip, _TINY))
-            ax, ay, az = push * wx - rub * tx, push * wy - rub * ty, push * wz - rub * tz
+            hx, hy, hz = held[p, 0] + dt * tx, held[p, 1] + dt * ty, held[p, 2] + dt * tz
+            out = hx * wx + hy * wy + hz * wz
+            hx, hy, hz = hx - out * wx, hy - out * wy, hz - out * wz
+            bx, by, bz = stiff * hx + loss * tx, stiff * hy + loss * ty, stiff * hz + loss * tz
+            rub = dt * math.sqrt(bx * bx + by * by + bz * bz)
+            keep = min(_ONE, friction * push / max(rub, _TINY))
+            ax, ay, az = push * wx - dt * keep * bx, push * wy - dt * keep * by, push * wz - dt * keep * bz
+            # a spring that slips is no longer than what it holds
+            held[p, 0], held[p, 1], held[p, 2] = keep * hx, keep * hy, keep * hz
             v[p, 0] += ax
             v[p, 1] += ay
             v[p, 2] += az

@@ -1,9 +1,9 @@
-"""Read what the DiSECt simulator writes: `<name>.usd`, `<name>.npz` and `<name>.json`.
+"""Read recordings of the DiSECt simulator: `<name>.usd`, `<name>.npz` and `<name>.json`.
 
 The USD gives the nodes over time, the npz the surface, the tetrahedra and the knife, the JSON
 the environment and the parameters. DiSECt's own USD declares neither its up axis nor its unit: y is
-up, lengths are metres and a time code is a second. What a layer or the JSON does declare counts
-(upAxis, metersPerUnit, timeCodesPerSecond; `units`), for the USD and the npz alike. All is converted
+up, lengths are metres and a time code is a second. Declarations in a layer or the JSON are used
+(upAxis, metersPerUnit, timeCodesPerSecond; `units`), for both the USD and the npz. Everything is converted
 here, and only here, to plop's world (z up).
 
 Source: NVlabs/DiSECt, `dflex/render.py` and the side file written with each recording.
@@ -50,7 +50,7 @@ _ARRAYS = {
 }
 _MAY_BE_EMPTY = ("cut_edge_indices", "cut_edge_coords", "virtual_nodes")
 _UP, _METRES = "y", 1.0
-"""Axes and unit of DiSECt's recordings, which none of its files has to declare."""
+"""Default axes and units of DiSECt's recordings."""
 _SAME_TIME_S = 1e-4
 _SAME_PLACE_M = 1e-4
 _LEAST_QUATERNION = 1e-6
@@ -70,7 +70,7 @@ def list_disect(folder: Path) -> list[RawEpisode]:
             where=folder,
             expected="<name>.usd, .npz and .json",
             found="no .usd file",
-            fix="Give the folder that holds the .usd files.",
+            fix="Give the folder that contains the .usd files.",
         )
     return [raw_episode(folder / f"{name}.usd", _read_side, _guess_environment) for name in names]
 
@@ -133,7 +133,7 @@ def read_disect(path: str | Path) -> MeshSequence:
 
 
 def _times(path: Path, usd: UsdNodes, npz_times: np.ndarray, in_side: Declared) -> tuple[np.ndarray, list[str], bool]:
-    """Bring the time codes and the npz's `times` together.
+    """Combine the time codes and the npz's `times`.
 
     Returns:
         Seconds [T], notes, and whether the files declare their unit.
@@ -159,22 +159,26 @@ def _times(path: Path, usd: UsdNodes, npz_times: np.ndarray, in_side: Declared) 
     if same and whole and in_side.seconds is None and usd.codes_per_second is not None:
         return (
             (usd.codes - (usd.start_code or 0.0)) / rate,
-            [f"the npz holds time codes, not seconds: they are divided by timeCodesPerSecond = {rate:g} of the layer"],
+            [f"the npz has time codes, not seconds: they are divided by timeCodesPerSecond = {rate:g} of the layer"],
             True,
         )
     span, stored_span = float(np.ptp(usd.codes)), float(np.ptp(stored))
     shares = [(times - times[0]) / length for times, length in ((usd.codes, span), (stored, stored_span)) if length > 0]
     steady = len(shares) == 2 and float(np.abs(shares[0] - shares[1]).max()) < 1e-3
-    said = f"timeCodesPerSecond = {rate:g}" if usd.codes_per_second is not None else "no timeCodesPerSecond, read as 1"
+    said = (
+        f"timeCodesPerSecond = {rate:g}"
+        if usd.codes_per_second is not None
+        else "no timeCodesPerSecond, assumed to be 1"
+    )
     raise PlopError(
-        "The recording's USD and npz files do not have the same times.",
+        "The times of the recording's USD and npz files differ.",
         where=where,
         expected=f"{stored[0]:g} to {stored[-1]:g} s, as in the npz"
         + (f" with {in_side.source}" if in_side.seconds is not None else ""),
         found=f"{usd.codes[0] / rate:g} to {usd.codes[-1] / rate:g} s in the USD: time codes "
         f"{usd.codes[0]:g} to {usd.codes[-1]:g}, {said}",
-        fix=f"If the npz is right the time codes run at {span / stored_span:g} a second: write that as the "
-        "layer's timeCodesPerSecond; else correct `times`, or give their unit in the JSON "
+        fix=f"If the npz is right there are {span / stored_span:g} time codes per second: write that as the "
+        "layer's timeCodesPerSecond; otherwise correct `times`, or declare their unit in the JSON "
         '("units": {"time": "ms"} or {"frames_per_second": 30}).'
         if steady
         else _COPY_AGAIN,
@@ -198,7 +202,7 @@ def _knife_poses(position: np.ndarray, quaternion_xyzw: np.ndarray, frame: World
 def _read_side(path: Path) -> dict[str, Any]:
     texts = dict.fromkeys(("environment", "shape", "material"), str)
     side = read_side_file(path, {**texts, "units": dict, "settings": dict}, fix=_COPY_AGAIN)
-    if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording that hides its settings
+    if "environment" not in side and {"shape", "material"} <= side.keys():  # a recording without its settings
         side["environment"] = f"{side['shape']}-{side['material']}"
     check_has_environment(side, path, fix=_COPY_AGAIN)
     return side
@@ -210,7 +214,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     for key, value in arrays.items():
         if not np.isfinite(value).all():
             raise PlopError(
-                "The recording holds NaN or infinite values.",
+                "The recording contains NaN or infinite values.",
                 where=f"{path}: {key}",
                 expected="finite numbers",
                 found=f"{int((~np.isfinite(value)).sum())} others",
@@ -220,7 +224,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     zero = np.linalg.norm(arrays[key], axis=-1) < _LEAST_QUATERNION
     if zero.any():
         raise PlopError(
-            "An orientation of the knife is no quaternion.",
+            "An orientation of the knife is not a quaternion.",
             where=f"{path}: {key}",
             expected="four numbers, not all zero",
             found=f"zero in {int(zero.sum())} of {zero.size} frames, the first is {int(np.argmax(zero))}",
@@ -248,18 +252,18 @@ def _check_against_side_file(path: Path, arrays: dict[str, np.ndarray], usd: Usd
         raise _refusal(path, "nodes", f"{count} nodes", f"{nodes.shape[1]} nodes")
     if not np.isfinite(nodes).all():
         raise PlopError(
-            "The recording holds NaN or infinite node positions.",
+            "The recording contains NaN or infinite node positions.",
             where=f"{path}: {NODES}",
             expected="finite metres",
             found=f"{int((~np.isfinite(nodes)).sum())} others",
-            fix="The simulation blew up: simulate it again or leave it out.",
+            fix="The simulation diverged: simulate it again or leave it out.",
         )
     gap = float(np.abs(usd.knife - arrays["knife_position"]).max()) * frame.metres
     if gap > _SAME_PLACE_M:
         raise _refusal(
             path,
             "knife",
-            "the knife at the same place",
+            "the knife at the same position",
             f"up to {gap:.4f} m away",
             _other_frame(usd.knife, arrays["knife_position"].astype(np.float64)),
         )
@@ -272,7 +276,7 @@ def _check_against_side_file(path: Path, arrays: dict[str, np.ndarray], usd: Usd
 
 
 def _other_frame(in_usd: np.ndarray, in_npz: np.ndarray) -> str | None:
-    """Tell what would make two tracks of the knife one: another unit, or other axes; None when neither does."""
+    """Return what would make two tracks of the knife agree: another unit, or other axes; None when neither does."""
     length = float(np.linalg.norm(in_npz))
     factor = float(np.linalg.norm(in_usd)) / length if length > 0 else 1.0
     for turn in WORLD_FROM_UP.values():

@@ -1,7 +1,7 @@
-"""The animated nodes and the knife in a USD layer of DiSECt, and what the layer declares of its axes, unit and rate.
+"""The animated nodes and the knife in a USD layer of DiSECt, and its declared axes, unit and rate.
 
-The layer is read without composing it, so a file can not make this read another one. Only authored values count:
-USD's fallbacks (y up, 0.01 m, 24 time codes a second) say nothing about a layer that leaves them out.
+The layer is read without composition, so a file cannot refer to another one. Only authored values are used: USD's
+defaults (y up, 0.01 m, 24 time codes per second) are not informative about a layer that omits them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ KNIFE = "/root/body_3"
 
 @dataclass(frozen=True)
 class UsdNodes:
-    """What a layer holds, in its own axes and units; None where nothing is authored."""
+    """Content of a layer, in its own axes and units; None where nothing is authored."""
 
     codes: np.ndarray
     """Time codes of the samples, shape [T], float64."""
@@ -33,13 +33,13 @@ class UsdNodes:
     metres: float | None
     """metersPerUnit [m]."""
     codes_per_second: float | None
-    """timeCodesPerSecond, or framesPerSecond where only that is authored, as USD has it [1/s]."""
+    """timeCodesPerSecond, or framesPerSecond where only that is authored, as in USD [1/s]."""
     start_code: float | None
     """startTimeCode."""
 
     @property
     def declared_by(self) -> str:
-        """Names of what is authored, for messages."""
+        """Names of the authored values, for messages."""
         both = {"upAxis": self.up, "metersPerUnit": self.metres}
         return ", ".join(key for key, value in both.items() if value is not None) or "layer"
 
@@ -52,8 +52,8 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
         fix: What to do about a file that is missing or damaged.
 
     Raises:
-        PlopError: usd-core is not installed, the file is missing or damaged, its samples do not fit together, or what
-            it declares cannot be.
+        PlopError: usd-core is not installed, the file is missing or damaged, its samples are inconsistent, or its
+            declarations are invalid.
     """
     try:
         from pxr import Sdf, Tf
@@ -81,7 +81,7 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
         codes = layer.ListTimeSamplesForPath(NODES)
         if not codes:
             raise PlopError(
-                "The USD file holds no simulation nodes over time.",
+                "The USD file contains no simulation nodes over time.",
                 where=f"{path}: {NODES}",
                 expected="time samples",
                 found="none",
@@ -96,9 +96,9 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
         raise damaged from error
     if len({sample.shape for sample in samples}) != 1 or any(value is None for value in knife):
         raise PlopError(
-            "The samples of the USD file do not fit together.",
+            "The samples of the USD file are inconsistent.",
             where=path,
-            expected="as many nodes in every sample, and the knife in each",
+            expected="the same number of nodes in every sample, and the knife in each",
             found=f"{sorted({len(sample) for sample in samples})} nodes, "
             f"{sum(value is None for value in knife)} samples without knife",
             fix="Record this episode again.",
@@ -115,7 +115,7 @@ def read_usd_nodes(path: Path, *, fix: str) -> UsdNodes:
 
 
 def _check_not_moved(layer: Any, path: Path) -> None:
-    """Refuse a layer whose nodes are moved, turned or scaled by a prim above them: positions are read as they are."""
+    """Reject a layer whose nodes have a transform of a prim above them: positions are read without transforms."""
     from pxr import Sdf
 
     prim = layer.GetPrimAtPath(Sdf.Path(NODES).GetPrimPath())
@@ -123,7 +123,7 @@ def _check_not_moved(layer: Any, path: Path) -> None:
         ops = prim.attributes.get("xformOpOrder")
         if ops is not None and ops.default:
             raise PlopError(
-                "The nodes of the USD file are placed by a transform of their prim.",
+                "The nodes of the USD file have a transform of their prim.",
                 where=f"{path}: {prim.path}",
                 expected="positions in world space, no xformOp above them",
                 found=", ".join(ops.default),
@@ -138,7 +138,7 @@ def _up(authored: dict[str, Any], path: Path) -> str | None:
     up = str(authored["upAxis"]).lower()
     if up not in WORLD_FROM_UP:
         raise PlopError(
-            "The USD file declares an up axis that is none.",
+            "The USD file declares an invalid up axis.",
             where=f"{path}: upAxis",
             expected="X, Y or Z",
             found=str(authored["upAxis"]),
@@ -153,7 +153,7 @@ def _positive(authored: dict[str, Any], key: str, path: Path) -> float | None:
     value = float(authored[key])
     if not 0 < value < np.inf:
         raise PlopError(
-            "The USD file declares a unit that is none.",
+            "The USD file declares an invalid unit.",
             where=f"{path}: {key}",
             expected="a positive number",
             found=f"{value:g}",

@@ -1,4 +1,4 @@
-"""Bring DROID's clocks together: rows of the trajectory, frames of the videos, poses at capture time."""
+"""Synchronise DROID's clocks: rows of the trajectory, frames of the videos, poses at capture time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from plop.recordings.readers.clock import TimeUnit, read_clock
 from plop.recordings.readers.side_file import read_json
 
 FASTEST_M_S = 5.0
-"""Mean speed that no arm reaches over a recording (the fastest joints give about 4 m/s for a moment) [m/s]."""
+"""Upper bound of an arm's mean speed over a recording (the fastest joints reach about 4 m/s briefly) [m/s]."""
 CAPTURE_LATENCY_MS = 41
-"""DROID's own estimate: a frame was captured so long before it was received [ms]."""
+"""DROID's own estimate of the delay between capture and reception of a frame [ms]."""
 
 
 def frames_of_rows(
@@ -23,13 +23,13 @@ def frames_of_rows(
 ) -> tuple[np.ndarray, list[str]]:
     """Find the video frame of every trajectory row.
 
-    The MP4 header (60 fps) is never used: either the side file of time stamps says it, or row i is frame i.
+    The MP4 header (60 fps) is never used: frames follow from the side file of time stamps, or row i is frame i.
 
     Args:
         received_ms: `<serial>_frame_received` of every row, shape [T] [ms since `origin_ns`]; NaN unknown.
-        frames: Frames that the video really has.
+        frames: Actual number of frames of the video.
         stamps_path: `<serial>_timestamps.json`, which need not exist.
-        origin_ns: The trajectory's origin of time.
+        origin_ns: The trajectory's time origin.
         video: The video, for messages.
 
     Returns:
@@ -52,15 +52,15 @@ def frames_of_rows(
                 where=video,
                 expected=f"{rows} or {rows - 1} frames, because {stamps_path.name} is missing",
                 found=f"{frames} frames",
-                fix="Bring the time stamps file.",
+                fix="Add the time stamps file.",
             )
         index = np.arange(rows)
         return np.where(index < frames, index, -1), warnings
     if len(stamps) - frames not in (0, 1, -1):
         raise PlopError(
-            "The time stamps do not belong to this video.",
+            "The time stamps do not match this video.",
             where=stamps_path,
-            expected=f"{frames} entries, as {video.name} has frames",
+            expected=f"{frames} entries, one per frame of {video.name}",
             found=f"{len(stamps)} entries",
             fix="Copy both files again.",
         )
@@ -73,11 +73,11 @@ def frames_of_rows(
             if len(known := column[np.isfinite(column)])
         ]
         raise PlopError(
-            "No time stamp equals one of the trajectory.",
+            "No time stamp matches one of the trajectory.",
             where=stamps_path,
             expected=f"stamps of the frames received {spans[0]}",
             found=f"{spans[1]} (seconds since the trajectory's first row)",
-            fix="The file belongs to another episode, or counts from another start.",
+            fix="The file belongs to another episode, or has another time origin.",
         )
     if len(missing):
         shown = ", ".join(str(row) for row in missing[:8]) + (", ..." if len(missing) > 8 else "")
@@ -86,10 +86,10 @@ def frames_of_rows(
 
 
 def _nearest(stamps: np.ndarray, received_ms: np.ndarray) -> np.ndarray:
-    """Give the frame whose stamp is that of the row, shape [T]; -1 none.
+    """Return the frame whose stamp matches that of the row, shape [T]; -1 none.
 
-    Both may be written in different units, and rounded by that: DROID's own are whole ms, so they may differ by less
-    than 1 ms, and never by half the step between frames.
+    Both may be in different units, and rounded: DROID's own are whole ms, so they may differ by less than 1 ms, and
+    never by half the step between frames.
     """
     known = np.flatnonzero(np.isfinite(stamps))
     order = known[np.argsort(stamps[known], kind="stable")]
@@ -111,7 +111,7 @@ def read_stamps(path: Path, origin_ns: int) -> tuple[np.ndarray | None, list[str
     """Read `<serial>_timestamps.json`: one stamp per frame, ms or another unit.
 
     Returns:
-        Stamps [ms since `origin_ns`], NaN unknown; None where the file is missing or of no use. Warnings.
+        Stamps [ms since `origin_ns`], NaN unknown; None where the file is missing or unusable. Warnings.
     """
     if not path.is_file():
         return None, [f"{path}: missing; row i is taken as frame i"]
@@ -128,16 +128,12 @@ def read_stamps(path: Path, origin_ns: int) -> tuple[np.ndarray | None, list[str
         return None, [f"{path}: not readable ({error}); row i is taken as frame i"]
     if clock is None:
         return None, [f"{path}: not a list of numbers; row i is taken as frame i"]
-    foreign = (
-        []
-        if clock.unit is TimeUnit.MILLISECONDS
-        else [f"{path}: in {clock.unit.plural} (not milliseconds), and read so"]
-    )
+    foreign = [] if clock.unit is TimeUnit.MILLISECONDS else [f"{path}: read in {clock.unit.plural} (not milliseconds)"]
     return 1000 * clock.since(origin_ns), foreign + list(clock.notes)
 
 
 def capture_times(captured_ms: np.ndarray, received_ms: np.ndarray, robot_ms: np.ndarray) -> np.ndarray:
-    """Give the best known capture time of every row, shape [T] [ms]; NaN where none is known.
+    """Return the best known capture time of every row, shape [T] [ms]; NaN where none is known.
 
     estimated_capture, else frame_received - 41 ms, else the robot's clock.
     """
@@ -146,31 +142,31 @@ def capture_times(captured_ms: np.ndarray, received_ms: np.ndarray, robot_ms: np
 
 
 def check_overlap(robot_ms: np.ndarray, time_ms: np.ndarray, where: str) -> None:
-    """Refuse pictures all taken before or after the robot's poses: every picture would get the same pose.
+    """Reject images all taken before or after the robot's poses: every image would get the same pose.
 
     Args:
-        robot_ms: When poses were read, shape [T]; NaN unknown.
-        time_ms: When pictures were taken, shape [T]; NaN unknown.
+        robot_ms: Times of the poses, shape [T]; NaN unknown.
+        time_ms: Times of the images, shape [T]; NaN unknown.
         where: The trajectory, for the message.
 
     Raises:
-        PlopError: The two spans have nothing in common.
+        PlopError: The two spans do not overlap.
     """
     robot, taken = robot_ms[np.isfinite(robot_ms)], time_ms[np.isfinite(time_ms)]
     if len(robot) < 2 or len(taken) < 2 or (taken.max() > robot.min() and taken.min() < robot.max()):
         return
     lag = float(np.median(taken) - np.median(robot)) / 1000
     raise PlopError(
-        "The clocks of cameras and robot have no moment in common.",
+        "The clocks of cameras and robot do not overlap.",
         where=where,
-        expected=f"pictures within the {np.ptp(robot) / 1000:.3g} s of the robot's poses",
-        found=f"pictures {abs(lag):.6g} s {'after' if lag > 0 else 'before'} them",
-        fix="Write all stamps from one clock (whole hours: time zones).",
+        expected=f"images within the {np.ptp(robot) / 1000:.3g} s of the robot's poses",
+        found=f"images {abs(lag):.6g} s {'after' if lag > 0 else 'before'} them",
+        fix="Write all stamps from one clock (an offset of whole hours is a time zone).",
     )
 
 
 def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
-    """Refuse a clock under which the robot moves faster than any arm: what tells 1 Hz in s from 1 kHz in ms.
+    """Reject a clock under which the robot moves faster than any arm: this separates 1 Hz in s from 1 kHz in ms.
 
     Args:
         flange: Poses of the kept rows, shape [N, 6] [m].
@@ -184,7 +180,7 @@ def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
     speed = path / max((time_ms[-1] - time_ms[0]) / 1000, 1e-9)
     if speed > FASTEST_M_S:
         raise PlopError(
-            "The robot cannot be as fast as the clock says.",
+            "The robot's speed according to the clock is not plausible.",
             where=where,
             expected=f"a mean speed of the flange below {FASTEST_M_S:g} m/s",
             found=f"{path:.2f} m in {(time_ms[-1] - time_ms[0]) / 1000:.4g} s, {speed:.3g} m/s",
@@ -193,15 +189,15 @@ def check_speed(flange: np.ndarray, time_ms: np.ndarray, where: str) -> None:
 
 
 def poses_at(poses6: np.ndarray, pose_ms: np.ndarray, wanted_ms: np.ndarray) -> np.ndarray:
-    """Interpolate poses to the moments of the pictures: robot and camera are not read at the same instant.
+    """Interpolate poses to the times of the images: robot and camera are not read at the same instant.
 
     Args:
-        poses6: [x, y, z, a, b, c] per row, shape [T, 6], metres and radians; NaN rows are passed over.
-        pose_ms: When they were read, shape [T] [ms]; NaN unknown.
-        wanted_ms: Moments asked for, shape [N]; outside the known range the nearest pose is given.
+        poses6: [x, y, z, a, b, c] per row, shape [T, 6], metres and radians; NaN rows are skipped.
+        pose_ms: Times of the poses, shape [T] [ms]; NaN unknown.
+        wanted_ms: Times of the result, shape [N]; outside the known range the nearest pose is returned.
 
     Returns:
-        Poses, shape [N, 4, 4]; NaN where the moment is NaN.
+        Poses, shape [N, 4, 4]; NaN where the time is NaN.
     """
     good = np.isfinite(poses6).all(1) & np.isfinite(pose_ms)
     times, first = np.unique(pose_ms[good].astype(np.float64), return_index=True)
@@ -219,14 +215,14 @@ def poses_at(poses6: np.ndarray, pose_ms: np.ndarray, wanted_ms: np.ndarray) -> 
 def active_rows(
     flange: np.ndarray, time_s: np.ndarray, rows: np.ndarray, *, idle_s: float, idle_m: float
 ) -> np.ndarray:
-    """Leave out long stretches in which the robot stands still.
+    """Shorten long intervals in which the robot does not move.
 
     Args:
         flange: Poses, shape [T, 6].
         time_s: Time of every row, shape [T].
         rows: Candidate rows, ascending, shape [N].
-        idle_s: A longer stretch is cut down to this length [s]; 0 keeps everything.
-        idle_m: Movement that counts as standing still [m].
+        idle_s: A longer interval is cut to this length [s]; 0 keeps everything.
+        idle_m: Largest movement that counts as no motion [m].
 
     Returns:
         The rows to keep.

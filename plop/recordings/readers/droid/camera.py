@@ -30,33 +30,33 @@ from plop.recordings.readers.side_pictures import find_side_pictures
 from plop.setting_kinds import Formerly, Range, Settings, Unit
 
 BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
-"""Distance between the eyes as built [m]."""
+"""Nominal stereo baseline [m]."""
 
 
 @dataclass(frozen=True)
 class DroidCameraSettings(Settings):
-    """What a user may have to tell about DROID cameras; the defaults are written only here."""
+    """Settings of DROID cameras; the defaults are defined only here."""
 
     exterior_focal_px: Annotated[float, Range(0, 1e5), Unit("px")] = 0.0
     """Focal length of exterior cameras without intrinsics, at 1280 px width (ZED 2: about 530); 0 = none."""
     wrist_focal_px: Annotated[float, Range(0, 1e5), Unit("px")] = 0.0
     """Focal length of a wrist camera without intrinsics, at 1280 px width (ZED Mini: about 733); 0 = none."""
     baseline_m: Annotated[float, Range(0, 1), Unit("m")] = 0.0
-    """Distance between the eyes of every stereo camera; 0 = from its left and right extrinsics."""
+    """Baseline of every stereo camera; 0 = from its left and right extrinsics."""
     match_width: Annotated[int, Range(16, 8192), Unit("px")] = 640
     """Width at which stereo pairs are matched."""
     nearest_m: Annotated[float, Range(0.01, 100), Unit("m")] = 0.2
-    """Nearest depth that stereo matching looks for."""
+    """Smallest depth in stereo matching."""
     farthest_m: Annotated[float, Range(0.01, 1000), Unit("m")] = 2.5
-    """Farther stereo depth is dropped."""
+    """Largest stereo depth; larger values are discarded."""
     delay_ms: Annotated[float, Range(-1e4, 1e4), Unit("ms"), Formerly("camera_delay_ms")] = 0.0
-    """How much earlier than its time stamp says a picture was taken; `plop calibrate` measures it."""
+    """Delay between the capture of an image and its time stamp; `plop calibrate` measures it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.farthest_m < self.nearest_m:
             raise PlopError(
-                "The farthest depth is nearer than the nearest.",
+                "The largest depth is smaller than the smallest.",
                 where="cameras.farthest_m, cameras.nearest_m",
                 expected=f"farthest_m of {self.nearest_m:g} m or more",
                 found=f"{self.farthest_m:g} m",
@@ -66,11 +66,11 @@ class DroidCameraSettings(Settings):
 
 @dataclass(frozen=True)
 class DroidOptions:
-    """How to read DROID cameras."""
+    """Sources for reading DROID cameras."""
 
     settings: DroidCameraSettings
     intrinsics: dict[str, Any]
-    """Of a file beside the episodes, by serial number."""
+    """Intrinsics of a file beside the episodes, by serial number."""
     intrinsics_name: str
     """That file."""
     extrinsics: dict[str, Any]
@@ -80,7 +80,7 @@ class DroidOptions:
 
 @dataclass(frozen=True)
 class DroidCamera:
-    """A camera that can be used."""
+    """A usable camera."""
 
     serial: str
     wrist: bool
@@ -88,26 +88,26 @@ class DroidCamera:
     frame_of_row: np.ndarray
     """Frame number of every row, shape [T]; -1 none."""
     capture_ms: np.ndarray
-    """When the row's picture was taken, shape [T] [ms since the trajectory's origin]; NaN unknown."""
+    """Capture time of the row's image, shape [T] [ms since the trajectory's origin]; NaN unknown."""
     world_from_cam: np.ndarray
     """Pose at capture time of every row, shape [T, 4, 4]."""
     intrinsics: np.ndarray
     """K of the video, pixel centres at half-integers, shape [3, 3] [px]."""
     depth: DepthSource
     stored_pose6: np.ndarray | None = None
-    """The six numbers from which the pose of a fixed camera was read, shape [6]."""
+    """The six stored numbers of a fixed camera's pose, shape [6]."""
 
     def size(self, longest: int) -> tuple[int, int]:
-        """Width and height after shrinking so that the longest side is at most `longest` [px]."""
+        """Width and height after downscaling so that the longest side is at most `longest` [px]."""
         scale = min(1.0, longest / max(self.video.width, self.video.height))
         return max(1, round(self.video.width * scale)), max(1, round(self.video.height * scale))
 
     def intrinsics_at(self, width: int, height: int) -> np.ndarray:
-        """K for another picture size, shape [3, 3]."""
+        """K for another image size, shape [3, 3]."""
         return self.intrinsics * np.array([[width / self.video.width], [height / self.video.height], [1.0]])
 
     def images(self, rows: np.ndarray, width: int, height: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Read the pictures of some rows, in order.
+        """Read the images of some rows, in order.
 
         Args:
             rows: Ascending rows that have a frame, shape [N].
@@ -129,14 +129,14 @@ class DroidCamera:
 def open_camera(
     episode: DroidFolder, trajectory: DroidTrajectory, serial: str, options: DroidOptions
 ) -> tuple[DroidCamera, list[str]]:
-    """Bring together everything that is known of a camera.
+    """Collect everything that is known about a camera.
 
     Returns:
         The camera and warnings.
 
     Raises:
-        PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock. It holds
-            the warnings that were gathered before.
+        PlopError: The camera cannot be used: no video, no pose, no intrinsics, no depth or no common clock. It has
+            the warnings collected before.
     """
     warnings: list[str] = []
     with remembering(warnings):
@@ -183,8 +183,8 @@ def _opened(
     )
     warnings += more
     if use_exported:
-        pictures = find_side_pictures(exported, video.frames, what="depth pictures", cause=Cause.DEPTH)
-        warnings += [Noticed(note, Cause.DEPTH, "Check the numbers of the depth pictures.") for note in pictures.notes]
+        pictures = find_side_pictures(exported, video.frames, what="depth images", cause=Cause.DEPTH)
+        warnings += [Noticed(note, Cause.DEPTH, "Check the numbers of the depth images.") for note in pictures.notes]
         depth: DepthSource = ExportedDepth(pictures)
     else:
         depth, more = _computed_depth(episode, serial, video, intrinsics, offset_pair, options)
@@ -200,7 +200,7 @@ def _poses(
     captured: np.ndarray,
     options: DroidOptions,
 ) -> tuple[np.ndarray, np.ndarray | None, tuple[np.ndarray, np.ndarray] | None, list[str]]:
-    """Give poses [T, 4, 4], a fixed camera's as stored [6], the 6-vectors whose distance is the baseline, warnings."""
+    """Return poses [T, 4, 4], a fixed camera's as stored [6], the two 6-vectors that give the baseline, warnings."""
     clock = trajectory.robot_time_ms
     where = f"{trajectory.path}:/observation/camera_extrinsics/{serial}_left"
     if wrist:
@@ -226,8 +226,8 @@ def _poses(
             "A camera has no pose.",
             where=where,
             expected="camera -> base, metres and radians",
-            found="nothing, and no metadata or side file has it",
-            fix="Bring cam2base_extrinsics.json, or leave this camera out.",
+            found="no pose, and none in metadata or side files",
+            fix="Add cam2base_extrinsics.json, or leave this camera out.",
         )
     check_pose(own, where=where, what="camera")
     if not wrist:
@@ -289,8 +289,8 @@ def _computed_depth(
         expected=f"depth/{serial}/<frame>.png, MP4/{serial}-stereo.mp4, or SVO and ZED SDK",
         found=f"{video.path.name} (one eye)"
         + (f", {svo.name} but no pyzed" if svo else "")
-        + (f", depth/{serial}/{others[0]} and others that are no PNG" if others else ""),
-        fix="Export depth as 16-bit PNG, np.uint16(np.round(1000 * metres)), or bring the stereo video.",
+        + (f", depth/{serial}/{others[0]} and others that are not PNG files" if others else ""),
+        fix="Export depth as 16-bit PNG, np.uint16(np.round(1000 * metres)), or add the stereo video.",
         cause=Cause.DEPTH,
     )
 
@@ -306,7 +306,7 @@ def _baseline(
     measured = float(np.linalg.norm(pair[0][:3] - pair[1][:3]))
     if not 0.01 < measured < 0.5:
         raise PlopError(
-            "The distance between the eyes is impossible.",
+            "The stereo baseline is not plausible.",
             where=where,
             expected="1 to 50 cm",
             found=f"{measured:.4f} m",
@@ -315,8 +315,8 @@ def _baseline(
     nearest = min(BASELINES_M.values(), key=lambda built: abs(built - measured))
     if abs(measured - nearest) > 0.02 * nearest:
         text = (
-            f"{where}: extrinsics put the eyes {1000 * measured:.1f} mm apart, a ZED is built with "
-            f"{1000 * nearest:.0f} mm: depth may be {100 * abs(measured / nearest - 1):.0f} % off; "
+            f"{where}: extrinsics give a baseline of {1000 * measured:.1f} mm, that of a ZED is "
+            f"{1000 * nearest:.0f} mm: depth may be wrong by {100 * abs(measured / nearest - 1):.0f} %; "
             "set cameras.baseline_m if you know it"
         )
         return measured, [Noticed(text, Cause.DEPTH, "Set cameras.baseline_m.")]

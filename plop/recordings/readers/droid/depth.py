@@ -1,4 +1,4 @@
-"""Depth for DROID videos, which come without: exported frames, stereo matching, or the ZED SDK."""
+"""Depth for DROID videos: exported frames, stereo matching, or the ZED SDK."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from plop.errors import PlopError
 from plop.recordings.readers.side_pictures import SidePictures
 
 SATURATED = 65535
-"""A uint16 depth that ran over; never a measurement."""
+"""A uint16 depth that overflowed; never a measurement."""
 
 
 class DepthSource(Protocol):
-    """Gives the depth of one frame."""
+    """Source of the depth of one frame."""
 
     name: str
     needs_right: bool
-    """The right eye's picture must be given."""
+    """Whether the right eye's image is required."""
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:
-        """Give depth along the left eye's optical axis.
+        """Return depth along the left eye's optical axis.
 
         Args:
             frame: Frame number of the video.
@@ -32,16 +32,16 @@ class DepthSource(Protocol):
             right: The other eye, same shape, or None.
 
         Returns:
-            [h, w] float32 [m], 0 = not measured; any size with the picture's aspect.
+            [h, w] float32 [m], 0 = not measured; any size with the image's aspect ratio.
         """
         ...
 
 
 class ExportedDepth:
-    """Depth pictures made elsewhere: `recordings/depth/<serial>/<frame>.png`, uint16 millimetres, 0 = none.
+    """Exported depth images: `recordings/depth/<serial>/<frame>.png`, uint16 millimetres, 0 = none.
 
     Args:
-        pictures: Which picture belongs to which frame.
+        pictures: Images by frame.
     """
 
     name = "exported"
@@ -52,21 +52,21 @@ class ExportedDepth:
         self.missing: list[int] = []
         self.saturated: list[int] = []
         self.other_size: dict[str, list[int]] = {}
-        """What was found -> frames."""
+        """Finding -> frames."""
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:
-        """See DepthSource; a missing picture measures nothing. What `warnings` tells is remembered."""
+        """See DepthSource; a missing image has no measurements. Findings are stored for `warnings`."""
         path = self.pictures.paths.get(frame)
         if path is None:
             self.missing.append(frame)
             return np.zeros(left.shape[:2], np.float32)
         picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if picture is None or picture.dtype != np.uint16 or picture.ndim != 2:
-            found = "not a picture" if picture is None else f"{picture.dtype}, shape {picture.shape}"
+            found = "not an image" if picture is None else f"{picture.dtype}, shape {picture.shape}"
             if picture is not None:
-                found += ": a coloured picture of depth" if picture.ndim == 3 else ": scaled for looking at"
+                found += ": a colour-mapped image of depth" if picture.ndim == 3 else ": scaled for display"
             raise PlopError(
-                "A depth picture is of the wrong kind.",
+                "A depth image has the wrong format.",
                 where=path,
                 expected="one channel, uint16, millimetres, 0 = not measured",
                 found=found,
@@ -75,7 +75,7 @@ class ExportedDepth:
             )
         if abs(picture.shape[1] / picture.shape[0] - left.shape[1] / left.shape[0]) > 0.02:
             raise PlopError(
-                "A depth picture has another shape than the video.",
+                "A depth image has another aspect ratio than the video.",
                 where=path,
                 expected=f"the aspect of {left.shape[1]}x{left.shape[0]}",
                 found=f"{picture.shape[1]}x{picture.shape[0]}",
@@ -83,17 +83,17 @@ class ExportedDepth:
             )
         if picture.shape != left.shape[:2]:
             found = f"{picture.shape[1]}x{picture.shape[0]} px, not the video's {left.shape[1]}x{left.shape[0]}"
-            self.other_size.setdefault(f"{found} (rescaled to the stored pictures, nearest pixel)", []).append(frame)
+            self.other_size.setdefault(f"{found} (rescaled to the stored images, nearest pixel)", []).append(frame)
         if (picture == SATURATED).any():
             self.saturated.append(frame)
         return np.where(picture == SATURATED, 0, picture).astype(np.float32) / 1000
 
     def warnings(self) -> list[str]:
-        """Say which frames had no picture, ran over, or are of another size than the video."""
-        nothing = f"no depth picture (there are {self.pictures.range_text()})"
+        """Return warnings of frames without an image, with overflow, or of another size than the video."""
+        nothing = f"no depth image (there are {self.pictures.range_text()})"
         named = (
             (nothing, self.missing),
-            ("65535 (ran over, taken as not measured)", self.saturated),
+            ("65535 (overflow, treated as not measured)", self.saturated),
             *self.other_size.items(),
         )
         return [
@@ -108,11 +108,11 @@ class StereoDepth:
 
     Args:
         focal_px: fx of the left eye at the video's width [px].
-        baseline_m: Distance between the eyes [m].
+        baseline_m: Stereo baseline [m].
         video_width: Width of one eye [px].
-        match_width: Pictures are matched at this width or smaller [px].
-        nearest_m: Nearest depth to be found [m]; sets the largest disparity.
-        farthest_m: Farther depths are dropped [m].
+        match_width: Images are matched at this width or smaller [px].
+        nearest_m: Smallest depth [m]; sets the largest disparity.
+        farthest_m: Largest depth [m]; larger values are discarded.
     """
 
     name = "stereo"
@@ -151,7 +151,7 @@ class StereoDepth:
         """See DepthSource."""
         if right is None:
             raise PlopError(
-                "Stereo depth needs both eyes.", where=f"frame {frame}", expected="a stereo video", found="one picture"
+                "Stereo depth needs both eyes.", where=f"frame {frame}", expected="a stereo video", found="one image"
             )
         pair = [self._prepared(image) for image in (left, right)]
         disparity = self.matcher.compute(*pair).astype(np.float32)[:, self.disparities :] / 16
@@ -160,7 +160,7 @@ class StereoDepth:
         return np.where((depth >= self.nearest_m) & (depth <= self.farthest_m), depth, 0).astype(np.float32)
 
     def _prepared(self, image: np.ndarray) -> np.ndarray:
-        """Shrink, and pad on the left: the matcher gives nothing within its largest disparity of that edge."""
+        """Downscale, and pad on the left: the matcher gives no result within its largest disparity of that edge."""
         if self.scale < 1:
             image = cv2.resize(image, None, fx=self.scale, fy=self.scale, interpolation=cv2.INTER_AREA)
         return cv2.copyMakeBorder(image, 0, 0, self.disparities, 0, cv2.BORDER_REPLICATE)
@@ -184,7 +184,7 @@ class ZedDepth:
                 where=svo,
                 expected="a readable SVO",
                 found="an error of the SDK",
-                fix="Update the SDK or export depth pictures.",
+                fix="Update the SDK or export depth images.",
             )
         self.image = sl.Mat()
 
@@ -201,7 +201,7 @@ class ZedDepth:
 
 
 def zed_sdk_present() -> bool:
-    """Tell whether `pyzed` can be imported."""
+    """Return whether `pyzed` can be imported."""
     from importlib.util import find_spec
 
     return find_spec("pyzed") is not None

@@ -1,4 +1,4 @@
-"""One DROID raw episode, ready to be read: rows chosen, cameras aligned, tool placed."""
+"""One DROID raw episode: selected rows, synchronised cameras, poses of the tool."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ LONGEST_GAP_S = 0.5
 
 @dataclass(frozen=True)
 class RowChoice(Settings):
-    """Which rows of a trajectory to keep; the defaults are written only here."""
+    """Which rows of a trajectory to keep; the defaults are defined only here."""
 
     keep_skipped: bool = False
     """Keep rows with skip_action."""
     idle_s: Annotated[float, Range(0, 1e6), Unit("s")] = 1.0
-    """Stretches in which the robot stands still are cut to this length; 0 = kept whole."""
+    """Intervals in which the robot does not move are cut to this length; 0 = kept."""
     idle_m: Annotated[float, Range(0, 1), Unit("m")] = 0.002
-    """Movement of the flange that counts as standing still."""
+    """Largest movement of the flange that counts as no motion."""
     stride: Annotated[int, Range(1, 1e4)] = 1
     """Keep every n-th row."""
     min_frames: Annotated[int, Range(2, 1e6), Unit("frames")] = 5
-    """Episodes with fewer are skipped."""
+    """Smallest number of frames; episodes with fewer are skipped."""
     scan_frames: Annotated[int, Range(1, 1e4), Unit("frames")] = 40
-    """Most frames of the wrist camera's scan."""
+    """Largest number of frames of the wrist camera's scan."""
 
 
 @dataclass(frozen=True)
 class DroidScan:
-    """Frames of the wrist camera looking around before the interaction."""
+    """Scan of the wrist camera before the interaction."""
 
     episode: str
     """Name of the episode that it is part of."""
@@ -54,7 +54,7 @@ class DroidScan:
 
 @dataclass(frozen=True)
 class DroidEpisode:
-    """An episode that can be used."""
+    """A usable episode."""
 
     folder: DroidFolder
     trajectory: DroidTrajectory
@@ -75,11 +75,11 @@ class DroidEpisode:
 
 
 def open_episode(folder: DroidFolder, options: DroidOptions, choice: RowChoice) -> DroidEpisode:
-    """Read everything but the pictures.
+    """Read everything except the images.
 
     Raises:
-        PlopError: The episode cannot be used; the message names file, key and frame, and it holds the warnings
-            that were gathered before.
+        PlopError: The episode cannot be used; the message names file, key and frame, and it has the warnings
+            collected before.
     """
     warnings = list(folder.warnings)
     with remembering(warnings):
@@ -143,9 +143,9 @@ def _open_cameras(
     if not exterior:
         reasons = [f"{error.problem} {error.where}: {error.found}" for error in refused]
         raise PlopError(
-            "No fixed camera of the episode can be used.",
+            "No fixed camera of the episode is usable.",
             where=folder.folder,
-            expected="one exterior camera or more",
+            expected="at least one exterior camera",
             found="; ".join(reasons) or "none in camera_type",
             fix=next((error.fix for error in refused if error.fix), "Leave the episode out."),
             cause=next((error.cause for error in refused), None),
@@ -156,7 +156,7 @@ def _open_cameras(
 def _choose_rows(
     trajectory: DroidTrajectory, notes: EpisodeNotes, cameras: list[DroidCamera], choice: RowChoice, warnings: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Give the rows of the recording and their capture time in ms."""
+    """Return the rows of the recording and their capture time in ms."""
     first, last = _span(notes.interaction, trajectory.rows, f"{notes.path}: interaction", warnings)
     known = np.stack([camera.capture_ms for camera in cameras])
     counts = np.isfinite(known).sum(0)
@@ -174,7 +174,7 @@ def _choose_rows(
     rows = rows[:: choice.stride]
     if len(rows) < choice.min_frames:
         raise PlopError(
-            "Too few frames are left of the episode.",
+            "The episode has too few frames.",
             where=f"{trajectory.path}: rows {first}..{last}",
             expected=f"{choice.min_frames} or more",
             found=f"{len(rows)} ({int(trajectory.skipped[first : last + 1].sum())} rows have skip_action, "
@@ -185,7 +185,7 @@ def _choose_rows(
     if dropped:
         warnings.append(
             f"{trajectory.path}: {dropped} of {last + 1 - first} rows left out "
-            "(skip_action, standing still, no frame or no pose)"
+            "(skip_action, no motion, no frame or no pose)"
         )
     gaps = np.diff(time_ms[rows]) / 1000
     if gaps.max() > LONGEST_GAP_S * choice.stride:
@@ -200,10 +200,10 @@ def _check_lag(trajectory: DroidTrajectory, time_ms: np.ndarray, warnings: list[
     if abs(lag) > 250:
         warnings.append(
             Noticed(
-                f"{trajectory.path}: pictures are {lag:.0f} ms off the robot's clock (median); "
+                f"{trajectory.path}: images are {lag:.0f} ms off the robot's clock (median); "
                 "poses are interpolated, but check the clocks",
                 Cause.CLOCK,
-                "Check that the robot's and the cameras' time stamps are of one clock and in milliseconds.",
+                "Check that the time stamps of robot and cameras come from one clock and are in milliseconds.",
             )
         )
 
@@ -213,7 +213,7 @@ def _span(span: tuple[int, int] | None, rows: int, where: str, warnings: list[st
         return 0, rows - 1
     if span[0] >= rows:
         raise PlopError(
-            "Rows lie past the end of the episode.",
+            "The rows exceed the end of the episode.",
             where=where,
             expected=f"rows below {rows}",
             found=str(list(span)),
@@ -225,7 +225,7 @@ def _span(span: tuple[int, int] | None, rows: int, where: str, warnings: list[st
 
 
 def _increasing(time_ms: np.ndarray) -> np.ndarray:
-    """Mark entries later than all before them."""
+    """Mark entries that are later than all before them."""
     before = np.concatenate([[-np.inf], np.maximum.accumulate(time_ms)[:-1]]) if len(time_ms) else time_ms
     return time_ms > before
 
@@ -240,7 +240,7 @@ def _open_scan(
     flange_from_tool: np.ndarray,
     warnings: list[str],
 ) -> DroidScan | None:
-    """Open the scan; a scan that cannot be read costs a warning, not the episode."""
+    """Open the scan; a scan that cannot be read causes a warning, not an error."""
     span, where, name = notes.scan, f"{notes.path}: scan", folder.name
     try:
         if notes.scan_episode is not None:
@@ -253,12 +253,12 @@ def _open_scan(
         if span is None:
             return None
         if wrist is None:
-            raise PlopError("The wrist camera cannot be used.", where=where, found="no wrist camera")
+            raise PlopError("The wrist camera is not usable.", where=where, found="no wrist camera")
         first, last = _span(span, trajectory.rows, where, warnings)
         good = (wrist.frame_of_row >= 0) & np.isfinite(wrist.world_from_cam).all((1, 2))
         rows = first + np.flatnonzero(good[first : last + 1])
         if not len(rows):
-            raise PlopError("No frame of the scan can be used.", where=where, found="no row with frame and pose")
+            raise PlopError("No frame of the scan is usable.", where=where, found="no row with frame and pose")
     except PlopError as error:
         warnings += [*error.noticed, f"no scan: {error.problem} ({error.where}; found: {error.found})"]
         return None
@@ -279,6 +279,6 @@ def _open_cameras_wrist(
 
 
 def _metadata_serials(folder: DroidFolder) -> dict[str, int]:
-    """Cameras by type as the metadata name them."""
+    """Return cameras by type from the metadata."""
     roles = {"wrist_cam_serial": 0, "ext1_cam_serial": 1, "ext2_cam_serial": 2}
     return {str(folder.metadata[key]): kind for key, kind in roles.items() if folder.metadata.get(key)}

@@ -1,4 +1,4 @@
-"""Look into a foreign HDF5 file: no link into another file is followed, and a filter that is missing is named."""
+"""Safe reading of foreign HDF5 files: links into other files are not followed, and missing filters are named."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ FILTERS = {
     32026: "Blosc2",
     32028: "SPERR",
 }
-"""Registered filters that HDF5 comes without, all in the package hdf5plugin but LZO."""
+"""Registered filters that are not part of HDF5, all in the package hdf5plugin except LZO."""
 BUILT_IN = {4: "szip"}
 
 
 def node_of(file: h5py.File, path: Path, key: str) -> h5py.Group | h5py.Dataset | None:
-    """Give a group or a data set that can be read; None where there is none.
+    """Return a readable group or data set; None where there is none.
 
     Args:
         file: The open file.
@@ -45,9 +45,9 @@ def node_of(file: h5py.File, path: Path, key: str) -> h5py.Group | h5py.Dataset 
         link = node.get(part, getlink=True)
         if isinstance(link, h5py.ExternalLink):
             raise PlopError(
-                "The trajectory links into another file.",
+                "The trajectory contains a link into another file.",
                 where=f"{path}:/{key}",
-                expected="the data themselves",
+                expected="data in the file itself",
                 found=f"a link to {link.filename}",
                 fix="Copy the data into the file: links are not followed.",
             )
@@ -57,9 +57,9 @@ def node_of(file: h5py.File, path: Path, key: str) -> h5py.Group | h5py.Dataset 
     if isinstance(node, h5py.Dataset):
         if node.external or node.is_virtual:
             raise PlopError(
-                "The trajectory keeps data in another file.",
+                "The trajectory stores data in another file.",
                 where=f"{path}:/{key}",
-                expected="the data themselves",
+                expected="data in the file itself",
                 found="an external or virtual data set",
                 fix="Copy the data into the file: links are not followed.",
             )
@@ -68,7 +68,7 @@ def node_of(file: h5py.File, path: Path, key: str) -> h5py.Group | h5py.Dataset 
 
 
 def _readable(data: h5py.Dataset) -> bool:
-    """Tell whether it reads all the same: an optional filter may have been skipped."""
+    """Return whether it can be read anyway: an optional filter may have been skipped."""
     try:
         data[:]
     except OSError:
@@ -77,7 +77,7 @@ def _readable(data: h5py.Dataset) -> bool:
 
 
 def _check_filters(data: h5py.Dataset, where: str) -> None:
-    """Make sure that a data set can be decompressed; hdf5plugin is loaded only where it is needed and installed."""
+    """Check that a data set can be decompressed; hdf5plugin is loaded only if needed and installed."""
     created = data.id.get_create_plist()
     used = [created.get_filter(index) for index in range(created.get_nfilters())]
     missing = [used_ for used_ in used if not h5py.h5z.filter_avail(used_[0])]
@@ -91,9 +91,9 @@ def _check_filters(data: h5py.Dataset, where: str) -> None:
         known = FILTERS.get(code) or BUILT_IN.get(code) or stored or "an unknown filter"
         fix = "pip install hdf5plugin, and run again; or" if code in FILTERS and code != 305 else "Re-write the file:"
         raise PlopError(
-            "The file is compressed with a filter that is missing here.",
+            "The file is compressed with a filter that is not installed.",
             where=where,
             expected="gzip or lzf, or hdf5plugin installed",
-            found=f"{known} (filter {code}); the file is whole",
-            fix=f"{fix} h5repack -f GZIP=1 <file> <new file> where the filter is there.",
+            found=f"{known} (filter {code}); the file is intact",
+            fix=f"{fix} h5repack -f GZIP=1 <file> <new file> on a machine with the filter.",
         )

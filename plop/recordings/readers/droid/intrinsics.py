@@ -12,7 +12,7 @@ from plop.recordings.readers.droid.layout import DroidFolder
 from plop.recordings.readers.side_file import read_json
 
 ZED_WIDTHS = {1280: 720, 1920: 1080, 2208: 1242, 672: 376, 640: 360}
-"""Resolutions in which intrinsics of DROID's cameras are written, width -> height [px]."""
+"""Resolutions of the intrinsics of DROID's cameras, width -> height [px]."""
 
 
 def find_intrinsics(
@@ -25,7 +25,7 @@ def find_intrinsics(
     side_name: str,
     focal_px: float,
 ) -> tuple[np.ndarray, list[str]]:
-    """Give K of the left eye for pixel centres at half-integers.
+    """Return K of the left eye for pixel centres at half-integers.
 
     Args:
         episode: The episode.
@@ -34,13 +34,13 @@ def find_intrinsics(
         stored: `camera_intrinsics` of the trajectory.
         side: Content of intrinsics.json; {} when there is none.
         side_name: Its path, for messages.
-        focal_px: Last resort, the focal length at 1280 px width; 0 = not given.
+        focal_px: Fallback, the focal length at 1280 px width; 0 = not given.
 
     Returns:
         K, shape [3, 3] [px]; warnings.
 
     Raises:
-        PlopError: None of the three ways gives a K that can be right.
+        PlopError: None of the three sources gives a plausible K.
     """
     width, height = size
     warnings: list[str] = []
@@ -54,7 +54,7 @@ def find_intrinsics(
         focal = focal_px * width / 1280
         warnings.append(
             f"{episode.name}: camera {serial} has no intrinsics; "
-            f"fx = {focal:.0f} px and the picture's middle are assumed: run `plop calibrate`"
+            f"fx = {focal:.0f} px and the image centre are assumed: run `plop calibrate`"
         )
         return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]]), warnings
     else:
@@ -62,8 +62,8 @@ def find_intrinsics(
             "A camera has no intrinsics.",
             where=f"{episode.folder}: camera {serial}",
             expected="observation/camera_intrinsics in trajectory.h5, or intrinsics.json in the raw folder",
-            found="neither: the raw release keeps them inside the SVO files only",
-            fix="Bring intrinsics.json, or set cameras.exterior_focal_px / cameras.wrist_focal_px "
+            found="neither: the raw release has them in the SVO files only",
+            fix="Add intrinsics.json, or set cameras.exterior_focal_px / cameras.wrist_focal_px "
             "(HD720: about 530 for a ZED 2, 733 for a ZED Mini).",
         )
     matrix, more = _fit_to_size(matrix, width, height, where)
@@ -78,7 +78,7 @@ def matrix_from_side(entry: Any, where: str) -> tuple[np.ndarray, list[str]]:
     (fx and fy of a camera agree within 5 %), because both orders exist.
 
     Raises:
-        PlopError: The numbers fit neither order.
+        PlopError: The numbers match neither order.
     """
     value = entry.get("cameraMatrix") if isinstance(entry, dict) else entry
     try:
@@ -94,7 +94,7 @@ def matrix_from_side(entry: Any, where: str) -> tuple[np.ndarray, list[str]]:
         if abs(a - b) <= 0.05 * a:
             return np.array([[a, 0, c], [0, b, d], [0, 0, 1.0]]), [f"{where}: read as [fx, fy, cx, cy]"]
     raise PlopError(
-        "Intrinsics cannot be read.",
+        "The intrinsics cannot be read.",
         where=where,
         expected="[fx, cx, fy, cy] in px, or a 3x3 matrix",
         found=str(value)[:120],
@@ -106,7 +106,7 @@ def load_side_file(path: Path | None, what: str) -> dict[str, Any]:
     """Read a JSON side file (intrinsics.json, cam2base_extrinsics.json); {} when there is none.
 
     Raises:
-        PlopError: The file is no JSON object.
+        PlopError: The file is not a JSON object.
     """
     if path is None or not path.is_file():
         return {}
@@ -132,7 +132,7 @@ def load_side_file(path: Path | None, what: str) -> dict[str, Any]:
 
 
 def side_of_episode(episode: DroidFolder, side: dict[str, Any]) -> dict[str, Any]:
-    """Give the part of a side file that concerns one episode; a file keyed by serial alone serves all of them."""
+    """Return the part of a side file that concerns one episode; one keyed by serial number applies to all."""
     for uuid, entry in side.items():
         if episode.matches_uuid(uuid) and isinstance(entry, dict):
             return entry
@@ -145,16 +145,16 @@ def _side_entry(episode: DroidFolder, serial: str, side: dict[str, Any]) -> Any 
 
 
 def _fit_to_size(matrix: np.ndarray, width: int, height: int, where: str) -> tuple[np.ndarray, list[str]]:
-    """Accept K when its principal point is near the middle; rescale it when it was written for another size."""
+    """Accept K when its principal point is near the image centre; rescale it when it was written for another size."""
     matrix = np.array(matrix, dtype=np.float64)
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     if not np.isfinite(matrix).all() or fx <= 0 or fy <= 0 or abs(fx - fy) > 0.1 * fx:
         raise PlopError(
-            "Intrinsics are impossible.",
+            "The intrinsics are not plausible.",
             where=where,
-            expected="fx and fy positive, about equal",
+            expected="positive and about equal fx and fy",
             found=f"fx={fx:.1f}, fy={fy:.1f}, cx={cx:.1f}, cy={cy:.1f}",
-            fix="Correct it.",
+            fix="Correct them.",
         )
     if _near_middle(cx, cy, width, height):
         return matrix, []
@@ -164,11 +164,11 @@ def _fit_to_size(matrix: np.ndarray, width: int, height: int, where: str) -> tup
             matrix[:2] *= width / known_width
             return matrix, [f"{where}: written for {known_width} px width, scaled to {width}"]
     raise PlopError(
-        "Intrinsics belong to another picture size.",
+        "The intrinsics belong to another image size.",
         where=where,
         expected=f"a principal point near ({width / 2:.0f}, {height / 2:.0f})",
         found=f"({cx:.0f}, {cy:.0f})",
-        fix="Bring the intrinsics of this video's size.",
+        fix="Add intrinsics for the size of this video.",
     )
 
 

@@ -17,16 +17,16 @@ OUTCOMES = ("success", "failure")
 
 @dataclass(frozen=True)
 class DroidFolder:
-    """One episode's folder and what its path and metadata say."""
+    """One episode's folder, with the facts from its path and metadata."""
 
     name: str
     """Unique name, safe as a file name: <LAB>_<date and time>."""
     root: Path
-    """The raw folder: nothing outside of it is read."""
+    """The raw folder; no file outside of it is read."""
     folder: Path
     lab: str
     outcome: str
-    """"success", "failure" or "" where the path does not say."""
+    """"success", "failure" or "" where the path has neither."""
     metadata: dict[str, Any] = field(default_factory=dict)
     """The metadata file; empty when there is none."""
     warnings: tuple[str, ...] = ()
@@ -43,11 +43,11 @@ class DroidFolder:
 
     @property
     def stamp(self) -> str:
-        """Date and time as metadata write them, "2023-08-06-22h-13m-04s"; "" when the folder name is another."""
+        """Date and time as metadata write them, "2023-08-06-22h-13m-04s"; "" when the folder has another name."""
         return stamp_of(self.folder.name)
 
     def matches_uuid(self, uuid: str) -> bool:
-        """Tell whether a key of a side file means this episode, even when there is no metadata file."""
+        """Return whether a key of a side file refers to this episode, even without a metadata file."""
         known = self.metadata.get("uuid")
         if known:
             return uuid == known
@@ -55,13 +55,13 @@ class DroidFolder:
 
 
 def find_episodes(root: str | Path) -> list[DroidFolder]:
-    """List every folder that is, or was meant to be, an episode, sorted by path.
+    """List every folder that is, or looks like, an episode, sorted by path.
 
     Args:
         root: The raw folder: any level from the data set down to one episode.
 
     Returns:
-        Episodes with unique names. Broken ones are listed too: whoever reads them says why they fail.
+        Episodes with unique names, including damaged ones: reading them reports the error.
 
     Raises:
         PlopError: There is no such folder, or no episode in it.
@@ -89,45 +89,45 @@ def find_episodes(root: str | Path) -> list[DroidFolder]:
             where=root,
             expected="<LAB>/{success|failure}/<date>/<time>/trajectory.h5 below this folder",
             found="no trajectory.h5, metadata_*.json or recordings/",
-            fix="Give the folder that holds the labs.",
+            fix="Give the folder that contains the labs.",
         )
     return found
 
 
 def inside(root: Path, relative: str, *, base: Path | None = None, where: str) -> Path:
-    """Find a path that a file names, and refuse one that leaves the raw folder.
+    """Resolve a path from a file, and reject one outside the raw folder.
 
-    The one way out that is data of the set itself: in the cache of the Hugging Face hub every file of
-    `<set>/snapshots/<revision>/` is a link to `<set>/blobs/<digest>`, of the same `<set>`.
+    One exception is data of the set itself: in the cache of the Hugging Face hub every file of
+    `<set>/snapshots/<revision>/` is a link to `<set>/blobs/<digest>` of the same `<set>`.
 
     Args:
         root: The raw folder.
         relative: The path as written.
         base: Folder that it is relative to; the raw folder when absent.
-        where: File and key that hold it, for the message.
+        where: File and key that contain it, for the message.
 
     Returns:
         The path with its own name and suffix, links not resolved.
 
     Raises:
-        PlopError: The path is absolute, or it or what it links to lies outside of the raw folder.
+        PlopError: The path is absolute, or it or the target of its link lies outside the raw folder.
     """
     path = (base or root) / relative
     within = path.resolve().is_relative_to(root.resolve()) or _is_blob_of_its_set(path, root)
     if Path(relative).is_absolute() or not within:
         led = not Path(relative).is_absolute() and Path(os.path.abspath(path)).is_relative_to(root.absolute())
         raise PlopError(
-            "A path leaves the raw folder.",
+            "A path points outside the raw folder.",
             where=where,
             expected=f"a relative path inside {root}",
-            found=relative + (", a link that leads out of it" if led else ""),
-            fix="Put the file itself into the raw folder and write a relative path.",
+            found=relative + (", a link to the outside" if led else ""),
+            fix="Copy the file into the raw folder and use a relative path.",
         )
     return path
 
 
 def _is_blob_of_its_set(path: Path, root: Path) -> bool:
-    """Tell whether a file inside the raw folder is a link into the blobs of the hub cache that holds it."""
+    """Return whether a file in the raw folder is a link into the blobs of its own hub cache."""
     folder = path.parent.resolve()
     if not path.is_symlink() or not folder.is_relative_to(root.resolve()):
         return False
@@ -163,15 +163,15 @@ def _describe(root: Path, folder: Path, metadata_files: list[str], taken: set[st
 
 def _read_metadata(folder: Path, files: list[str]) -> tuple[dict[str, Any], list[str]]:
     if not files:
-        return {}, [f"{folder}: no metadata_*.json; cameras and intrinsics are found without it"]
+        return {}, [f"{folder}: no metadata_*.json; cameras and intrinsics are found by other files"]
     path = folder / files[0]
     warnings = [f"{folder}: {len(files)} metadata files, {files[0]} is used"] if len(files) > 1 else []
     try:
         content = read_json(path)
     except (OSError, ValueError) as error:
-        return {}, [*warnings, f"{path}: not readable ({error}); read on without it"]
+        return {}, [*warnings, f"{path}: not readable ({error}); ignored"]
     if not isinstance(content, dict):
-        return {}, [*warnings, f"{path}: not a JSON object; read on without it"]
+        return {}, [*warnings, f"{path}: not a JSON object; ignored"]
     if "droid_version" not in content and "r2d2_version" not in content:
-        warnings.append(f"{path}: neither droid_version nor r2d2_version; read as DROID all the same")
+        warnings.append(f"{path}: neither droid_version nor r2d2_version; read as DROID anyway")
     return content, warnings

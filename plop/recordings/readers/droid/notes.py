@@ -1,4 +1,4 @@
-"""plop_episode.json: what plop must know of an episode and DROID does not record."""
+"""plop_episode.json: facts about an episode that plop needs and DROID does not record."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from plop.recordings.readers.side_file import read_json
 
 NOTES_NAME = "plop_episode.json"
 WORKSPACE_M = 5.0
-"""A workspace that reaches farther from the robot's base is taken for millimetres [m]."""
+"""Largest extent of a workspace from the robot's base; larger values are taken as millimetres [m]."""
 KNOWN = ("scan", "scan_episode", "interaction", "tool", "workspace", "table_z")
 
 
@@ -25,10 +25,10 @@ class EpisodeNotes:
 
     path: Path | None = None
     scan: tuple[int, int] | None = None
-    """First and last row, both included."""
+    """First and last row, inclusive."""
     scan_episode: Path | None = None
     interaction: tuple[int, int] | None = None
-    """First and last row, both included."""
+    """First and last row, inclusive."""
     tool_mesh: Path | None = None
     flange_from_tool: np.ndarray = field(default_factory=lambda: np.zeros(6))
     """[x, y, z, a, b, c]"""
@@ -152,7 +152,7 @@ def _numbers(path: Path, key: str, value: Any, count: int) -> np.ndarray:
 
 def _bad(path: Path, key: str, expected: str, found: str) -> PlopError:
     return PlopError(
-        "plop_episode.json cannot be used.",
+        "plop_episode.json is not valid.",
         where=f"{path}: {key}" if key else path,
         expected=expected,
         found=found,

@@ -1,4 +1,4 @@
-"""Poses as DROID writes them, [x, y, z, a, b, c] in metres and radians: refuse what cannot be such."""
+"""Poses as DROID writes them, [x, y, z, a, b, c] in metres and radians: rejects implausible ones."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from plop.errors import PlopError
 
 FARTHEST_M = 5.0
-"""A robot or camera farther than this from the robot's base is taken for millimetres [m]."""
+"""Largest distance of a robot or camera from the robot's base; larger values are taken as millimetres [m]."""
 
 
 def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
-    """Refuse poses whose numbers cannot be metres and radians.
+    """Reject poses whose numbers cannot be metres and radians.
 
     Args:
-        poses: [x, y, z, a, b, c], shape [..., 6]; NaN rows are passed over.
+        poses: [x, y, z, a, b, c], shape [..., 6]; NaN rows are skipped.
         where: File and key, for the message.
         what: Whose pose it is, for the message.
 
@@ -30,16 +30,16 @@ def check_pose(poses: np.ndarray, *, where: str, what: str) -> None:
     distance = float(np.linalg.norm(poses[:, :3], axis=1).max())
     if distance > FARTHEST_M:
         raise PlopError(
-            f"The {what}'s position does not look like metres.",
+            f"The {what}'s position does not seem to be in metres.",
             where=where,
             expected=f"within {FARTHEST_M:g} m of the robot's base",
             found=f"{distance:.1f}",
-            fix="Positions are metres: divide millimetres by 1000.",
+            fix="Positions must be in metres: divide millimetres by 1000.",
         )
     angle = float(np.abs(poses[:, 3:]).max())
     if angle > 2 * np.pi + 1e-3:
         raise PlopError(
-            f"The {what}'s angles do not look like radians.",
+            f"The {what}'s angles do not seem to be in radians.",
             where=where,
             expected="Euler angles xyz in radians",
             found=f"{angle:.1f}",
@@ -51,12 +51,12 @@ def pose_from_json(value: Any, *, where: str, what: str) -> np.ndarray:
     """Read [x, y, z, a, b, c] from a JSON file, shape [6], metres and radians.
 
     Args:
-        value: What the file holds.
+        value: Content of the file.
         where: File and key, for the message.
         what: Whose pose it is, for the message.
 
     Raises:
-        PlopError: These are not six finite numbers, or no metres and radians.
+        PlopError: These are not six finite numbers, or not metres and radians.
     """
     try:
         pose = np.asarray(value, np.float64)

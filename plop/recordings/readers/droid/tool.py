@@ -1,4 +1,4 @@
-"""The tool of a DROID episode: a mesh file in metres, or a stand-in for a closed gripper."""
+"""The tool of a DROID episode: a mesh file in metres, or a substitute for a closed gripper."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from plop.geometry.meshes.tool_checks import check_tool_mesh
 from plop.recordings.recording import Mesh
 
 LARGEST_M = 1.0
-"""A tool longer than this is taken for millimetres [m]."""
+"""Largest length of a tool; larger values are taken as millimetres [m]."""
 _LEAST_USED = 0.98
-"""Share of an OBJ file's vertices that its faces use at least; vertices come first, so a truncated file leaves many."""
+"""Smallest share of an OBJ file's vertices that its faces use; vertices come first in the file."""
 FINGERS_M = (0.03, 0.03, 0.16)
-"""Stand-in when no mesh is given: the closed fingers of a gripper, from the flange along its z axis [m]."""
+"""Substitute when no mesh is given: the closed fingers of a gripper, from the flange along its z axis [m]."""
 
 
 def tool_mesh(path: Path | None, episode: str) -> tuple[Mesh, list[str]]:
     """Read the tool.
 
     Args:
-        path: STL, OBJ or PLY in the tool's frame, metres; None for the stand-in.
+        path: STL, OBJ or PLY in the tool's frame, metres; None for the substitute.
         episode: Name for messages.
 
     Returns:
         The mesh and warnings.
 
     Raises:
-        PlopError: The file is truncated or damaged, holds no triangles, or is in millimetres.
+        PlopError: The file is truncated or damaged, contains no triangles, or is in millimetres.
     """
     if path is None:
         box = trimesh.creation.box(FINGERS_M)
         vertices = np.asarray(box.vertices, dtype=np.float64) + [0, 0, FINGERS_M[2] / 2]
         return Mesh(vertices, np.asarray(box.faces, dtype=np.int64)), [
             f"{episode}: plop_episode.json names no tool; a box of {1000 * FINGERS_M[0]:.0f} x "
-            f"{1000 * FINGERS_M[1]:.0f} x {1000 * FINGERS_M[2]:.0f} mm at the flange stands in for closed fingers"
+            f"{1000 * FINGERS_M[1]:.0f} x {1000 * FINGERS_M[2]:.0f} mm at the flange represents closed fingers"
         ]
     _check_whole(path)
     try:
@@ -58,7 +58,7 @@ def tool_mesh(path: Path | None, episode: str) -> tuple[Mesh, list[str]]:
 
 
 def _check_whole(path: Path) -> None:
-    """Refuse a file that ends too early or has zeros where text should be, as far as its format tells."""
+    """Reject a truncated file or one with zeros in place of text, as far as its format allows."""
     content, kind = path.read_bytes(), path.suffix.lower()
     counted = int.from_bytes(content[80:84], "little")
     text = kind == ".obj" or (kind == ".stl" and content[:5] == b"solid" and len(content) != 84 + 50 * counted)
@@ -92,13 +92,13 @@ def _cut_off(path: Path, expected: str, found: str) -> PlopError:
         where=path,
         expected=expected,
         found=found,
-        fix="The file is cut off or part of it was lost: copy or export it again.",
+        fix="The file is truncated or part of it was lost: copy or export it again.",
     )
 
 
 def _bad(path: Path, expected: str, found: str) -> PlopError:
     return PlopError(
-        "The tool's mesh cannot be used.",
+        "The tool's mesh is not usable.",
         where=path,
         expected=expected,
         found=found,

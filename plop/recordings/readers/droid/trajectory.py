@@ -1,4 +1,4 @@
-"""Read what plop needs of DROID's trajectory.h5: robot poses, camera poses, clocks."""
+"""Read DROID's trajectory.h5: robot poses, camera poses, clocks."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from plop.recordings.readers.droid.pose import check_pose
 
 FLANGE = "observation/robot_state/cartesian_position"
 OFFSET = "_gripper_offset"
-"""Ends the key of a pose in the flange instead of the base."""
+"""Suffix of the key of a pose in the flange's frame instead of the base's."""
 CONTROL_HZ = 15.0
-"""DROID's control rate; a clock only where no other is stored."""
+"""DROID's control rate; used as a clock only where none is stored."""
 
 
 @dataclass(frozen=True)
 class DroidTrajectory:
-    """The robot's side of one episode; T rows at about 15 Hz, base frame, metres, radians.
+    """The robot's data of one episode; T rows at about 15 Hz, base frame, metres, radians.
 
-    Times are ms since `origin_ns`, taken as a difference of whole nanoseconds. Rows that a shorter key does not cover,
-    and unknown times, hold NaN.
+    Times are ms since `origin_ns`, computed as a difference of integer nanoseconds. Rows that a shorter key does not
+    cover, and unknown times, are NaN.
     """
 
     path: Path
@@ -34,7 +34,7 @@ class DroidTrajectory:
     flange: np.ndarray
     """Pose of the flange in the base, [x, y, z, a, b, c], shape [T, 6]."""
     robot_time_ms: np.ndarray
-    """When the robot's state was read (or the best clock in its place), shape [T] [ms since `origin_ns`]."""
+    """Time of the robot's state (or the best clock in its place), shape [T] [ms since `origin_ns`]."""
     skipped: np.ndarray
     """Rows in which the robot was not commanded, bool, shape [T]."""
     camera_type: dict[str, int]
@@ -52,7 +52,7 @@ class DroidTrajectory:
     origin_ns: int
     """First stamp of the robot's clock, on the scale of the recording's own stamps [ns]."""
     bad_clocks: dict[str, PlopError] = field(default_factory=dict)
-    """serial -> why the camera's clock cannot be used."""
+    """serial -> why the camera's clock is not usable."""
     warnings: list[str] = field(default_factory=list)
 
 
@@ -61,7 +61,7 @@ def read_trajectory(path: Path, *, serials: dict[str, int] | None = None) -> Dro
 
     Args:
         path: The file.
-        serials: Cameras by type (as `camera_type`) to use when the file does not say, e.g. from the metadata.
+        serials: Cameras by type (as `camera_type`) if the file has none, e.g. from the metadata.
 
     Raises:
         PlopError: The file is absent, truncated, lacks a key that plop needs, or is in millimetres.
@@ -90,16 +90,14 @@ def read_trajectory(path: Path, *, serials: dict[str, int] | None = None) -> Dro
 
 
 class _Reader:
-    """Reads one open file; `rows` is fixed first, then every key is fitted to it."""
+    """Reader of one open file; `rows` is set first, then every key is adjusted to it."""
 
     def __init__(self, path: Path, file: h5py.File) -> None:
         self.path, self.file, self.warnings = path, file, list[str]()
         self.units: dict[TimeUnit, list[str]] = {}
         self.truncated = self._node("action") is None
         if self.truncated:
-            self.warnings.append(
-                f"{path}: no `action` group, so the file was cut short; only its observations are used"
-            )
+            self.warnings.append(f"{path}: no `action` group, so the file is truncated; only its observations are used")
         flange = self._node(FLANGE)
         if not isinstance(flange, h5py.Dataset) or flange.ndim != 2 or flange.shape[1] != 6 or not len(flange):
             found = "nothing" if flange is None else f"shape {getattr(flange, 'shape', 'of a group')}"
@@ -108,7 +106,7 @@ class _Reader:
                 where=f"{path}:/{FLANGE}",
                 expected="[T, 6] float64 with T >= 1",
                 found=found,
-                fix="The episode cannot be used: leave it out.",
+                fix="The episode is not usable: leave it out.",
             )
         self.rows = max(len(flange), self._longest_clock())
 
@@ -121,8 +119,8 @@ class _Reader:
         stale = sorted(set(self._names(poses)) - set(own))
         if stale:
             self.warnings.append(
-                f"{self.path}:/{poses}: {', '.join(stale)} belong to none of camera_type "
-                f"({', '.join(types)}), so another rig's; ignored"
+                f"{self.path}:/{poses}: {', '.join(stale)} belong to no camera of camera_type "
+                f"({', '.join(types)}), but to another rig; ignored"
             )
         stored = {eye: self._rows(f"{poses}/{key}", 6) for key, eye in own.items()}
         offsets = {eye: _first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
@@ -131,7 +129,7 @@ class _Reader:
         robot = self._robot_clock(cameras, bad_clocks)
         origin = int(robot.ns[robot.known][0]) if robot is not None else 0
         self.warnings += [
-            f"{self.path}:/observation/timestamp: in {unit.plural} (not milliseconds), and read so: {', '.join(names)}"
+            f"{self.path}:/observation/timestamp: read in {unit.plural} (not milliseconds): {', '.join(names)}"
             for unit, names in self.units.items()
         ]
         received, captured = (
@@ -171,7 +169,7 @@ class _Reader:
         return len(node) if isinstance(node, h5py.Dataset) else 0
 
     def _rows(self, key: str, width: int = 0) -> np.ndarray:
-        """Read a key fitted to T rows: a short one lacks its early rows, unless the file was cut short."""
+        """Read a key adjusted to T rows: a short one lacks its early rows, unless the file is truncated."""
         node = self._node(key)
         shape = (self.rows, width) if width else (self.rows,)
         out = np.full(shape, np.nan)
@@ -190,7 +188,7 @@ class _Reader:
         return out
 
     def _covered(self, key: str, count: int) -> slice:
-        """Tell which of the T rows a key of `count` rows covers."""
+        """Return which of the T rows a key of `count` rows covers."""
         missing = self.rows - count
         if self.truncated:
             if missing:
@@ -204,7 +202,7 @@ class _Reader:
         return slice(missing, self.rows)
 
     def _clock(self, key: str) -> Clock | None:
-        """Read a column of stamps without ever making whole numbers decimal ones; None: it is not there, or empty."""
+        """Read a column of stamps without converting integers to floats; None: it is absent or empty."""
         node = self._node(key)
         if not isinstance(node, h5py.Dataset):
             return None
@@ -224,7 +222,7 @@ class _Reader:
         return np.nan_to_num(self._rows(key)) > 0
 
     def _camera_clocks(self, serial: str, bad: dict[str, PlopError]) -> tuple[Clock | None, Clock | None]:
-        """Give frame_received and estimated_capture of a camera; why they cannot be used goes into `bad`."""
+        """Return frame_received and estimated_capture of a camera; record in `bad` why they are not usable."""
         key = f"observation/timestamp/cameras/{serial}"
         try:
             return self._clock(f"{key}_frame_received"), self._clock(f"{key}_estimated_capture")
@@ -235,18 +233,18 @@ class _Reader:
     def _robot_clock(
         self, cameras: dict[str, tuple[Clock | None, Clock | None]], bad: dict[str, PlopError]
     ) -> Clock | None:
-        """Give the robot's clock, or the best there is in its place; cameras whose clocks do not go with it into `bad`.
+        """Return the robot's clock, or the best substitute; record cameras with inconsistent clocks in `bad`.
 
         Raises:
-            PlopError: The robot's clock is there but none.
+            PlopError: The robot's clock exists but is not valid.
         """
         robot = self._clock("observation/timestamp/robot_state/read_end")
         robot = robot or self._clock("observation/timestamp/control/step_start")
         if robot is None:
             others = [(serial, clock) for serial, pair in cameras.items() for clock in pair if clock is not None]
             serial, robot = others[0] if others else ("", None)
-            used = f"the robot's clock is missing; camera {serial}'s is used, so a lag of pose and picture stays in"
-            none = f"no clock is stored; {CONTROL_HZ:g} rows a second are assumed"
+            used = f"the robot's clock is missing; camera {serial}'s is used, so a lag between pose and image remains"
+            none = f"no clock is stored; {CONTROL_HZ:g} rows per second are assumed"
             self.warnings.append(f"{self.path}: {used if others else none}")
         for serial, pair in cameras.items():
             try:
@@ -279,16 +277,16 @@ class _Reader:
                 "The cameras of the episode are unknown.",
                 where=f"{self.path}:/observation/camera_type",
                 expected="serial -> 0 (wrist), 1 or 2 (exterior)",
-                found="nothing, and no metadata file",
+                found="none, and no metadata file",
                 fix="Leave the episode out, or add its metadata_*.json.",
             )
         return types
 
 
 def _eye(key: str, cameras: Mapping[str, int]) -> str | None:
-    """Name the eye that a key is about, "<camera>_left" or "_right", with "_gripper_offset" kept; None: of no camera.
+    """Return the eye of a key, "<camera>_left" or "_right", with "_gripper_offset" kept; None: of no camera.
 
-    A camera's name may hold anything: only the known endings are cut off, and a key that is a camera's name whole is
+    A camera's name may contain anything: only the known suffixes are removed, and a key that equals a camera's name is
     its left eye.
     """
     offset = OFFSET if key.endswith(OFFSET) else ""

@@ -13,21 +13,21 @@ import numpy as np
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError
 
-# FFmpeg's own lines on a damaged file would stand before plop's error; cv2 reads this when it opens its first video.
+# Suppress FFmpeg's own messages on a damaged file; cv2 reads this when it opens its first video.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 STACKED_ASPECT = (0.6, 1.25)
-"""Width / height of two eyes one above the other (one eye: 1.2 to 2.5); single pictures have it, too."""
+"""Aspect ratio of two vertically stacked eyes (one eye: 1.2 to 2.5); some single images have it, too."""
 ALIKE = 0.72
-"""Median correlation of blocks above which two halves are two eyes: 0.78 to 0.87 on rendered pairs, noise included, at
-most 0.67 on the halves of some forty single pictures of such an aspect."""
+"""Smallest median correlation of blocks of two eyes: 0.78 to 0.87 on rendered pairs with noise, at most 0.67 on the
+halves of about forty single images of such an aspect ratio."""
 STEREO_ASPECT = 2.4
-"""Width / height above which a picture holds both eyes (HD720: 1.78 for one eye, 3.56 for two)."""
+"""Smallest aspect ratio of an image with both eyes (HD720: 1.78 for one eye, 3.56 for two)."""
 
 
 @dataclass(frozen=True)
 class DroidVideo:
-    """One video file, measured by decoding it: its header is not to be trusted."""
+    """One video file, measured by decoding it: its header is not reliable."""
 
     path: Path
     frames: int
@@ -39,7 +39,7 @@ class DroidVideo:
     stereo: bool
     """Both eyes, side by side."""
     turned_deg: int = 0
-    """Turn that the file's rotation flag asks for, already applied [deg]."""
+    """Rotation by the file's rotation flag, already applied [deg]."""
 
     def read(self, indices: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
         """Decode some frames in one pass.
@@ -48,7 +48,7 @@ class DroidVideo:
             indices: Ascending frame numbers, shape [N].
 
         Yields:
-            Left and right picture per index, [H, W, 3] uint8 RGB; right is None for a single eye.
+            Left and right image per index, [H, W, 3] uint8 RGB; right is None for a single eye.
 
         Raises:
             PlopError: A frame does not decode.
@@ -76,10 +76,10 @@ class DroidVideo:
 
 
 def open_video(path: Path) -> DroidVideo:
-    """Measure a video by walking through it once.
+    """Measure a video by decoding it once.
 
     Raises:
-        PlopError: The file cannot be opened, holds no frame, or both eyes one above the other.
+        PlopError: The file cannot be opened, contains no frame, or has the eyes stacked vertically.
     """
     capture = cv2.VideoCapture(str(path)) if path.stat().st_size else None
     try:
@@ -102,10 +102,10 @@ def open_video(path: Path) -> DroidVideo:
     height, width = first.shape[:2]
     if _stacked(first):
         raise PlopError(
-            "A video holds both eyes one above the other.",
+            "A video has both eyes stacked vertically.",
             where=path,
             expected="one eye, or both side by side (left | right)",
-            found=f"{width}x{height} px with two like halves",
+            found=f"{width}x{height} px with two similar halves",
             fix=f"Put them side by side: ffmpeg -i {path.name} -vf stereo3d=abl:sbsl <new file> "
             "(abr:sbsl where the right eye is above).",
             cause=Cause.PICTURES,
@@ -115,7 +115,7 @@ def open_video(path: Path) -> DroidVideo:
 
 
 def _stacked(picture: np.ndarray) -> bool:
-    """Tell whether the halves of a picture are two eyes: every block of one is in the other, in the same rows."""
+    """Return whether the halves of an image are two eyes: every block of one is in the other, in the same rows."""
     height, width = picture.shape[:2]
     if not STACKED_ASPECT[0] < width / height < STACKED_ASPECT[1]:
         return False
@@ -134,18 +134,18 @@ def _stacked(picture: np.ndarray) -> bool:
 def find_video(recordings: Path, serial: str, *, stereo: bool) -> tuple[DroidVideo | None, list[str]]:
     """Choose the file of a camera.
 
-    A `-stereo` suffix is no proof and its absence neither: the picture's shape decides.
+    A `-stereo` suffix is not reliable: the shape of the image decides.
 
     Args:
         recordings: The episode's folder of recordings.
         serial: The camera.
-        stereo: Both eyes are wanted when they are there.
+        stereo: Prefer a file with both eyes.
 
     Returns:
-        The video (None when there is none) and warnings about files that were passed over.
+        The video (None when there is none) and warnings about skipped files.
 
     Raises:
-        PlopError: A file holds both eyes one above the other.
+        PlopError: A file has both eyes stacked vertically.
     """
     warnings: list[str] = []
     order = (f"{serial}-stereo.mp4", f"{serial}.mp4") if stereo else (f"{serial}.mp4", f"{serial}-stereo.mp4")
@@ -164,14 +164,14 @@ def find_video(recordings: Path, serial: str, *, stereo: bool) -> tuple[DroidVid
         if video.turned_deg:
             warnings.append(
                 Noticed(
-                    f"{path}: its rotation flag turns the pictures by {video.turned_deg} deg; "
-                    "intrinsics, depth and pose must be those of the turned picture",
+                    f"{path}: its rotation flag rotates the images by {video.turned_deg} deg; "
+                    "intrinsics, depth and pose must be those of the rotated image",
                     Cause.PICTURES,
                     "Write the video without the flag: ffmpeg -noautorotate.",
                 )
             )
         if video.stereo != name.endswith("-stereo.mp4"):
-            warnings.append(f"{path}: {'both eyes' if video.stereo else 'one eye'}, whatever the name says")
+            warnings.append(f"{path}: {'both eyes' if video.stereo else 'one eye'}, in contradiction to its name")
         if video.stereo == stereo:
             return video, warnings
         single = single or video

@@ -1,4 +1,4 @@
-"""Write synthetic episodes in DROID's raw layout: for tests, and for simulators that stand in for the robot."""
+"""Write synthetic episodes in DROID's raw layout: for tests, and for simulators in place of the robot."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from plop.recordings.readers.droid.align import CAPTURE_LATENCY_MS
 STEP_MS = 67
 """One control step [ms]."""
 HEADER_FPS = 60
-"""What DROID's MP4 headers say; no clock."""
+"""Frame rate in DROID's MP4 headers; not a clock."""
 
 
 @dataclass(frozen=True)
 class RawCamera:
-    """One camera to be written."""
+    """One camera to write."""
 
     serial: str
     kind: int
     """0 wrist, 1 or 2 exterior."""
     left: Sequence[np.ndarray]
-    """One picture per row, [H, W, 3] uint8 RGB."""
+    """One image per row, [H, W, 3] uint8 RGB."""
     pose6: np.ndarray
     """Left eye: camera in base (exterior) or camera in flange (wrist), [x, y, z, a, b, c]."""
     right: Sequence[np.ndarray] | None = None
@@ -37,7 +37,7 @@ class RawCamera:
     intrinsics: np.ndarray | None = None
     """K with pixel centres at integers, as DROID stores it, shape [3, 3] [px]; None leaves it out."""
     depth_m: Sequence[np.ndarray] | None = None
-    """One depth picture per row, [H, W] [m]; written as uint16 millimetres."""
+    """One depth image per row, [H, W] [m]; written as uint16 millimetres."""
 
 
 def write_droid_episode(
@@ -56,13 +56,13 @@ def write_droid_episode(
 
     Args:
         root: The raw folder; the episode goes to <lab>/<outcome>/<date>/<time> in it.
-        cameras: The cameras, with as many pictures as there are rows.
+        cameras: The cameras, with one image per row.
         flange6: Pose of the flange in the base per row, shape [T, 6], metres and radians.
         lab: Name of the lab.
         user: Eight characters.
         outcome: "success" or "failure".
         moment: Start of the episode.
-        pose_lag_ms: How much earlier than the pictures the robot's state is read [ms].
+        pose_lag_ms: Lead of the robot's state over the images [ms].
         notes: Content of plop_episode.json; None writes none.
 
     Returns:
@@ -156,7 +156,7 @@ def _write_pictures(recordings: Path, camera: RawCamera, received: np.ndarray) -
 
 
 def write_video(path: Path, frames: Sequence[np.ndarray]) -> None:
-    """Write RGB pictures [H, W, 3] uint8 as MPEG-4, with the header's 60 fps that DROID's files have."""
+    """Write RGB images [H, W, 3] uint8 as MPEG-4, with 60 fps in the header as in DROID's files."""
     height, width = frames[0].shape[:2]
     code = cv2.VideoWriter.fourcc(*"mp4v")
     writer = cv2.VideoWriter(str(path), code, HEADER_FPS, (width, height))

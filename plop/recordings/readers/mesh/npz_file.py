@@ -1,4 +1,4 @@
-"""Arrays of a raw episode in an npz file, each of the shape and kind that it should have."""
+"""Arrays of a raw episode in an npz file, with checks of shapes and types."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from plop.recordings.array_checks import Part
 def read_npz(
     path: Path, parts: Mapping[str, Part], *, optional: Container[str] = (), may_be_empty: Container[str] = (), fix: str
 ) -> dict[str, np.ndarray]:
-    """Read an npz file; keys that are not among `parts` are given as they are.
+    """Read an npz file; keys that are not in `parts` are returned unchecked.
 
     Args:
         path: The file.
-        parts: What is looked for.
-        optional: Those that may be absent.
-        may_be_empty: Those that may have no elements.
-        fix: What to do about a file that cannot be used.
+        parts: Expected arrays.
+        optional: Arrays that may be absent.
+        may_be_empty: Arrays that may have no elements.
+        fix: What to do about an invalid file.
 
     Raises:
         PlopError: It is missing or damaged, or an array is missing or of another shape or kind; names file and key.
@@ -50,10 +50,10 @@ def read_npz(
     for key, part in parts.items():
         wrong = part.misfit(arrays[key]) if key in arrays else None
         if wrong is None and key in arrays and not arrays[key].size and key not in may_be_empty:
-            wrong = ("some elements", "none")
+            wrong = ("at least one element", "none")
         if wrong is not None:
             raise PlopError(
-                "An array of this episode has another shape or type than it should.",
+                "An array of this episode has an unexpected shape or type.",
                 where=f"{path}: {key}",
                 expected=wrong[0],
                 found=wrong[1],

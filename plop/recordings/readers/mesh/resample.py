@@ -1,4 +1,4 @@
-"""A mesh sequence at other times than those at which it was recorded."""
+"""Resampling of a mesh sequence in time."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from plop.recordings.readers.mesh.sequence import MeshSequence
 
 
 def resampled(sequence: MeshSequence, times_s: np.ndarray) -> MeshSequence:
-    """Interpolate surface and tool linearly in time; before the first frame and after the last they stand still.
+    """Interpolate surface and tool linearly in time; constant before the first frame and after the last.
 
     Args:
         sequence: The episode.
-        times_s: Wanted times, shape [N] [s]; they need not increase strictly where they lie outside the episode.
+        times_s: New times, shape [N] [s]; they need not increase strictly where they lie outside the episode.
 
     Returns:
-        The episode with N frames whose `times` are `times_s`; `truth` and rest positions are passed on as they are.
+        The episode with N frames whose `times` are `times_s`; `truth` and rest positions are not changed.
     """
     last = len(sequence.times) - 1
     place = np.interp(times_s, sequence.times, np.arange(last + 1))

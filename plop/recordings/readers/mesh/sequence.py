@@ -3,7 +3,7 @@
     <name>.npz   times [T] s, vertices [T, V, 3] m, faces [F, 3], tool_vertices [K, 3] m in the tool's
                  frame, tool_faces [G, 3], world_from_tool [T, 4, 4]; optional: rest_vertices [V, 3] m
                  (the first frame when absent), cut_faces [F] bool (faces that the cut makes), and
-                 truth_<key>: whatever else only the simulator knows
+                 truth_<key>: further data known only to the simulator
     <name>.json  {"schema": 1, "environment", "source", "table_z_m" (null = no table), "facts": {...}}; optional
                  "units": {"length", "up", "time", "frames_per_second"}: other units and axes are converted
 
@@ -66,11 +66,11 @@ class MeshSequence:
     rest_vertices: np.ndarray | None = None
     """Material position of every vertex, shape [V, 3] [m]; the first frame when absent."""
     cut_faces: np.ndarray | None = None
-    """Faces that the cut makes, bool, shape [F]; none when absent."""
+    """Faces created by the cut, bool, shape [F]; none when absent."""
     source: str = "mesh"
-    """What made the episode."""
+    """Source of the episode."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
-    """Anything else that only the simulator knows; goes to `/truth/<key>` of the recording."""
+    """Further data known only to the simulator; stored in `/truth/<key>` of the recording."""
     facts: dict[str, Any] = field(default_factory=dict)
     """Parameters of the simulator, JSON types only."""
     up: str = "z"
@@ -78,7 +78,7 @@ class MeshSequence:
     declared: frozenset[str] = frozenset()
     """Which of "up", "length" and "time" the files themselves declare."""
     notes: tuple[str, ...] = ()
-    """What a person should know of how it was read."""
+    """Notes on how it was read."""
 
     @property
     def rest(self) -> np.ndarray:
@@ -87,7 +87,7 @@ class MeshSequence:
 
     @property
     def is_cut_face(self) -> np.ndarray:
-        """Faces that the cut makes, bool, shape [F]."""
+        """Faces created by the cut, bool, shape [F]."""
         return np.zeros(len(self.faces), bool) if self.cut_faces is None else self.cut_faces
 
     def __len__(self) -> int:
@@ -98,7 +98,7 @@ def write_mesh_sequence(folder: str | Path, sequence: MeshSequence) -> Path:
     """Write `<name>.npz` and `<name>.json`, the JSON last; the same sequence gives the same bytes.
 
     Args:
-        folder: Where to write; made when it does not exist.
+        folder: Where to write; created when it does not exist.
         sequence: The episode.
 
     Returns:
@@ -144,11 +144,11 @@ def list_mesh_sequences(folder: Path) -> list[RawEpisode]:
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise PlopError(
-            "There are no mesh sequences here.",
+            "There are no mesh sequences in this folder.",
             where=folder,
             expected="<name>.npz and <name>.json",
             found="no .npz file",
-            fix="Give the folder that the simulator wrote.",
+            fix="Give the folder written by the simulator.",
         )
     return [raw_episode(path, _read_side, lambda name: re.sub(r"_\d+$", "", name)) for path in paths]
 
@@ -160,7 +160,7 @@ def read_mesh_sequence(path: str | Path) -> MeshSequence:
         path: Path of the npz file.
 
     Raises:
-        PlopError: A file is missing or truncated, a key is absent or of the wrong kind, or the content contradicts
+        PlopError: A file is missing or truncated, a key is absent or of the wrong type, or the content contradicts
             itself.
     """
     path = Path(path)
@@ -203,7 +203,7 @@ def _poses(world_from_tool: np.ndarray, frame: WorldFrame, path: Path) -> np.nda
 
 
 def _truth(arrays: dict[str, np.ndarray], frame: WorldFrame) -> dict[str, np.ndarray]:
-    """Take out what only the simulator knows; positions (`..._m`, three numbers each) are converted with the rest."""
+    """Extract data known only to the simulator; positions (`..._m`, three numbers each) are converted like the rest."""
     truth = {key.removeprefix(_TRUTH): value for key, value in arrays.items() if key.startswith(_TRUTH)}
     return {
         key: frame.points(value).astype(value.dtype) if key.endswith("_m") and value.shape[-1:] == (3,) else value
@@ -227,7 +227,7 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
     for key, (value, shape) in shapes.items():
         if np.shape(value) != shape or 0 in shape:
             raise PlopError(
-                "The arrays of this episode do not fit together.",
+                "The arrays of this episode are inconsistent.",
                 where=f"{where}: {key}",
                 expected=f"shape {shape}, no dimension empty",
                 found=f"shape {np.shape(value)}",
@@ -235,11 +235,11 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
             )
         if not np.isfinite(value).all():
             raise PlopError(
-                "This episode holds NaN or infinite values.",
+                "This episode contains NaN or infinite values.",
                 where=f"{where}: {key}",
                 expected="finite numbers",
                 found=f"{int((~np.isfinite(value)).sum())} others",
-                fix="The simulation probably blew up: simulate it again or leave it out.",
+                fix="The simulation probably diverged: simulate it again or leave it out.",
             )
     check_rigid(sequence.world_from_tool, f"{where}: world_from_tool", what="tool")
     if (np.diff(sequence.times) <= 0).any():
@@ -256,11 +256,11 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
         if faces.min() < 0 or faces.max() >= limit:
             from_one = faces.min() >= 1 and faces.max() == limit
             raise PlopError(
-                "A face points at a vertex that does not exist.",
+                "A face refers to a vertex that does not exist.",
                 where=f"{where}: {key}",
                 expected=f"indices 0..{limit - 1}",
                 found=f"{faces.min()}..{faces.max()}",
-                fix="Counted from 1, as in OBJ files and MATLAB? Subtract 1." if from_one else _EXPORT_AGAIN,
+                fix="If indices count from 1, as in OBJ files and MATLAB, subtract 1." if from_one else _EXPORT_AGAIN,
             )
 
 
@@ -269,7 +269,7 @@ def _read_side(path: Path) -> dict[str, Any]:
     side = read_side_file(path, kinds, fix=_EXPORT_AGAIN)
     if side.get("schema", MESH_SEQUENCE_SCHEMA) > MESH_SEQUENCE_SCHEMA:
         raise PlopError(
-            "The episode comes from a newer version.",
+            "The episode was written by a newer version.",
             where=path,
             expected=f"schema {MESH_SEQUENCE_SCHEMA}",
             found=f"schema {side['schema']}",
@@ -289,10 +289,10 @@ def _read_side(path: Path) -> dict[str, Any]:
 
 
 def begun_at_rest(sequence: MeshSequence) -> MeshSequence:
-    """Lead an episode back to its rest shape at time 0 when its first frame lies later.
+    """Extend an episode back to its rest shape at time 0 when its first frame lies later.
 
-    The tool is led back at its first velocity. So is what else the simulator knows over time, where it knows it at
-    rest, too: `truth["rest_<key>"]` becomes the first frame of `truth["<key>"]`.
+    The tool is extrapolated back at its first velocity. Other time-dependent data of the simulator are extended if
+    known at rest: `truth["rest_<key>"]` becomes the first frame of `truth["<key>"]`.
     """
     times, poses = sequence.times, sequence.world_from_tool
     if times[0] <= 0 or sequence.rest_vertices is None or len(times) < 2:

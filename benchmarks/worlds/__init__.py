@@ -1,0 +1,1 @@
+"""Foreign worlds: other simulators that make plop's raw recordings."""

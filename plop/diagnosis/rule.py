@@ -1,0 +1,37 @@
+"""The numbers by which a verdict is decided, each with its principle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.stats import norm
+
+
+@dataclass(frozen=True)
+class DecisionRule:
+    """Target error rates and margins."""
+
+    alarm: float = 0.01
+    """Chance of a false alarm by each of the two ways to raise one: a law that is found, and a difference to the
+    reference whatever it is."""
+    alike: float = 0.05
+    """Chance with which a law that does as well as the best one is called worse."""
+    part: float = 0.6
+    """Share of the difference to the reference below which a law is named only as a part, if what is left still stands
+    out: most of what a law outside the library does, a neighbour can do as well."""
+    nothing: float = 0.3
+    """The share below which it is not named at all: what explains so little is not what is missing."""
+    response_error: float = 0.25
+    """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
+    episodes, so that no scatter between them shows it (from runs where the truth is known, docs/results/parts.md). It
+    widens intervals, and a second law must do more than what is wrong with the response to the first."""
+    seen: float = 0.9
+    """How often an effect as large as a detection limit would have been named."""
+
+    @property
+    def response_width(self) -> float:
+        """Half width of an amplitude's 95 % interval that comes from the response alone [-]."""
+        return float(norm.ppf(0.975)) * self.response_error
+
+
+RULE = DecisionRule()

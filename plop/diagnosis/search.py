@@ -1,0 +1,359 @@
+"""The search through the library: every hypothesis on the same evidence, and how often chance finds as much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from plop.diagnosis.calibration import chance, strongest, ways_to_deal
+from plop.diagnosis.contrast import Products, roots
+from plop.diagnosis.discrepancy import SPREAD, Field, Spread
+from plop.diagnosis.evidence import Evidence
+from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
+from plop.diagnosis.table import Table
+from plop.diagnosis.unknown import Unknown
+from plop.diagnosis.without_reference import chance_without_reference
+
+REFITTED = {"stiffness": 0.3, "damping": 1.0, "table_friction": 0.2, "blade_friction": 0.2}
+"""The base's own parameters, and how far `plop identify` may be off: standard deviations in typical amplitudes."""
+ENOUGH_WAYS = 100
+"""Ways of dealing episodes out that are needed for a chance of 1 %."""
+NEAR = 0.15
+"""An amplitude is found where the response was computed within this share of it."""
+
+_TURNS = 5
+"""Rounds in which amplitude and weights are found from each other."""
+_FLATTEST = 16.0
+"""How many times an amplitude is looked at beyond what was found."""
+_AS_GOOD = 0.02
+"""Share of its strength by which a law may differ between amplitudes at which it does as well."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What the evidence says of one hypothesis."""
+
+    hypothesis: Hypothesis
+    products: Products
+    amount: float
+    """Fitted, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
+    error: float
+    """Its standard error."""
+    freedom: int
+    """Degrees of freedom with which that is known."""
+    p: float
+    """Chance that the whole search finds as much where nothing is hidden."""
+    gains: np.ndarray
+    """Gain of log density of each episode to explain, held out, [H] [nats]."""
+    removed: np.ndarray
+    """Squared error of each that goes away, held out, [H], in units of its expectation."""
+    size_m: float
+    """RMS displacement that the law makes [m]."""
+
+    @property
+    def gain(self) -> float:
+        """Gain over all episodes [nats]."""
+        return float(self.gains.sum())
+
+    @property
+    def strength(self) -> float:
+        """Sum of the roots of the gains: what ranks."""
+        return float(roots(self.gains).sum())
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Fitted amplitudes."""
+        return tuple(self.amount * value for value in self.hypothesis.values)
+
+
+class Search:
+    """Evidence of recordings and reference, and the hypotheses tried on it."""
+
+    def __init__(
+        self,
+        tables: Sequence[Table],
+        candidates: Sequence[Candidate],
+        base: Sequence[Hypothesis],
+        spread: Spread = SPREAD,
+    ) -> None:
+        """Run every law at the amplitudes at which it is tried first.
+
+        Args:
+            tables: The recordings to explain, then the reference, if there is one.
+            candidates: The laws.
+            base: The base's own parameters at one standard deviation of what `identify` may be off.
+            spread: How large each part of the discrepancy is.
+        """
+        self.tables, self.candidates = list(tables), list(candidates)
+        self.here = np.repeat([True, False][: len(tables)], [len(table.episodes) for table in tables])
+        self.evidence: list[Evidence] = [evidence for table in tables for evidence in table.evidence]
+        self.hypotheses: list[Hypothesis] = []
+        self.add([*hypotheses_of(candidates), *base])
+        usable = [b for b in base if b in self.hypotheses]
+        self.hypotheses = [h for h in self.hypotheses if h not in base]
+        self.first = tuple(self.hypotheses)
+        columns = [self.response(hypothesis) for hypothesis in usable]
+        shapes = [e.residual.shape for e in self.evidence]
+        stacked = [
+            np.stack([c[e] for c in columns], -1) if columns else np.zeros((*shape, 0))
+            for e, shape in enumerate(shapes)
+        ]
+        self._base, self.spread = stacked, spread
+        self.field = Field(self.evidence, stacked, spread)
+        self.fitted = self.field.base_fitted()
+        self.known: list[np.ndarray] = [np.zeros(shape) for shape in shapes]
+        """What has been found already, and is taken off the residuals, [F, K, 3] [m] each."""
+
+    def add(self, hypotheses: Sequence[Hypothesis]) -> None:
+        """Run more hypotheses; those that are unstable, or move nothing, are left out."""
+        for table in self.tables:
+            table.respond(settings for hypothesis in hypotheses for settings, _ in hypothesis.runs)
+        for hypothesis in hypotheses:
+            if not any(table.trouble(hypothesis) for table in self.tables) and self._moves(hypothesis):
+                self.hypotheses.append(hypothesis)
+
+    def failed(self) -> dict[str, str]:
+        """Give the laws of which no setting could be run, and why."""
+        troubles = {key: why for table in self.tables for key, why in table.failed.items()}
+        run = {h.effect for h in hypotheses_of(self.candidates) if not any(run_key(s) in troubles for s, _ in h.runs)}
+        return {
+            h.effect: next(troubles[key] for s, _ in h.runs if (key := run_key(s)) in troubles)
+            for h in hypotheses_of(self.candidates)
+            if h.effect not in run
+        }
+
+    def _moves(self, hypothesis: Hypothesis) -> bool:
+        return any(np.any(changes) for changes in self.tables[0].response(hypothesis))
+
+    def response(self, hypothesis: Hypothesis) -> list[np.ndarray]:
+        """Give what a hypothesis changes in every episode, [F, K, 3] [m] each."""
+        return [changes for table in self.tables for changes in table.response(hypothesis)]
+
+    @cached_property
+    def ways(self) -> np.ndarray:
+        """Ways of dealing the episodes out, the real one first, [N, E]; without a reference only that one."""
+        if self.here.all():
+            return np.ones((1, len(self.here)))
+        kinds = [kind for table in self.tables for kind in table.kinds]
+        return ways_to_deal(self.here, kinds, ENOUGH_WAYS)
+
+    def beside(self, score: Score) -> Search:
+        """Search what a law leaves that has been found: it is taken off the episodes to explain."""
+        other = self._copy()
+        other.known = [known + change for known, change in zip(self.known, self._change(score), strict=True)]
+        other.first = tuple(h for h in self.first if h.effect != score.hypothesis.effect)
+        other.hypotheses = [h for h in self.hypotheses if h.effect != score.hypothesis.effect]
+        return other
+
+    def _copy(self) -> Search:
+        other = object.__new__(Search)
+        computed = ("_null", "unknown", "unknown_p", "unknown_gain")
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
+        return other
+
+    def _change(self, score: Score) -> list[np.ndarray]:
+        """Give what a law does where it was found, [F, K, 3] [m] for each episode; 0 in the reference."""
+        response = self.response(score.hypothesis)
+        return [score.amount * changes * here for changes, here in zip(response, self.here, strict=True)]
+
+    def reweighted(self, score: Score) -> Search:
+        """Weigh patches and frames by what they leave with a law that was found, which is no chance any more.
+
+        The search itself weighs them without any law, so that no way of dealing the episodes out is preferred; a strong
+        law then looks as if parts had broken loose.
+        """
+        other, change = self._copy(), self._change(score)
+        left = [replace(e, residual=e.residual - c) for e, c in zip(self.evidence, change, strict=True)]
+        other.field = Field(left, self._base, self.spread)
+        other.fitted = [f + c for f, c in zip(other.field.base_fitted(), change, strict=True)]
+        return other
+
+    def settled(self, score: Score) -> tuple[Search, Score]:
+        """Find the amplitude of a law with the weights that it leaves, running it anew where it has moved.
+
+        Returns:
+            The search with these weights, and the score there, with the chance of the search as it was.
+        """
+        search, found = self, score
+        for _ in range(_TURNS):
+            trial = self.reweighted(found)
+            new = trial.score_of(found.hypothesis, score.p)
+            if new.strength <= 0:
+                break
+            search, found = trial, new
+            multiple = min(new.amount, new.hypothesis.most)
+            if abs(multiple - 1) <= NEAR:
+                break
+            moved = new.hypothesis.at(multiple)
+            self.add([moved] if moved.key not in {h.key for h in self.hypotheses if len(h.runs) == 1} else [])
+            if moved not in self.hypotheses:
+                break
+            found = trial.score_of(moved, score.p)
+        return search, found
+
+    def saturated(self, score: Score) -> float:
+        """Find how many times larger an amplitude may be with the same response: a bond that holds holds no more.
+
+        Args:
+            score: A law at the amplitude where its response was computed.
+
+        Returns:
+            1, or a power of two at which the engine responds within `NEAR` of the response there.
+        """
+        multiple = 1.0
+        while multiple < _FLATTEST and 2 * multiple <= score.hypothesis.most:
+            larger = score.hypothesis.at(2 * multiple)
+            self.add([larger])
+            if larger not in self.hypotheses:
+                break
+            pairs = zip(self.tables[0].response(score.hypothesis), self.tables[0].response(larger), strict=True)
+            own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)
+            if apart > NEAR**2 * own:
+                break
+            multiple *= 2
+        return multiple
+
+    @cached_property
+    def unknown(self) -> Unknown:
+        """What else is in the recordings than in the reference, see `Unknown`."""
+        return Unknown.of(self.field, self._residuals)
+
+    @cached_property
+    def unknown_p(self) -> float | None:
+        """Chance that as much else is found where nothing is hidden; 1 where, held out, it predicts nothing.
+
+        None without reference.
+        """
+        if self.here.all():
+            return None
+        if self.unknown_gain <= 0:
+            return 1.0
+        evidence = self.unknown.evidence(self.ways)
+        return chance(float(evidence[0] - evidence.min()), evidence - evidence.min())
+
+    @cached_property
+    def unknown_gain(self) -> float:
+        """Gain of log density by whatever else is in the recordings, held out [nats]."""
+        return float(self.unknown.held_out(self.here).sum())
+
+    @property
+    def _residuals(self) -> list[np.ndarray]:
+        return [e.residual - known for e, known in zip(self.evidence, self.known, strict=True)]
+
+    def products(self, hypotheses: Sequence[Hypothesis]) -> list[Products]:
+        """Multiply hypotheses with the evidence, see `Products`."""
+        return self.field.products([self.response(h) for h in hypotheses], self._residuals) if hypotheses else []
+
+    @cached_property
+    def _null(self) -> np.ndarray:
+        """Strength that the search over the first hypotheses finds, for each way of dealing out, [N]."""
+        return strongest(self.products(self.first), self.ways) if self.first else np.zeros(len(self.ways))
+
+    def critical(self, p: float) -> float:
+        """Strength that has so small a chance."""
+        return float(np.quantile(self._null, 1 - p, method="higher"))
+
+    def scores(self) -> list[Score]:
+        """Score all hypotheses, best first."""
+        found = [self._score(h, p) for h, p in zip(self.hypotheses, self.products(self.hypotheses), strict=True)]
+        return sorted(found, key=lambda score: (-score.strength, score.hypothesis.key))
+
+    def score_of(self, hypothesis: Hypothesis, p: float | None = None) -> Score:
+        """Score one hypothesis, of which the chance may be known."""
+        return self._score(hypothesis, self.products([hypothesis])[0], p)
+
+    def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
+        contrast = products.contrast(self.here)
+        amount = max(contrast.amount, 0.0)
+        gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
+        response = self.response(hypothesis)
+        removed = np.array([self._removed(k, a * response[k]) for k, a in enumerate(amounts)])
+        found = float(roots(gains).sum())
+        if p is None:
+            p = chance_without_reference(found) if self.here.all() else chance(found, self._null)
+        size_m = amount * self.size_m(hypothesis)
+        return Score(hypothesis, products, amount, contrast.error, contrast.freedom, p, gains, removed, size_m)
+
+    def size_m(self, hypothesis: Hypothesis) -> float:
+        """RMS displacement that a hypothesis makes in the episodes to explain [m]."""
+        response = self.tables[0].response(hypothesis)
+        return float(np.sqrt(np.mean([(changes**2).sum(-1).mean() for changes in response])))
+
+    def _removed(self, episode: int, change: np.ndarray) -> float:
+        left = self.fitted[episode] - self.known[episode]
+        return float(self.squares(episode, left) - self.squares(episode, left - change))
+
+    def squares(self, episode: int, residual: np.ndarray) -> float:
+        """Mean squared error of an episode in units of its expectation, patches that broke loose counting less."""
+        weights = self.field.weights[episode]
+        return float((weights * (residual.reshape(-1, 3) ** 2).sum(1)).sum() / (3 * max((weights > 0).sum(), 1)))
+
+    def sizes(self, score: Score | None = None) -> np.ndarray:
+        """Mean squared error of every episode, without or with a law, held out, [E]."""
+        plain = np.array([self.squares(k, self.fitted[k] - self.known[k]) for k in range(len(self.here))])
+        if score is not None:
+            plain[: int(self.here.sum())] -= score.removed
+        return plain
+
+    def refine(self, laws: Sequence[str]) -> bool:
+        """Run some laws at the amplitudes that were found, where these are not near those that were run.
+
+        Returns:
+            Whether there was anything to run.
+        """
+        wanted = []
+        for score in one_per_setting(self.scores()):
+            if score.hypothesis.effect not in laws or score.amount == 0:
+                continue
+            multiple = min(score.amount, score.hypothesis.most)
+            single = len(score.hypothesis.runs) == 1
+            if abs(multiple - 1) > NEAR or not single:
+                wanted.append(score.hypothesis.at(multiple))
+        known = {h.key for h in self.hypotheses if len(h.runs) == 1}
+        new = [h for h in wanted if h.key not in known]
+        self.add(new)
+        return bool(new)
+
+
+def base_hypotheses(candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """Give the base's own parameters, each off by one standard deviation.
+
+    Args:
+        candidates: Of the whole library.
+    """
+    found = {}
+    for candidate in candidates:
+        if candidate.effect in REFITTED and candidate.effect not in found:
+            (column,) = candidate.columns
+            share = REFITTED[candidate.effect]
+            found[candidate.effect] = Hypothesis(
+                candidate, (share * column.value,), ((((column, column.value),), share),)
+            )
+    return list(found.values())
+
+
+def one_per_setting(scores: Sequence[Score]) -> list[Score]:
+    """Keep the best score of every law in every setting of its shape, the strongest first.
+
+    Of amplitudes that do as well, the one nearest to where the response was computed is kept: there the response is
+    known, elsewhere it is only taken to be in proportion.
+    """
+    found: dict[str, list[Score]] = {}
+    for score in scores:
+        found.setdefault(score.hypothesis.candidate.key, []).append(score)
+    kept = []
+    for own in found.values():
+        good = [s for s in own if s.amount > 0 and s.strength >= (1 - _AS_GOOD) * own[0].strength]
+        kept.append(min(good, key=lambda s: abs(np.log(s.amount)), default=own[0]))
+    return sorted(kept, key=lambda s: -s.strength)
+
+
+def one_per_law(scores: Sequence[Score]) -> list[Score]:
+    """Keep the best score of every law."""
+    best: dict[str, Score] = {}
+    for score in one_per_setting(scores):
+        best.setdefault(score.hypothesis.effect, score)
+    return list(best.values())

@@ -1,0 +1,61 @@
+"""Is anything else in the recordings than in the reference, whatever it is, and how much of it does a law explain?
+
+The most general hypothesis: a smooth field of displacements over place, tool-relative place and phase that is the same
+in all episodes to explain, and not in the reference. It is fitted and held out as a law is. What it holds is what a law
+of the library could at best explain; what is left of it with a law is what no law explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.diagnosis.discrepancy import Field
+
+_AT_ONCE = 200
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Products of the field's columns and the residuals, see `Field.multiplied`."""
+
+    gram: np.ndarray
+    """[E, X, E, X]."""
+    onto: np.ndarray
+    """[E, X]."""
+
+    @classmethod
+    def of(cls, field: Field, residuals: Sequence[np.ndarray]) -> Unknown:
+        """Ask what residuals [F, K, 3] [m] of each episode hold."""
+        return cls(*field.multiplied(field.unknown, residuals))
+
+    def evidence(self, labels: np.ndarray) -> np.ndarray:
+        """Log of how much more likely the residuals are with such a field, for ways of dealing out [N, E], [N]."""
+        wide = self.onto.shape[1]
+        found = []
+        for part in np.array_split(labels, max(1, -(-len(labels) // _AT_ONCE))):
+            pulled = np.tensordot(part, self.gram, (1, 0))  # N, X, E, X
+            precision = np.einsum("nxey,ne->nxy", pulled, part, optimize=True) + np.eye(wide)
+            onto = part @ self.onto
+            solved = np.linalg.solve(precision, onto[..., None])[..., 0]
+            found.append(0.5 * (onto * solved).sum(1) - 0.5 * np.linalg.slogdet(precision)[1])
+        return np.concatenate(found)
+
+    def fitted(self, here: np.ndarray) -> np.ndarray:
+        """Weights of the field, all episodes to explain together, [X]."""
+        z = here.astype(float)
+        precision = np.einsum("e,exfy,f->xy", z, self.gram, z, optimize=True) + np.eye(self.onto.shape[1])
+        return np.asarray(np.linalg.solve(precision, z @ self.onto))
+
+    def held_out(self, here: np.ndarray) -> np.ndarray:
+        """Gain of log density of each episode to explain, the field fitted to all others, [H] [nats]."""
+        gains = []
+        for e in np.flatnonzero(here):
+            z = here.astype(float)
+            z[e] = 0
+            weights = self.fitted(z)
+            left = self.onto[e] - np.einsum("xfy,f,y->x", self.gram[e], z, weights, optimize=True)
+            gains.append(float(weights @ left - 0.5 * weights @ self.gram[e, :, e] @ weights))
+        return np.array(gains)

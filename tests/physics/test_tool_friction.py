@@ -1,0 +1,49 @@
+"""A tool's friction holds what it presses, until Coulomb's law lets it slip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.material import Material
+from plop.physics.engine.solver import EngineTrajectory, simulate
+from plop.physics.engine.tool_motion import ToolMotion
+from plop.physics.scenes.shapes import Shape, whole_body
+from plop.physics.scenes.tools import box_mesh
+
+TOP_M, DEPTH_M, DOWN_S, AWAY_S = 0.024, 0.0025, 0.1, 0.3
+BODY = whole_body(Shape("block", (0.056, 0.040, TOP_M)), 0.008)
+
+
+def dragged(friction: float, aside_m: float, *, start=BODY.particles, times=None) -> EngineTrajectory:
+    """Press a plate wider than a block into it, hold, and move the plate aside."""
+    frames = np.arange(0, 0.71, 0.02)
+    poses = np.tile(np.eye(4), (len(frames), 1, 1))
+    poses[:, 2, 3] = np.interp(frames, [0, DOWN_S], [TOP_M + 0.0005, TOP_M - DEPTH_M])
+    poses[:, 0, 3] = np.interp(frames, [AWAY_S, AWAY_S + 0.2], [0, aside_m])
+    tool = ToolMotion(*box_mesh((0.15, 0.10, 0.02)), frames, poses)
+    material = Material(2e4, 0.4, table_friction=10.0, tool_friction=friction, damping_per_s=8.0)
+    return simulate(start, material, tool, frames if times is None else frames[times], EngineConfig(dx_m=0.016))
+
+
+def top_followed_m(run: EngineTrajectory) -> float:
+    top = BODY.particles.positions[:, 2] > TOP_M - 1e-6
+    return float((run.positions[-1] - run.positions[0])[top, 0].mean())
+
+
+@pytest.mark.parametrize("friction, share", [(0.0, 0.0), (4.0, 1.0)])
+def test_the_surface_follows_a_rough_plate_and_no_smooth_one(friction: float, share: float):
+    assert top_followed_m(dragged(friction, 0.003)) == pytest.approx(0.003 * share, abs=0.0003)
+
+
+def test_what_slips_is_rubbed_with_the_coefficient():
+    force = dragged(0.2, 0.030).tool_force[22:25].mean(0)
+    assert force[0] / -force[2] == pytest.approx(0.2, rel=0.1)
+
+
+def test_a_run_that_goes_on_still_holds():
+    whole = dragged(4.0, 0.003)
+    first = dragged(4.0, 0.003, times=slice(0, 20))
+    rest = dragged(4.0, 0.003, start=first.final, times=slice(19, None))
+    assert np.abs(rest.positions[-1] - whole.positions[-1]).max() < 1e-4
