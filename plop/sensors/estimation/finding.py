@@ -147,7 +147,7 @@ class _Case:
         return self.misfit(names) < SURE**2
 
     def choose(self) -> list[str]:
-        """Give the fewest faults that suffice, of equally many those with the fewest parameters and the least misfit."""
+        """Choose the fewest faults that suffice; of equally many, the fewest parameters, then the least misfit."""
         for count in range(len(FAULTS) + 1):
             sets = [list(names) for names in combinations(FAULTS, count) if self.enough(names)]
             if sets:

@@ -71,7 +71,7 @@ class CameraFit:
 def fit_camera(scene: CameraScene) -> CameraFit:
     """Minimise the Huber loss of all residuals (Huber 1964, iteratively reweighted) by damped Gauss-Newton.
 
-    Where the data tell little the point of linearisation stays (Levenberg 1944): far off, residuals are of other things.
+    Where the data tell little the point of linearisation stays (Levenberg 1944): far off, pixels show other things.
     """
     basis = np.eye(TOTAL)[:, :COUNT]
     unknown = np.zeros(TOTAL + 2 * PATTERNS, bool)

@@ -39,9 +39,9 @@ def judge_rig(cameras: Mapping[str, Sequence[Episode]]) -> Rig:
     alone = Rig(None, tuple(judge(camera, episodes) for camera, episodes in sorted(cameras.items())))
     if _size(alone) < 2:
         return alone
-    rigs = [_corrected(name, alone.cameras) for name in TOOL_FAULTS]
-    best = min(rigs, key=_size)
-    if _size(best) >= _size(alone):
+    rigs = [rig for rig in (_corrected(name, alone.cameras) for name in TOOL_FAULTS) if rig.tool and rig.tool.found]
+    best = min([alone, *rigs], key=_size)
+    if best is alone:
         return alone
     others = [rig.tool.fault for rig in rigs if rig.tool and rig is not best and _size(rig) == _size(best)]
     return replace(best, tool=best.tool and replace(best.tool, alternatives=tuple(others)))
@@ -88,13 +88,27 @@ def sum_of(finding: SensorFinding) -> Evidence:
 def _estimate(name: str, mean: np.ndarray, covariance: np.ndarray, findings: Sequence[SensorFinding]) -> FaultEstimate:
     keys = [p.name for p in TOOL_FAULTS[name].parameters]
     motion = np.mean([each.displacement.squared for finding in findings for each in finding.episodes], axis=0)
-    part = motion[SLICES[name], SLICES[name]]
+    deviation = np.eye(TOTAL)[:, SLICES[name]] @ mean
+    effect = float(np.sqrt(deviation @ motion @ deviation))
+    matters = effect > np.median([finding.tolerance_m for finding in findings])
+    episodes = _showing(deviation, findings) if matters else 0
     return FaultEstimate(
         name,
         dict(zip(keys, mean.tolist(), strict=True)),
         dict(zip(keys, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         float(np.sqrt(mean @ np.linalg.solve(covariance, mean))),
-        float(np.sqrt(mean @ part @ mean)),
-        max(len(finding.episodes) for finding in findings),
-        found=True,
+        effect,
+        episodes,
+        found=episodes > max(len(finding.episodes) for finding in findings) / 2,
     )
+
+
+def _showing(deviation: np.ndarray, findings: Sequence[SensorFinding]) -> int:
+    """Count the episodes in which most cameras that could tell see more than half of a deviation [19]."""
+    count = 0
+    for episode in range(max(len(finding.episodes) for finding in findings)):
+        each = [f.episodes[episode].fit.evidence for f in findings if episode < len(f.episodes)]
+        seen = [(values[0], variance[0, 0]) for values, variance in (e.about(deviation[:, None]) for e in each)]
+        able = [amplitude for amplitude, variance in seen if variance < 0.25]
+        count += bool(able) and float(np.median(able)) > 0.5
+    return count
