@@ -50,6 +50,6 @@ def _entry(camera: str, fault: FaultEstimate, episodes: int) -> SensorFault:
     }
     shown = ", ".join(estimate_text(key, found) for key, found in values.items() if abs(found.value) > 0)
     other = f", or {', '.join(fault.alternatives)}" if fault.alternatives else ""
-    moved = f"the object is displaced by {1000 * fault.effect_m:.1f} mm in {fault.episodes} of {episodes} episodes"
+    moved = f"off by {1000 * fault.effect_m:.1f} mm at the object in {fault.episodes} of {episodes} episodes"
     text = f"{fault.fault}{other} of {camera}: {shown}; {moved}"
     return SensorFault(camera, fault.fault, text, fault.z, values, fault.alternatives)
