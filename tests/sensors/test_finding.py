@@ -100,6 +100,14 @@ def test_one_episode_that_is_wrongly_sure_accuses_nobody():
     assert not judge("cam_00", [wild, *[episode()] * 5]).found
 
 
+def test_episodes_that_could_not_show_a_fault_do_not_speak_against_it_but_one_alone_is_no_proof():
+    errors = deviations(**WELL, tool_offset=[1.0] * 3, tool_thickness=1.0)
+    blind = measured(deviations(), replace_part(errors, "clock", 1.0))
+    two, one = ([episode(clock=0.03)] * n + [blind] * (6 - n) for n in (2, 1))
+    assert names(judge("cam_00", two)) == ["clock"]
+    assert not judge("cam_00", one).found and judge("cam_00", one).state is State.CANNOT_BE_JUDGED
+
+
 def replace_part(errors: np.ndarray, name: str, value: float) -> np.ndarray:
     out = errors.copy()
     out[SLICES[name]] = value

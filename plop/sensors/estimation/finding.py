@@ -2,7 +2,7 @@
 
 One rule: a camera is right while parameters that displace the object by no more than a tolerance lie within SURE
 standard errors of what was fitted. If there are none, the fewest faults are named without which the rest would not be
-within the tolerance either, and each must show in most episodes: the rig is the same in all.
+within the tolerance either, and each must show in most episodes that could: the rig is the same in all.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from plop.sensors.faults.library import FAULTS
 
 SURE = 4.0
 """Standard errors beyond which a fault is significant."""
+HALF = 0.5
+"""An episode shows a fault of which it has more than so much, if its standard error is less."""
 
 
 class State(StrEnum):
@@ -33,7 +35,7 @@ class State(StrEnum):
     RIGHT = "right"
     FAULTY = "faulty"
     CANNOT_BE_JUDGED = "cannot be judged"
-    """It is not known to a pixel where it sees the object's points."""
+    """It is not known to a pixel where it sees the object's points, or its episodes do not agree."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,19 @@ def judge(camera: str, episodes: Sequence[Episode]) -> SensorFinding:
     if any(each.found for each in estimates):
         state = State.FAULTY
     else:
-        state = State.RIGHT if unsure < case.resolved_m else State.CANNOT_BE_JUDGED
+        state = State.RIGHT if unsure < case.resolved_m and not chosen else State.CANNOT_BE_JUDGED
     return SensorFinding(camera, state, estimates, case.tolerance_m, unsure, tuple(episodes))
+
+
+def agreed(able: np.ndarray, episodes: int) -> bool:
+    """Tell whether most episodes that could show a fault do, and not one alone of several.
+
+    Args:
+        able: Amplitudes of the fault in those that could, 1 being the pooled one.
+        episodes: Number of all episodes.
+    """
+    shown = int((able > HALF).sum())
+    return shown > len(able) / 2 and shown >= min(2, episodes)
 
 
 def _basis(names: Sequence[str]) -> np.ndarray:
@@ -161,9 +174,9 @@ class _Case:
         values, covariance = self.all.about(_basis([name, *others]))
         deviation = np.zeros(TOTAL)
         deviation[SLICES[name]] = values[part]
-        shown, wider = self.agreement(deviation, others) if name in chosen else (0, 1.0)
+        able, wider = self.agreement(deviation, others) if name in chosen else (np.zeros(0), 1.0)
         z = float(np.sqrt(self.misfit(others))) / wider
-        found = name in chosen and z > SURE and shown > len(self.each) / 2
+        found = name in chosen and z > SURE and agreed(able, len(self.each))
         keys = [p.name for p in FAULTS[name].parameters]
         errors = wider * np.sqrt(np.diag(covariance)[part])
         return FaultEstimate(
@@ -172,12 +185,12 @@ class _Case:
             dict(zip(keys, errors.tolist(), strict=True)),
             z,
             float(np.sqrt(deviation @ self.motion @ deviation)),
-            shown,
+            int((able > HALF).sum()),
             found,
             tuple(o for o in FAULTS if o not in chosen and self.enough([o, *others])) if found else (),
         )
 
-    def agreement(self, deviation: np.ndarray, others: list[str]) -> tuple[int, float]:
+    def agreement(self, deviation: np.ndarray, others: list[str]) -> tuple[np.ndarray, float]:
         """Ask every episode for its own amplitude of a fault, the pooled one being 1.
 
         Args:
@@ -185,13 +198,13 @@ class _Case:
             others: Faults that each episode may have besides.
 
         Returns:
-            Episodes that could tell 1 from 0 (by 2 standard errors) and have more than a half; and how much wider
-            standard errors are for the scatter (median absolute deviation) between those that could tell.
+            Amplitudes of the episodes that could distinguish 1 from 0 (by 2 standard errors); and how much wider
+            standard errors are for the scatter (median absolute deviation) between these.
         """
         basis = np.c_[deviation, _basis(others)]
         each = [(values[0], np.sqrt(errors[0, 0])) for values, errors in (e.about(basis) for e in self.each)]
-        able = np.array([amplitude for amplitude, error in each if error < 0.5])
+        able = np.array([amplitude for amplitude, error in each if error < HALF])
         if not len(able):
-            return 0, 1.0
+            return able, 1.0
         scatter = 1.4826 * np.median(np.abs(able - np.median(able))) / np.sqrt(len(able))
-        return int((able > 0.5).sum()), float(np.hypot(1.0, scatter / np.sqrt(self.all.about(basis)[1][0, 0])))
+        return able, float(np.hypot(1.0, scatter / np.sqrt(self.all.about(basis)[1][0, 0])))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plop.sensors.estimation.finding import Episode, FaultEstimate, SensorFinding, judge
+from plop.sensors.estimation.finding import HALF, Episode, FaultEstimate, SensorFinding, agreed, judge
 from plop.sensors.estimation.fit import Evidence
 from plop.sensors.estimation.parameters import SLICES, TOTAL
 from plop.sensors.faults.tool import TOOL_FAULTS
@@ -91,24 +91,24 @@ def _estimate(name: str, mean: np.ndarray, covariance: np.ndarray, findings: Seq
     deviation = np.eye(TOTAL)[:, SLICES[name]] @ mean
     effect = float(np.sqrt(deviation @ motion @ deviation))
     matters = effect > np.median([finding.tolerance_m for finding in findings])
-    episodes = _showing(deviation, findings) if matters else 0
+    able = _amplitudes(deviation, findings) if matters else np.zeros(0)
     return FaultEstimate(
         name,
         dict(zip(keys, mean.tolist(), strict=True)),
         dict(zip(keys, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
         float(np.sqrt(mean @ np.linalg.solve(covariance, mean))),
         effect,
-        episodes,
-        found=episodes > max(len(finding.episodes) for finding in findings) / 2,
+        int((able > HALF).sum()),
+        agreed(able, max(len(finding.episodes) for finding in findings)),
     )
 
 
-def _showing(deviation: np.ndarray, findings: Sequence[SensorFinding]) -> int:
-    """Count the episodes in which most cameras that could tell see more than half of a deviation [19]."""
-    count = 0
+def _amplitudes(deviation: np.ndarray, findings: Sequence[SensorFinding]) -> np.ndarray:
+    """Give the amplitude of a deviation [19] in each episode that could show it: of the median camera that could."""
+    out = []
     for episode in range(max(len(finding.episodes) for finding in findings)):
         each = [f.episodes[episode].fit.evidence for f in findings if episode < len(f.episodes)]
         seen = [(values[0], variance[0, 0]) for values, variance in (e.about(deviation[:, None]) for e in each)]
-        able = [amplitude for amplitude, variance in seen if variance < 0.25]
-        count += bool(able) and float(np.median(able)) > 0.5
-    return count
+        able = [amplitude for amplitude, variance in seen if variance < HALF**2]
+        out += [float(np.median(able))] if able else []
+    return np.array(out)
