@@ -41,12 +41,13 @@ def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule
     """
     if search.here.all():
         return {score.hypothesis.effect: unseen(score.hypothesis.candidate.columns[0]) for score in scores}
-    critical, found = search.critical(rule.alarm), {}
+    found = {}
     for score in scores:
         hypothesis = score.hypothesis
         column, value = max(
             zip(hypothesis.candidate.columns, hypothesis.values, strict=True), key=lambda pair: abs(pair[1])
         )
+        critical = search.critical(rule.alarm, hypothesis.effect)
         multiple = _least(score, search.here, critical, hypothesis.most)
         multiple += float(norm.ppf(rule.seen)) * score.error
         if not multiple <= hypothesis.most:

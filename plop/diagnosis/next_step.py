@@ -45,8 +45,7 @@ def _added(verdict: Verdict) -> str:
 
 def _limits(found: Conclusion) -> str:
     """Say from where on laws would have been named, those that are seen most easily first."""
-    least = found.verdict.evidence.least_p
-    if least is None:
+    if not found.verdict.evidence.reference:
         return f"Give reference recordings (--reference), in which nothing is missing; best {_REPEAT}."
     laws = {f.name for f in found.findings if f.kind == "physics"}
     known = [
