@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plop.diagnosis.evidence import evidence_of
-from plop.diagnosis.hypotheses import Candidate, Hypothesis, Settings, candidates_of, hypotheses_of
+from plop.diagnosis.hypotheses import Hypothesis, Settings, candidates_of, hypotheses_of
 from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -92,18 +92,19 @@ def plan(
     table = Table(measured, base, run_jobs)
     announce("every law")
     asked = None if diagnosis is None else found_by(diagnosis, candidates_of(types))
-    tried = [*hypotheses_of(candidates), *(asked.hypotheses if asked else ())]
+    tried = hypotheses_of(candidates) if asked is None else asked.hypotheses
     own = base_hypotheses(candidates_of(types))
     table.respond(_settings([*tried, *own]))
     dropped, usable = {**table.dropped}, [h for h in tried if table.trouble(h) is None and _moves(table, h)]
-    dropped |= _unusable(table, candidates, usable)
+    dropped |= _unusable(table, tried, usable)
     if between:
-        asked = typical_ones(between, hypotheses_of(candidates))
+        asked = typical_ones(between, tried)
     if asked is not None:
         asked = answerable(asked, usable, dropped)
     own = [h for h in own if table.trouble(h) is None]
     motions = [_recorded(table, k, usable, own) for k in range(len(table.episodes))]
-    laws, ways = powers(motions, usable, most, seed=seed, rule=rule)
+    # where the recordings have been made, their diagnosis says what they show
+    laws, ways = powers(motions, usable, most, seed=seed, rule=rule) if diagnosis is None else ([], [])
     if asked is None:
         return Planned(laws, ways, None, None, motions, motions, dropped)
     here = motions if diagnosis is None else _as_diagnosed(motions, diagnosis)
@@ -132,10 +133,10 @@ def _moves(table: Table, hypothesis: Hypothesis) -> bool:
     return any(np.any(changes) for changes in table.response(hypothesis))
 
 
-def _unusable(table: Table, candidates: Sequence[Candidate], usable: Sequence[Hypothesis]) -> dict[str, str]:
+def _unusable(table: Table, tried: Sequence[Hypothesis], usable: Sequence[Hypothesis]) -> dict[str, str]:
     """Say of the laws of which nothing can be said why."""
     known, why = {h.effect for h in usable}, dict[str, str]()
-    for hypothesis in hypotheses_of(candidates):
+    for hypothesis in tried:
         if hypothesis.effect not in known:
             why.setdefault(hypothesis.effect, table.trouble(hypothesis) or SILENT)
     return why
