@@ -42,8 +42,8 @@ from plop.physics.effects.library import library
 from plop.physics.engine.material import ElasticLaw
 from plop.physics.scenes.motions import tool_motion
 from plop.physics.scenes.scene import simulate_motion
-from plop.planning.motions import Change, Motion
-from plop.planning.plan import Planned, plan
+from plop.planning.motions import Motion
+from plop.planning.plan import Planned, Wish, plan
 from plop.tracking.episode import Episode, episode_from_sequence
 from stages.diagnose.outcome import diagnosis_of
 from stages.diagnose.stage import STAGE as DIAGNOSE
@@ -159,7 +159,7 @@ class Plans:
         }
         if found.verdict.kind == VerdictKind.CONFOUNDED:
             kept = diagnosis_of(found, self.types, None, {})
-            made = plan(Measured(reference), self.engine, self.types, self.runs, diagnosis=kept, most=1)
+            made = plan(Measured(reference), self.engine, self.types, self.runs, Wish(diagnosis=kept), effects=LAWS)
             row |= self._settled(case, here, reference, made)
         return row | {"seconds": round(time.perf_counter() - started, 1)}
 
@@ -221,6 +221,7 @@ def counted(rows: Sequence[dict[str, Any]], command: str) -> dict[str, Any]:
     return {
         "command": command,
         "version": version("plop"),
+        "stages": {stage.name: stage.version for stage in (DIAGNOSE, PLAN)},
         "cases": len(rows),
         "confounded": len(confounded),
         "rates": {
@@ -228,7 +229,6 @@ def counted(rows: Sequence[dict[str, Any]], command: str) -> dict[str, Any]:
             for arm in ("planned", "random")
             for what in ("unique", "right")
         },
-        "changes": {change.name.lower(): str(change) for change in Change},
         "laws": list(LAWS),
         "rows": list(rows),
     }

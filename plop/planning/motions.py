@@ -39,7 +39,7 @@ class Change(StrEnum):
     REVERSED = "from the opposite side"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """A motion that can be made as often as wanted, and what the engine says of it."""
 

@@ -20,7 +20,7 @@ from plop.physics.effects.library import EffectType
 from plop.planning.design import Design
 from plop.planning.motions import Change, Motion, as_expected, planned_episode
 from plop.planning.power import LawPower, powers
-from plop.planning.questions import SILENT, answerable, found_by, pairs_of, typical_ones
+from plop.planning.questions import SILENT, Question, answerable, found_by, pairs_of, typical_ones, with_all_laws
 from plop.planning.result import MotionChoice, Separation
 from plop.planning.separation import Pair, least_information, settled_chance
 from plop.tracking.episode import Episode
@@ -49,19 +49,32 @@ class Planned:
     dropped: dict[str, str]
 
 
+@dataclass(frozen=True)
+class Wish:
+    """What is wanted of a plan."""
+
+    between: Sequence[str] = ()
+    """Laws that are to be distinguished."""
+    diagnosis: Diagnosis | None = None
+    """Instead: a diagnosis whose verdict leaves laws, or settings of one, undistinguished."""
+    vary: Sequence[Change] = tuple(Change)
+    """How motions may be changed."""
+    most: int = 4
+    """Recordings of every motion, in each set, that are tried at most."""
+    again: bool = True
+    """The motion that distinguishes is recorded in the reference, too."""
+    seed: int = 0
+    """Of the draws."""
+
+
 def plan(
     measured: Measured,
     base: EngineBase,
     types: Mapping[str, EffectType],
     run_jobs: RunJobs,
+    wish: Wish,
     *,
     effects: Iterable[str] | None = None,
-    between: Sequence[str] = (),
-    diagnosis: Diagnosis | None = None,
-    vary: Sequence[Change] = tuple(Change),
-    most: int = 4,
-    again: bool = True,
-    seed: int = 0,
     announce: Callable[[str], None] = lambda step: None,
     rule: DecisionRule = RULE,
 ) -> Planned:
@@ -72,13 +85,8 @@ def plan(
         base: The engine; it computes the responses.
         types: The library.
         run_jobs: How engine runs are carried out.
+        wish: What is wanted.
         effects: Only these laws; all when absent.
-        between: Laws that are to be distinguished.
-        diagnosis: A diagnosis whose verdict leaves laws, or settings of one, undistinguished; instead of `between`.
-        vary: How motions may be changed.
-        most: Repeats of all motions that are tried at most.
-        again: The motion that distinguishes is recorded in the reference, too.
-        seed: Of the draws.
         announce: Called with what the engine runs that follow are for, in a few words.
         rule: Error rates and margins.
 
@@ -86,43 +94,91 @@ def plan(
         PlopError: The engine follows no episode, a law to distinguish moves nothing, or a diagnosis leaves nothing to
             distinguish.
     """
-    wanted = [*types] if effects is None else [*dict.fromkeys((*effects, *between))]
-    candidates = candidates_of(types, wanted)
+    known, own = wish.diagnosis is not None, base_hypotheses(candidates_of(types))
+    tried = hypotheses_of(candidates_of(types, None if effects is None else [*effects, *wish.between]))
+    asked = typical_ones(wish.between, tried)
+    if wish.diagnosis is not None:
+        asked = found_by(wish.diagnosis, candidates_of(types))
+        tried = [*tried, *asked.hypotheses]
     announce("no law")
     table = Table(measured, base, run_jobs)
     announce("every law")
-    asked = None if diagnosis is None else found_by(diagnosis, candidates_of(types))
-    tried = hypotheses_of(candidates) if asked is None else asked.hypotheses
-    own = base_hypotheses(candidates_of(types))
     table.respond(_settings([*tried, *own]))
-    dropped, usable = {**table.dropped}, [h for h in tried if table.trouble(h) is None and _moves(table, h)]
-    dropped |= _unusable(table, tried, usable)
-    if between:
-        asked = typical_ones(between, tried)
-    if asked is not None:
-        asked = answerable(asked, usable, dropped)
-    own = [h for h in own if table.trouble(h) is None]
+    usable, own = ([h for h in some if table.trouble(h) is None and _moves(table, h)] for some in (tried, own))
+    dropped = {**table.dropped, **_unusable(table, tried, usable)}
+    asked = answerable(asked, usable, dropped)
     motions = [_recorded(table, k, usable, own) for k in range(len(table.episodes))]
     # where the recordings have been made, their diagnosis says what they show
-    laws, ways = powers(motions, usable, most, seed=seed, rule=rule) if diagnosis is None else ([], [])
-    if asked is None:
-        return Planned(laws, ways, None, None, motions, motions, dropped)
-    here = motions if diagnosis is None else _as_diagnosed(motions, diagnosis)
-    pairs = pairs_of(asked, usable, Design(here, motions, seed))
+    laws, ways = ([], []) if known else powers(motions, usable, wish.most, seed=wish.seed, rule=rule)
+    found = Planned(laws, ways, None, None, motions, motions, dropped)
+    if not asked.groups:
+        return found
     announce("motions that may distinguish")
-    few = sorted({k for pair in pairs for k in (pair.truth, pair.rival)})
-    pairs = [Pair(few.index(p.truth), p.amount, few.index(p.rival)) for p in pairs]
-    motions, here = (
-        [replace(m, responses=tuple(m.responses[k] for k in few)) for m in some] for some in (motions, here)
+    return _with_separation(found, table, asked, usable, own, wish, rule)
+
+
+def _with_separation(
+    found: Planned,
+    table: Table,
+    asked: Question,
+    usable: Sequence[Hypothesis],
+    own: Sequence[Hypothesis],
+    wish: Wish,
+    rule: DecisionRule,
+) -> Planned:
+    """Rank motions by the pairs that are most alike; see with all laws how often the best have to be recorded."""
+    motions = found.motions
+    here = range(len(motions)) if wish.diagnosis is None else _diagnosed(motions, wish.diagnosis)
+    recorded = Design([motions[k] for k in here], motions, wish.seed)
+    asked_for = pairs_of(asked, usable, recorded)
+
+    def design(pairs: Sequence[Pair], motion: Motion, count: int) -> tuple[Design, list[Pair]]:
+        few = _columns(pairs)
+        own = [replace(m, responses=tuple(m.responses[k] for k in few)) for m in motions]
+        more = [own[motions.index(motion)] if motion in motions else motion] * count
+        made = Design([*(own[k] for k in here), *more], [*own, *(more if wish.again else [])], wish.seed)
+        return made, [Pair(few.index(pair.truth), few.index(pair.rival)) for pair in pairs]
+
+    few = [usable[k] for k in _columns(asked_for)]
+    choices = [*motions, *_varied(table, motions, few, own, wish.vary, found.dropped)]
+    scored = [(least_information(*design(asked_for, motion, TWICE), rule), motion) for motion in choices]
+    ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
+    pairs = with_all_laws(asked_for, asked, usable, recorded)
+    few = [usable[k] for k in _columns(pairs)]
+    best = [(value, _with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
+    trials = []
+    for count in REPEATS:
+        trials += [(settled_chance(*design(pairs, m, count), rule), -count, value, m) for value, m in best]
+        if max(trial[0] for trial in trials) >= rule.seen:
+            break
+    chance, count, _, chosen = max(trials, key=lambda trial: (min(trial[0], rule.seen), *trial[1:3]))
+    separation = Separation(
+        asked.labels,
+        tuple(MotionChoice(m.name, m.like, m.change, value) for value, m in ranked),
+        chosen.name,
+        least_information(recorded, asked_for, rule),
+        settled_chance(recorded, pairs, rule),
+        -count,
+        chance,
     )
-    choices = [*motions, *_varied(table, motions, [usable[k] for k in few], own, vary, dropped)]
+    return replace(found, separation=separation, best=chosen, choices=choices)
 
-    def design(motion: Motion, count: int) -> Design:
-        more = [motion] * count
-        return Design([*here, *more], [*motions, *(more if again else [])], seed)
 
-    found, best = _separated(asked.labels, pairs, choices, design, rule)
-    return Planned(laws, ways, found, best, motions, choices, dropped)
+def _columns(pairs: Sequence[Pair]) -> list[int]:
+    """List the hypotheses of pairs."""
+    return sorted({k for pair in pairs for k in (pair.truth, pair.rival)})
+
+
+def _with_more(
+    table: Table, motions: Sequence[Motion], motion: Motion, hypotheses: Sequence[Hypothesis], own: Sequence[Hypothesis]
+) -> Motion:
+    """Run more laws in a motion that is not one of those that were recorded."""
+    if motion in motions:
+        return motion
+    k = next(k for k, each in enumerate(motions) if each.name == motion.like)
+    episode = planned_episode(table.episodes[k], motion.change)
+    assert episode is not None
+    return _run(table, k, motion.change, episode, hypotheses, own)
 
 
 def _settings(hypotheses: Iterable[Hypothesis]) -> list[Settings]:
@@ -151,12 +207,12 @@ def _recorded(table: Table, k: int, hypotheses: Sequence[Hypothesis], own: Seque
     return Motion(episode.name, episode.name, Change.NONE, episode.tool, table.kinds[k], evidence, stacked, responses)
 
 
-def _as_diagnosed(motions: Sequence[Motion], diagnosis: Diagnosis) -> list[Motion]:
+def _diagnosed(motions: Sequence[Motion], diagnosis: Diagnosis) -> list[int]:
     """Give the motions of the recordings that were diagnosed: those of the same name, else as many in turn."""
-    named = {motion.name: motion for motion in motions}
+    named = {motion.name: k for k, motion in enumerate(motions)}
     if set(diagnosis.episodes) <= named.keys():
         return [named[name] for name in diagnosis.episodes]
-    return [motions[k % len(motions)] for k in range(len(diagnosis.episodes))]
+    return [k % len(motions) for k in range(len(diagnosis.episodes))]
 
 
 def _varied(
@@ -203,25 +259,3 @@ def _run(
     made = _recorded(single, 0, hypotheses, own)
     evidence = as_expected(evidence_of(episode, single.plain[0][:1]), table.evidence[k])
     return replace(made, like=table.episodes[k].name, change=change, evidence=evidence)
-
-
-def _separated(
-    labels: tuple[str, ...],
-    pairs: Sequence[Pair],
-    choices: Sequence[Motion],
-    design: Callable[[Motion, int], Design],
-    rule: DecisionRule,
-) -> tuple[Separation, Motion]:
-    """Rank the motions by information, and find which of the best has to be recorded least often."""
-    scored = [(least_information(design(motion, TWICE), pairs, rule), motion) for motion in choices]
-    ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
-    trials = []
-    for count in REPEATS:
-        trials += [(settled_chance(design(m, count), pairs, rule), -count, value, m) for value, m in ranked[:BEST]]
-        if max(trials, key=lambda trial: trial[:3])[0] >= rule.seen:
-            break
-    chance, count, _, best = max(trials, key=lambda trial: (min(trial[0], rule.seen), *trial[1:3]))
-    plain = design(choices[0], 0)
-    rows = tuple(MotionChoice(m.name, m.like, m.change, value) for value, m in ranked)
-    left, alone = least_information(plain, pairs, rule), settled_chance(plain, pairs, rule)
-    return Separation(labels, rows, best.name, left, alone, -count, chance), best

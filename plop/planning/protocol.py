@@ -118,11 +118,11 @@ def _seen(kept: Plan) -> str:
         )
     tried = len(kept.ways)
     counts = {count: [law.effect for law in kept.laws if law.repeats == count] for count in range(1, tried + 1)}
-    times = [f"with {_often(count)} in each set: {', '.join(laws)}" for count, laws in counts.items() if laws]
+    times = [f"{_often(count)} in each set: {', '.join(laws)}" for count, laws in counts.items() if laws]
     never = [law.effect for law in kept.laws if law.repeats is None]
     if never:
-        times.append(f"not with {_often(tried)}: {', '.join(never)}")
-    return f"{start} At typical amplitudes each motion {'; '.join(times)}."
+        times.append(f"not even {_often(tried)}: {', '.join(never)}")
+    return f"{start} At typical amplitudes, each motion recorded {'; '.join(times)}."
 
 
 def _often(count: int) -> str:

@@ -87,23 +87,28 @@ def found_by(diagnosis: Diagnosis, candidates: Sequence[Candidate]) -> Question:
         rows = [row for row in rows if row.effect in names]
         groups = [(_at(candidates, row, {}),) for row in rows]
         return Question(tuple(row.effect for row in rows), tuple(groups), True)
-    others = {name: p.alternatives for name, p in rows[0].parameters.items() if p.alternatives} if rows else {}
-    if not others:
+    known = _settings_of(rows[0], candidates) if rows else {}
+    if len(known) < 2:
         raise PlopError(
             "This diagnosis leaves nothing to distinguish.",
             expected="a verdict that names several laws (CONFOUNDED), or one in several settings",
             found=f"{verdict.kind}: {', '.join(verdict.named) or 'nothing'}",
             fix="Leave --diagnosis out: `plop plan` then tells how many repeats show which law.",
         )
-    values = [(rows[0].parameters[name].value, *also) for name, also in others.items()]
-    settings = [dict(zip(others, chosen, strict=True)) for chosen in product(*values)]
-    known = [(setting, h) for setting in settings if (h := _found(candidates, rows[0], setting)) is not None]
-    units = {name: p.unit for name, p in rows[0].parameters.items()}
-    labels = (
-        ", ".join(with_unit(f"{name} = {short_number(value)}", units[name]) for name, value in setting.items())
-        for setting, _ in known
-    )
-    return Question(tuple(labels), tuple((h,) for _, h in known), True)
+    return Question(tuple(known), tuple((hypothesis,) for hypothesis in known.values()), True)
+
+
+def _settings_of(row: Ranked, candidates: Sequence[Candidate]) -> dict[str, Hypothesis]:
+    """Give the settings of a law that fit equally well, e.g. "tau_s = 0.05 s", each at the amplitude that was found."""
+    open_ = {name: (p.value, *p.alternatives) for name, p in row.parameters.items() if p.alternatives}
+    found = {}
+    for chosen in product(*open_.values()):
+        setting = dict(zip(open_, chosen, strict=True))
+        hypothesis = _found(candidates, row, setting)
+        if hypothesis is not None:
+            words = (with_unit(f"{n} = {short_number(v)}", row.parameters[n].unit) for n, v in setting.items())
+            found[", ".join(words)] = hypothesis
+    return found
 
 
 def _at(candidates: Sequence[Candidate], row: Ranked, setting: Mapping[str, float]) -> Hypothesis:
@@ -142,12 +147,29 @@ def pairs_of(asked: Question, usable: Sequence[Hypothesis], design: Design) -> l
     """
     found = []
     for k, own in enumerate(asked.groups):
+        truths = [usable.index(h) for h in own if asked.at_amplitude or h.is_typical]
         for other in (group for j, group in enumerate(asked.groups) if j != k):
-            trials = [
-                Pair(usable.index(h), 1.0, usable.index(rival))
-                for h in own
-                if asked.at_amplitude or h.is_typical
-                for rival in other
-            ]
+            trials = [Pair(truth, usable.index(rival)) for truth in truths for rival in other]
             found.append(min(trials, key=lambda pair: information(design, pair)))
     return found
+
+
+def with_all_laws(pairs: Sequence[Pair], asked: Question, usable: Sequence[Hypothesis], design: Design) -> list[Pair]:
+    """Add, for each law that may be there, the most similar hypothesis of every law that nobody asked about.
+
+    A motion that distinguishes two laws may make a third one look like the first. Of settings of one law it is only
+    asked which.
+    """
+    known = {hypothesis.effect for hypothesis in asked.hypotheses}
+    if len(known) == 1:
+        return list(pairs)
+    others: dict[str, list[int]] = {}
+    for k, hypothesis in enumerate(usable):
+        if hypothesis.effect not in known and hypothesis.candidate.kind != "decoy":
+            others.setdefault(hypothesis.effect, []).append(k)
+    more = [
+        min((Pair(truth, rival) for rival in rivals), key=lambda pair: information(design, pair))
+        for truth in dict.fromkeys(pair.truth for pair in pairs)
+        for rivals in others.values()
+    ]
+    return [*pairs, *more]

@@ -27,9 +27,7 @@ class Pair:
     """A law that may be there, and another that may be taken for it."""
 
     truth: int
-    """Column of the one that is there."""
-    amount: float
-    """How many times."""
+    """Column of the one that is there, at the amplitude of that hypothesis."""
     rival: int
     """Column of the other."""
 
@@ -45,7 +43,7 @@ def information(design: Design, pair: Pair, rule: DecisionRule = RULE) -> float:
     left = whole - _explained(basis.T @ rival @ basis, basis.T @ both @ z)
     # without B something of A may be in the reference, too: only its change counts
     alone = whole - _explained(nothing.T @ there @ nothing, nothing.T @ there @ z)
-    return float(0.5 * pair.amount**2 * (left - rule.response_error**2 * alone))
+    return float(0.5 * (left - rule.response_error**2 * alone))
 
 
 def _explained(hessian: np.ndarray, pulled: np.ndarray) -> float:
@@ -67,13 +65,13 @@ def settled_chance(design: Design, pairs: Sequence[Pair], rule: DecisionRule = R
     """Give the chance that a diagnosis calls all rivals worse than the law that is there, for the worst of the laws."""
     labels, here = design.here[None].astype(float), design.here
     factors, chances = design.factors(rule), []
-    for truth in dict.fromkeys((pair.truth, pair.amount) for pair in pairs):
-        rivals = [pair.rival for pair in pairs if (pair.truth, pair.amount) == truth]
+    for truth in dict.fromkeys(pair.truth for pair in pairs):
+        rivals = [pair.rival for pair in pairs if pair.truth == truth]
         settled = 0
         for draw in range(DRAWS):
-            amount = truth[1] * float(factors[draw])
-            own = design.products(draw, truth[0], truth[0], amount).held_out(labels)[0][0, here]
-            others = (design.products(draw, k, truth[0], amount).held_out(labels)[0][0, here] for k in rivals)
+            amount = float(factors[draw])
+            own = design.products(draw, truth, truth, amount).held_out(labels)[0][0, here]
+            others = (design.products(draw, k, truth, amount).held_out(labels)[0][0, here] for k in rivals)
             settled += own.sum() > 0 and all(gains_worse(own, other, rule) for other in others)
         chances.append(settled / DRAWS)
     return min(chances)

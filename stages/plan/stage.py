@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from plop.diagnosis.diagnose import check_enough
+from plop.diagnosis.hypotheses import candidates_of
 from plop.diagnosis.measured import engine_beside, read_measured, unseen
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.runs import Runs
@@ -18,8 +19,9 @@ from plop.physics.effects.library import effect_type, library
 from plop.physics.scenes.names import one_of
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary
 from plop.planning.motions import Change
-from plop.planning.plan import plan
+from plop.planning.plan import Wish, plan
 from plop.planning.protocol import plan_of, write_plan
+from plop.planning.questions import found_by
 from plop.planning.result import Plan
 from plop.recordings.set import RecordingSet
 from plop.setting_kinds import ALL_CORES, COMMON, SAME_RESULT, Jobs, Range, Seed, Settings
@@ -35,7 +37,7 @@ class PlanConfig(Settings):
     """Settings of `plan`; their defaults are written only here."""
 
     between: Annotated[tuple[str, ...], COMMON] = ()
-    """Laws to distinguish, two or more, e.g. adhesion,cohesion; with --diagnosis, those of its verdict."""
+    """Laws to distinguish, two or more, e.g. adhesion,cohesion; or give --diagnosis for those of its verdict."""
     effects: tuple[str, ...] = ()
     """Only these effects of the library; all when empty."""
     vary: Annotated[tuple[str, ...], COMMON] = CHANGES
@@ -55,7 +57,7 @@ class PlanConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in self.vary if self.vary != ("none",) else ():
-            one_of(name, CHANGES, "way to change a motion", where="vary")
+            one_of(name, CHANGES, "change", where="vary")
         if len(set(self.between)) == 1 or len(set(self.between)) < len(self.between):
             raise PlopError(
                 "Laws cannot be distinguished from themselves.",
@@ -80,7 +82,7 @@ def run(inputs: Inputs, config: PlanConfig, out: Output) -> Summary:
     """
     check(config, {name: given.path for name, given in inputs.items()})
     check_inputs(inputs, config)
-    files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
+    files = _files(inputs)
     recordings, model = RecordingSet.load(inputs["recordings"].path), inputs["model"].path
     engine = engine_beside(model, inputs["engine"].path if "engine" in inputs else None)
     judges = judges_of(model)
@@ -97,13 +99,8 @@ def run(inputs: Inputs, config: PlanConfig, out: Output) -> Summary:
         engine,
         library(files),
         runs,
+        Wish(config.between, _diagnosis(inputs), config.changes, config.repeats, config.again, config.seed),
         effects=config.effects or None,
-        between=config.between,
-        diagnosis=_diagnosis(inputs),
-        vary=config.changes,
-        most=config.repeats,
-        again=config.again,
-        seed=config.seed,
         announce=runs.begin,
     )
     runs.forget()
@@ -146,6 +143,10 @@ def rows_of(kept: Plan) -> list[dict[str, Any]]:
 _SAME_OBJECT = "Give the recordings that the model was made from, or others of the same object."
 
 
+def _files(inputs: Inputs) -> tuple[str, ...]:
+    return (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
+
+
 def _diagnosis(inputs: Inputs) -> Diagnosis | None:
     return Diagnosis.load(inputs["diagnosis"].path) if "diagnosis" in inputs else None
 
@@ -171,7 +172,8 @@ def check_inputs(inputs: Inputs, config: PlanConfig) -> None:
     """Refuse what recordings, model and diagnosis tell before anything is tracked.
 
     Raises:
-        PlopError: Another object, an added effect that cannot be read, or too few episodes.
+        PlopError: Another object, an added effect that cannot be read, too few episodes, or a diagnosis that leaves
+            nothing to distinguish.
     """
     recordings, model = RecordingSet.load(inputs["recordings"].path), inputs["model"].path
     check_same_object(model, recordings.environment, [], fix=_SAME_OBJECT)
@@ -186,6 +188,8 @@ def check_inputs(inputs: Inputs, config: PlanConfig) -> None:
             found=diagnosis.environment,
             fix="Give a diagnosis of recordings of this object.",
         )
+    if diagnosis is not None:
+        found_by(diagnosis, candidates_of(library(_files(inputs))))
 
 
 STAGE = Stage(
