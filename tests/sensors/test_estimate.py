@@ -10,7 +10,6 @@ import pytest
 
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
-from plop.sensors.correct import correct_view, found_faults
 from plop.sensors.estimation.camera_frames import camera_scene, tool_track
 from plop.sensors.estimation.estimate import estimate_sensors, pool
 from plop.sensors.estimation.finding import State
@@ -117,26 +116,6 @@ def test_without_a_tool_scale_and_pose_are_one(faulty, tmp_path):
     assert [each.fault for each in scale] == ["depth_scale"] and "pose_error" in scale[0].alternatives
     clock = findings["cam_00"].faults[0]
     assert not clock.found and clock.standard_errors["offset_s"] > 0.1
-
-
-def test_a_correction_undoes_the_faults(faulty, found):
-    faults = found_faults(list(found.values()))
-    with Recording(faulty) as recording:
-        last = len(recording) - 1
-        for camera in ("cam_01", "cam_02", "cam_03", "cam_05"):
-            raw = recording.view(camera, last)
-            fixed = correct_view(recording, camera, last, faults)
-            before, after = (_table_rms(view) for view in (raw, fixed.view))
-            assert after < 0.00125 and (camera == "cam_03" or before > 2 * after)
-        late = correct_view(recording, "cam_00", last, faults)
-        assert late.time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
-        untouched = correct_view(recording, "cam_00", 0, found_faults([]))
-        np.testing.assert_array_equal(untouched.view.depth_m, recording.view("cam_00", 0).depth_m)
-
-
-def _table_rms(view):
-    heights = view.camera.back_project(view.depth_m, view.mask == 0)[:, 2]
-    return float(np.sqrt(np.median(heights**2)) * 1.4826)
 
 
 def test_two_frames_at_nearly_one_time_say_nothing_of_time(cut, tmp_path):

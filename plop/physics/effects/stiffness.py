@@ -21,14 +21,7 @@ class Stiffness(Effect):
     source = "Hooke's law; in the logarithm twice and half are equally far from 1"
     amplitudes = (
         Parameter(
-            "d_ln_e",
-            "-",
-            -3.0,
-            3.0,
-            step=0.05,
-            typical=0.7,
-            help="change of the modulus' logarithm",
-            tried=(0.2, -0.2),
+            "d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.7, help="change of the modulus' logarithm", tried=(0.2, -0.2)
         ),
     )
 
