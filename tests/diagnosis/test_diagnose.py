@@ -9,7 +9,6 @@ import pytest
 
 from plop.diagnosis.calibration import LEAST
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.table import Measured
@@ -146,12 +145,10 @@ class Alike(Fields):
         return [both, found[1], 0.02 * found[2], *found[3:]]
 
 
-def test_laws_that_do_the_same_come_with_the_motion_that_distinguishes_them():
+def test_laws_that_do_the_same_are_confounded_and_a_plan_is_advised():
     found = Alike().diagnosed({"swelling": 0.06}, ["swelling", "viscosity"])
     assert found.verdict.kind == "CONFOUNDED" and {*found.verdict.named} == {"swelling", "viscosity"}, found.verdict
-    following = next_motion(found)
-    assert following is not None and next_step(found) == following.text and following.episode in following.text
-    assert set(following.separation) == {*found.verdict.evidence.alternatives}
+    assert "plop plan --diagnosis" in next_step(found) and "viscosity" in next_step(found)
 
 
 class Once(Fields):
