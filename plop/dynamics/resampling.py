@@ -24,8 +24,11 @@ class ResamplingConfig(Settings):
     """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor."""
     split_above: Annotated[float, Range(1)] = 20.0
     """Ratio tau_s of longest to shortest axis above which a Gaussian splits; `fit-init` makes them up to 12."""
+    split_share: Share = 0.0
+    """Share of the fitted Gaussians that is more elongated than tau_s, from which `train` measures it; 0 uses
+    `split_above`."""
     form: Literal["moments", "paper"] = "moments"
-    """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28 as printed."""
+    """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28."""
     max_count: Annotated[int, Range(1), Unit("Gaussians")] = 20000
     """Largest number of Gaussians after splitting."""
 
@@ -55,9 +58,7 @@ def resample(
     shift = divided.means.detach() - merged.means.detach()[parents]
     parents = kept[parents]
     rest = None if state.rest is None else state.rest.select(parents).moved(shift)
-    return replace(
-        state.select(parents), gaussians=divided, rest=rest, resampling=Resampling(parents, merges, splits)
-    )
+    return replace(state.select(parents), gaussians=divided, rest=rest, resampling=Resampling(parents, merges, splits))
 
 
 def effective_sample_size(opacities: Tensor) -> Tensor:
