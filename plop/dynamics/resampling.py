@@ -22,6 +22,8 @@ class ResamplingConfig(Settings):
     """Merge and split; off, the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
     merge_below: Share = 0.05
     """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor."""
+    merge_share: Share = 0.0
+    """Share of the fitted Gaussians fainter than tau_m, from which `train` measures it; 0 uses `merge_below`."""
     split_above: Annotated[float, Range(1)] = 20.0
     """Ratio tau_s of longest to shortest axis above which a Gaussian splits; `fit-init` makes them up to 12."""
     split_share: Share = 0.0

@@ -40,12 +40,15 @@ def model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
 
 
 def thresholds(config: ResamplingConfig, tracks: list[Track]) -> ResamplingConfig:
-    """Measure the elongation above which Gaussians split on the fitted ones, where a share of them is given."""
-    if config.split_share == 0:
-        return config
-    scales = torch.cat([track.initial.scales for track in tracks])
-    elongation = (scales.amax(1) / scales.amin(1)).cpu().numpy()
-    return replace(config, split_above=float(np.quantile(elongation, 1 - config.split_share)))
+    """Measure the thresholds on the fitted Gaussians, where shares of them are given."""
+    fitted = [track.initial for track in tracks]
+    if config.split_share > 0:
+        elongation = torch.cat([g.scales.amax(1) / g.scales.amin(1) for g in fitted]).cpu().numpy()
+        config = replace(config, split_above=max(1.0, float(np.quantile(elongation, 1 - config.split_share))))
+    if config.merge_share > 0:
+        opacities = torch.cat([g.opacities for g in fitted]).cpu().numpy()
+        config = replace(config, merge_below=float(np.quantile(opacities, config.merge_share)))
+    return config
 
 
 def scene_scale(init: Path, episodes: list[str]) -> float | None:

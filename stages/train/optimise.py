@@ -132,7 +132,7 @@ def _motion(track: Track) -> np.ndarray:
     """Mean motion of each step of an episode, shape [T - 1] [m]; zeros where nothing was tracked."""
     if len(track) == 1:
         return np.zeros(len(track.actions) - 1)
-    return np.asarray(track.means.diff(dim=0).norm(dim=-1).mean(dim=1), dtype=np.float64)
+    return np.asarray(track.means.diff(dim=0).norm(dim=-1).mean(dim=1).cpu(), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ class Schedule(Settings):
     """Optimisation steps on the filter's tracks only."""
     image_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 100
     """Optimisation steps after those, with the rendering loss, on windows that start from the tracks."""
-    epochs: Annotated[int, Range(0), Unit("epochs"), COMMON] = 0
+    epochs: Annotated[int, Range(0), Unit("epochs")] = 0
     """Instead of `image_steps`, the paper's: passes over the training episodes, each from its fitted Gaussians over all
     its frames (`horizon` at most). Without `track_steps` and `weights.track` there are no tracks then."""
     views: Annotated[int, Range(0), Unit("views")] = 1

@@ -272,7 +272,7 @@ def _make_up(
 
 STAGE = Stage(
     name="train",
-    version=11,
+    version=12,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
