@@ -16,6 +16,8 @@ import numpy as np
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import EffectType
 
+LARGER = 5.0
+"""A much larger amplitude, in typical ones."""
 DIRECTIONS = 16
 """Directions in which a law with two amplitudes is tried: 11 degrees off is 2 % of the response."""
 
@@ -44,9 +46,14 @@ class Column:
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Amplitudes at which the response is computed: typical, the other way where there is one, and further ones."""
+        """Amplitudes at which the response is computed: typical and further ones, the other way where there is one.
+
+        Where a law says nothing of further ones, a much larger one: there its response may be another in shape.
+        """
         other = max(-self.value, self.low) if self.value > 0 else min(-self.value, self.high)
-        return tuple(dict.fromkeys((self.value, *self.tried, *((other,) if self.low < 0 < self.high else ()))))
+        both = self.low < 0 < self.high
+        larger = () if both or not self.low <= LARGER * self.value <= self.high else (LARGER * self.value,)
+        return tuple(dict.fromkeys((self.value, *(self.tried or larger), *((other,) if both else ()))))
 
     def build(self, types: Mapping[str, EffectType], value: float | None = None) -> Effect:
         """Make the effect at an amplitude, `value` of the column when none is given; kept inside its range."""
