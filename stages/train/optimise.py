@@ -18,9 +18,9 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from plop.artifacts.layouts import Model
-from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.i2n.model_io import save_model
 from plop.dynamics.interface import at_rest
+from plop.dynamics.learned import LearnedConfig, LearnedModel, untrained
 from plop.pipeline.stage import Output
 from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
 from stages.train.journal import Journal
@@ -32,7 +32,7 @@ from stages.train.windows import draw_windows
 
 
 def optimise(
-    config: PlopConfig,
+    config: LearnedConfig,
     track: Callable[[int], Track],
     episodes: int,
     plan: TrainConfig,
@@ -59,7 +59,7 @@ def optimise(
     """
     torch.manual_seed(plan.seed)
     with Processes.join(device) as processes:
-        model = PlopModel(config).to(device)
+        model = untrained(config).to(device)
         optimiser = torch.optim.AdamW(model.parameters(), lr=plan.learning_rate, weight_decay=1e-4)
         averaged = averaged_model(model, plan.averaging)
         at = load_checkpoint(out.path, model, averaged, optimiser) or Progressed(0, math.inf, 0)
@@ -132,7 +132,7 @@ def _validate(
     about: Mapping[str, Any],
 ) -> Progressed:
     """Roll out the training episodes with the averaged model; write its weights if they are the best so far."""
-    model = cast(PlopModel, averaged.module)
+    model = cast(LearnedModel, averaged.module)
     error = sum(rollout_error_m(model, track(i)) for i in range(episodes)) / episodes
     if error <= at.best_error_m or not Model(out.path).facts.exists():
         facts = {**about, "step": step, "rollout_error_mm": error * 1e3}
@@ -142,7 +142,7 @@ def _validate(
 
 
 @torch.no_grad()
-def rollout_error_m(model: PlopModel, track: Track) -> float:
+def rollout_error_m(model: LearnedModel, track: Track) -> float:
     """Mean distance of an open-loop rollout (without resampling) to the track, over frames and Gaussians [m]."""
     state = at_rest(track.initial)
     total = 0.0
