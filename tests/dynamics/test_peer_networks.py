@@ -103,8 +103,7 @@ def test_attention_in_parts_is_the_whole_attention(monkeypatch):
 
 
 def test_attention_is_that_of_the_paper():
-    (positions, features), network = particles(), transformer()
-    block, tokens = network.blocks[0], torch.randn(11, 16)
+    block, tokens = transformer().blocks[0], torch.randn(11, 16)
     query, key, value = (part.reshape(11, 4, 4) for part in block.joint(block.before_attention(tokens)).chunk(3, 1))
     shares = torch.softmax(torch.einsum("phc,qhc->hpq", query, key) / 2, -1)
     mixed = tokens + block.joined(torch.einsum("hpq,qhc->phc", shares, value).reshape(11, 16))
