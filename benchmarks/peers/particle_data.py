@@ -25,6 +25,8 @@ _FAR = 4.0
 """Largest distance from a shape that a particle feels, in radii."""
 RIGID = {"BoxBath": 64}
 """First particles that form one rigid body, by environment."""
+SAME_SCENE = {"RiceGrip": ("valid_0", "valid_1")}
+"""Rollouts of which one continues the other: never on both sides of a split."""
 _WALLS = 5
 """FluidShake's shapes: floor, left, right, back, front."""
 
@@ -101,27 +103,25 @@ def read_rollouts(folder: Path, environment: str) -> list[ParticleRollout]:
 
 
 def _read(path: Path, environment: str) -> ParticleRollout:
+    expected = "finite positions (T, N, 3 or 6), T at least 4, and perhaps shape_quats (T, S, 4)"
     try:
         with np.load(path, allow_pickle=False) as file:
             places = np.asarray(file["positions"], np.float32)
             shapes = file["shape_quats"].shape[1] if "shape_quats" in file else 0
-            skip = 1 if places.shape[2] == 6 else 0  # frame 0 of RiceGrip is not yet in contact with the solver
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, IndexError) as error:
         raise PlopError(
-            "A rollout cannot be read.",
-            where=path,
-            expected="positions (T, N, 3 or 6) and perhaps shape_quats (T, S, 4)",
-            found=str(error),
-            fix="Pack the data again, or leave the file out.",
+            "A rollout cannot be read.", where=path, expected=expected, found=str(error), fix="Pack the data again."
         ) from error
-    if places.ndim != 3 or places.shape[2] not in (3, 6) or len(places) < 3 + skip or not np.isfinite(places).all():
+    if places.ndim != 3 or places.shape[2] not in (3, 6) or len(places) < 4 or not np.isfinite(places).all():
+        found = str(places.shape) if np.isfinite(places).all() else "numbers that are not finite"
         raise PlopError(
             "A rollout has positions of another form.",
             where=path,
-            expected="finite positions (T, N, 3 or 6), T at least 3",
-            found=f"{places.shape}" if places.ndim != 3 or np.isfinite(places).all() else "numbers that are not finite",
+            expected=expected,
+            found=found,
             fix="Pack the data again, or leave the file out.",
         )
+    skip = 1 if places.shape[2] == 6 else 0  # RiceGrip's frame 0 is from before the solver's first step
     everything = torch.from_numpy(places[skip:, :, -3:].copy())
     count = everything.shape[1] - shapes
     rest = torch.from_numpy(places[skip, :count, :3].copy()) if places.shape[2] == 6 else None

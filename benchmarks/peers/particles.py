@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from benchmarks.peers.particle_data import ParticleRollout, read_rollouts
+from benchmarks.peers.particle_data import SAME_SCENE, ParticleRollout, read_rollouts
 from benchmarks.peers.particle_models import MODELS, Units, open_loop
 from benchmarks.peers.particle_rivals import rivals
 from plop.artifacts.atomic_file import write_json
@@ -61,8 +61,7 @@ def carry_out(plan: ParticlePlan, work: Path) -> None:
     """Train and test what is lacking; one row a file."""
     rollouts = read_rollouts(plan.data, plan.environment)
     for fold in plan.folds:
-        test, chooser = rollouts[fold % len(rollouts)], rollouts[(fold + 1) % len(rollouts)]
-        training = [each for each in rollouts if each not in (test, chooser)]
+        test, chooser, training = split(rollouts, fold, SAME_SCENE.get(plan.environment, ()))
         for name in rivals(test, training) if not _row(work, plan, "rigid", fold, 0).is_file() else ():
             found = errors(rivals(test, training)[name], test.positions)
             write_json(_row(work, plan, name, fold, 0), {"errors": found, **_facts(plan, name, fold, 0, test)})
@@ -74,6 +73,30 @@ def carry_out(plan: ParticlePlan, work: Path) -> None:
                     write_json(path, found | _facts(plan, name, fold, seed, test))
 
 
+def split(
+    rollouts: list[ParticleRollout], fold: int, same_scene: tuple[str, ...]
+) -> tuple[ParticleRollout, ParticleRollout, list[ParticleRollout]]:
+    """Leave one rollout out.
+
+    Args:
+        rollouts: All of them.
+        fold: Number of the one that tests.
+        same_scene: Names of rollouts of one scene, which stay on one side of the split: others of the test's are not
+            used, nor are others of the choosing one's.
+
+    Returns:
+        The test rollout, the one that chooses the checkpoint (the next), and the others, which train.
+    """
+    number = fold % len(rollouts)
+    test, kept = rollouts[number], [*rollouts[number + 1 :], *rollouts[:number]]
+    if test.name in same_scene:
+        kept = [each for each in kept if each.name not in same_scene]
+    chooser, *training = kept
+    if chooser.name in same_scene:
+        training = [each for each in training if each.name not in same_scene]
+    return test, chooser, training
+
+
 def _row(work: Path, plan: ParticlePlan, name: str, fold: int, seed: int) -> Path:
     folder = work / "rows"
     folder.mkdir(parents=True, exist_ok=True)
@@ -82,9 +105,13 @@ def _row(work: Path, plan: ParticlePlan, name: str, fold: int, seed: int) -> Pat
 
 def _facts(plan: ParticlePlan, name: str, fold: int, seed: int, test: ParticleRollout) -> dict[str, Any]:
     return {
-        "environment": plan.environment, "model": name, "fold": fold, "seed": seed, "test": test.name,
+        "environment": plan.environment,
+        "model": name,
+        "fold": fold,
+        "seed": seed,
+        "test": test.name,
         "cpu_seconds": plan.cpu_seconds,
-    }  # fmt: skip
+    }
 
 
 def trained(

@@ -95,7 +95,7 @@ def _interval(rows: list[Mapping[str, Any]], metric: str) -> Cell:
         per_test[row["test"]].append(row["errors"][metric])
     found = bootstrap_interval([sum(values) / len(values) for values in per_test.values()])
     assert found is not None
-    return {key: None if value is None else round(value, 4) for key, value in asdict(found).items()}
+    return {key: None if value is None else float(f"{value:.4g}") for key, value in asdict(found).items()}
 
 
 def read_rows(work: Path) -> list[dict[str, Any]]:
