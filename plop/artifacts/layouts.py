@@ -252,15 +252,6 @@ class ComparisonFiles(Payload):
         return self.folder / "pictures" / f"{name}_object.png"
 
 
-class DiagnosisFiles(Payload):
-    """What `diagnose` writes."""
-
-    @property
-    def facts(self) -> Path:
-        """Verdict, ranking and parameters."""
-        return self.folder / "diagnosis.json"
-
-
 class Report(Payload):
     """What `report` writes."""
 

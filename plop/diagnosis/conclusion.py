@@ -53,6 +53,7 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
         kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
         verdict = Verdict(kind, (), "", replace(facts, decoys=decoys))
     if sensors:
+        facts = replace(verdict.evidence, physics=verdict.kind, physics_named=verdict.named)
         verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)
     ranked = [*chosen, *(f for f in findings if f.name not in {c.name for c in chosen})]
     failed = search.failed()

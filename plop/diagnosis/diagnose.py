@@ -60,8 +60,12 @@ def diagnose(
     _check_laws(search, candidates)
     announce("amplitudes of the best")
     for _ in range(ROUNDS):
-        best = [score.hypothesis.effect for score in one_per_law(search.scores())[:REFINED] if score.strength > 0]
-        if not search.refine(best):
+        found = [
+            s
+            for s in one_per_law(search.scores())
+            if s.strength > 0 and s.p <= (1 if search.here.all() else rule.alarm)
+        ]
+        if not search.refine([score.hypothesis.effect for score in found[:REFINED]]):
             break
     return conclude(search, sensors, rule, whole={*types} <= {c.effect for c in candidates})
 

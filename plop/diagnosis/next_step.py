@@ -17,8 +17,9 @@ def next_step(found: Conclusion) -> str:
     verdict, motion = found.verdict, next_motion(found)
     if verdict.kind == VerdictKind.SENSOR:
         return (
-            "`plop calibrate` checks the cameras again and says how to repair them; to go on without one: "
-            "`plop diagnose --exclude CAMERA`."
+            "`plop calibrate` checks the cameras again and says how to repair them; to judge physics without one: "
+            "`plop diagnose --exclude CAMERA`. A fault of the tool is repaired where the recordings are made: in its "
+            "pose, its mesh or its clock."
         )
     if verdict.kind == VerdictKind.NOTHING_DETECTABLE:
         return _limits(found)

@@ -45,7 +45,7 @@ class Score:
     freedom: int
     """Degrees of freedom with which that is known."""
     p: float
-    """Chance that the whole search finds as much where nothing is hidden."""
+    """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
     """Gain of log density of each episode to explain, held out, [H] [nats]."""
     removed: np.ndarray
@@ -90,12 +90,9 @@ class Search:
         self.tables, self.candidates = list(tables), list(candidates)
         self.here = np.repeat([True, False][: len(tables)], [len(table.episodes) for table in tables])
         self.evidence: list[Evidence] = [evidence for table in tables for evidence in table.evidence]
-        self.hypotheses: list[Hypothesis] = []
-        self.add([*hypotheses_of(candidates), *base])
-        usable = [b for b in base if b in self.hypotheses]
-        self.hypotheses = [h for h in self.hypotheses if h not in base]
-        self.first = tuple(self.hypotheses)
-        columns = [self.response(hypothesis) for hypothesis in usable]
+        self.first = tuple(self._run(hypotheses_of(candidates), base))
+        self.hypotheses: list[Hypothesis] = list(self.first)
+        columns = [self.response(hypothesis) for hypothesis in self._run(base)]
         shapes = [e.residual.shape for e in self.evidence]
         stacked = [
             np.stack([c[e] for c in columns], -1) if columns else np.zeros((*shape, 0))
@@ -109,11 +106,13 @@ class Search:
 
     def add(self, hypotheses: Sequence[Hypothesis]) -> None:
         """Run more hypotheses; those that are unstable, or move nothing, are left out."""
+        self.hypotheses += self._run(hypotheses)
+
+    def _run(self, hypotheses: Sequence[Hypothesis], others: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
+        """Run hypotheses, and others at the same time that are asked for later; give those that can be used."""
         for table in self.tables:
-            table.respond(settings for hypothesis in hypotheses for settings, _ in hypothesis.runs)
-        for hypothesis in hypotheses:
-            if not any(table.trouble(hypothesis) for table in self.tables) and self._moves(hypothesis):
-                self.hypotheses.append(hypothesis)
+            table.respond(settings for hypothesis in (*hypotheses, *others) for settings, _ in hypothesis.runs)
+        return [h for h in hypotheses if not any(t.trouble(h) for t in self.tables) and self._moves(h)]
 
     def failed(self) -> dict[str, str]:
         """Give the laws of which no setting could be run, and why."""
@@ -150,7 +149,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = ("_null", "unknown", "unknown_p", "unknown_gain")
+        computed = ("_null", "_tried", "unknown", "unknown_p", "unknown_gain")
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -250,7 +249,20 @@ class Search:
     @cached_property
     def _null(self) -> np.ndarray:
         """Strength that the search over the first hypotheses finds, for each way of dealing out, [N]."""
-        return strongest(self.products(self.first), self.ways) if self.first else np.zeros(len(self.ways))
+        return strongest([p for _, p in self._tried], self.ways) if self.first else np.zeros(len(self.ways))
+
+    def chance_of(self, effect: str) -> float:
+        """Give the chance of a law: how often some law is as strong, of those that were run before any result was seen.
+
+        Amplitudes run later were chosen by what the recordings show. Were they to count, the real way of dealing the
+        episodes out would be searched more closely than all others.
+        """
+        own = [products.strength(self.ways[:1])[0] for h, products in self._tried if h.effect == effect]
+        return chance(max(own), self._null) if own else 1.0
+
+    @cached_property
+    def _tried(self) -> list[tuple[Hypothesis, Products]]:
+        return list(zip(self.first, self.products(self.first), strict=True))
 
     def critical(self, p: float) -> float:
         """Strength that has so small a chance."""
@@ -273,7 +285,7 @@ class Search:
         removed = np.array([self._removed(k, a * response[k]) for k, a in enumerate(amounts)])
         found = float(roots(gains).sum())
         if p is None:
-            p = chance_without_reference(found) if self.here.all() else chance(found, self._null)
+            p = chance_without_reference(found) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
         return Score(hypothesis, products, amount, contrast.error, contrast.freedom, p, gains, removed, size_m)
 
@@ -328,10 +340,9 @@ def base_hypotheses(candidates: Sequence[Candidate]) -> list[Hypothesis]:
     for candidate in candidates:
         if candidate.effect in REFITTED and candidate.effect not in found:
             (column,) = candidate.columns
-            share = REFITTED[candidate.effect]
-            found[candidate.effect] = Hypothesis(
-                candidate, (share * column.value,), ((((column, column.value),), share),)
-            )
+            deviation = REFITTED[candidate.effect] * column.value
+            run = min((v for v in column.levels if v * deviation > 0), key=lambda v: abs(np.log(v / deviation)))
+            found[candidate.effect] = Hypothesis(candidate, (deviation,), ((((column, run),), deviation / run),))
     return list(found.values())
 
 

@@ -12,7 +12,7 @@ class VerdictKind(StrEnum):
     NOTHING_DETECTABLE = "NOTHING DETECTABLE"
     """The error holds no sign of a law of the library."""
     SENSOR = "SENSOR"
-    """A camera is faulty, so that physics cannot be judged."""
+    """A camera, or what is known of the tool, is faulty; the tracks rest on it."""
     EFFECT = "EFFECT"
     """A law is missing, or two."""
     BASE_PARAMETER = "BASE PARAMETER"
@@ -69,6 +69,10 @@ class Grounds:
     """Share of the held-out squared error that goes away with what is named."""
     least_p: float | None = None
     """The smallest chance that so few episodes can show."""
+    physics: VerdictKind | None = None
+    """With a sensor fault: what the tracks say as they are."""
+    physics_named: tuple[str, ...] = ()
+    """What they name."""
 
 
 @dataclass(frozen=True)

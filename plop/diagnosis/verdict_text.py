@@ -20,16 +20,22 @@ def verdict_text(verdict: Verdict, findings: Sequence[Finding], tried: Sequence[
     """
     facts = verdict.evidence
     if verdict.kind == VerdictKind.SENSOR:
-        return (
-            f"A sensor is off: {'; '.join(facts.sensors)}. The tracks used it, so that physics cannot be judged: "
-            "repair it, or leave the camera out (--exclude), and diagnose again."
-        )
+        return _sensor(facts)
     if verdict.kind == VerdictKind.NOTHING_DETECTABLE:
         return _nothing(facts, findings, tried)
     if verdict.kind == VerdictKind.NONE_OF_THESE:
         return _none(facts, findings, tried)
     count = len(verdict.named) - (len(facts.alternatives) if verdict.kind != VerdictKind.BASE_PARAMETER else 0)
     return f"{_start(verdict)} {_what(findings[:count], facts)}; {_size(facts)}{_sure(findings[:count], facts)}."
+
+
+def _sensor(facts: Grounds) -> str:
+    named = f" ({', '.join(facts.physics_named)})" if facts.physics_named else ""
+    return (
+        f"A sensor is off: {'; '.join(facts.sensors)}. The tracks rest on it; as they are they say "
+        f"{facts.physics}{named}, which counts only if it stands with the fault repaired, or the camera left out "
+        "(--exclude)."
+    )
 
 
 def _start(verdict: Verdict) -> str:

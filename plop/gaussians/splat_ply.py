@@ -1,4 +1,4 @@
-"""Standard splat files: the PLY of 3D Gaussian splatting, read and written, and `.splat`, read.
+"""Standard splat files: the PLY of 3D Gaussian splatting, read and written.
 
 The PLY has one vertex per Gaussian, binary little endian float32: x y z (metres), nx ny nz (zero),
 f_dc_0..2, f_rest_* (colour by colour), opacity as a logit, scale_0..2 as logarithms, rot_0..3 wxyz.
@@ -6,7 +6,6 @@ f_dc_0..2, f_rest_* (colour by colour), opacity as a logit, scale_0..2 as logari
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -46,26 +45,6 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     names += [f"f_rest_{i}" for i in range(columns["f_rest"].shape[1])]
     names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
     write_vertices(path, table.view([(name, "<f4") for name in names])[:, 0])
-
-
-def write_splat_sequence(folder: str | Path, frames: Iterable[Gaussians], *, prefix: str = "frame_") -> list[Path]:
-    """Write an animation, one splat PLY per frame: `<prefix>00000.ply`, `<prefix>00001.ply`, ...
-
-    Args:
-        folder: Created when absent.
-        frames: Gaussians of each frame, any number in each.
-        prefix: Start of the files' names.
-
-    Returns:
-        The files, in order.
-    """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for index, gaussians in enumerate(frames):
-        paths.append(folder / f"{prefix}{index:05d}.ply")
-        write_splat(paths[-1], gaussians)
-    return paths
 
 
 def _columns(gaussians: Gaussians) -> dict[str, np.ndarray]:
@@ -159,39 +138,4 @@ def read_splat(path: str | Path) -> Gaussians:
         opacities=torch.sigmoid(torch.from_numpy(values["opacity"])).float(),
         sh=torch.cat([dc, higher], dim=1).float(),
         ids=torch.arange(count),
-    )
-
-
-def read_dot_splat(path: str | Path) -> Gaussians:
-    """Read a `.splat` file of the web viewer: 32 bytes per Gaussian, colours in 8 bits.
-
-    Args:
-        path: Records of position (3 float32), scale (3 float32, linear), rgba (4 uint8) and
-            quaternion wxyz (4 uint8, (b - 128) / 128).
-
-    Returns:
-        Gaussians with sh of degree 0, in the file's unit of length; ids count from 0.
-
-    Raises:
-        PlopError: The file is missing, or its size is not a multiple of 32 bytes.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise PlopError("There is no such splat file.", where=path, expected="a .splat file", found="no file")
-    data = path.read_bytes()
-    if len(data) % 32:
-        raise PlopError(
-            "The splat file is truncated.", where=path, expected="a multiple of 32 bytes", found=f"{len(data)} bytes"
-        )
-    kind = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
-    table = np.frombuffer(data, dtype=kind)
-    colour = torch.from_numpy(table["rgba"].astype(np.float32) / 255)
-    quats = torch.from_numpy((table["quats"].astype(np.float32) - 128) / 128)
-    return Gaussians(
-        means=torch.from_numpy(table["means"].copy()),
-        quats=torch.nn.functional.normalize(quats, dim=-1),
-        scales=torch.from_numpy(table["scales"].copy()),
-        opacities=colour[:, 3],
-        sh=((colour[:, :3] - 0.5) / _SH_C0)[:, None],
-        ids=torch.arange(len(table)),
     )

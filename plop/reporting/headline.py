@@ -15,6 +15,7 @@ from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import VerdictKind
 from plop.parameters import is_log_change, short_number, with_unit
 from plop.sensors.faults.library import FAULTS
+from plop.sensors.faults.tool import TOOL_FAULTS
 
 
 def headline(label: str, found: Diagnosis) -> str:
@@ -122,17 +123,20 @@ def _sensor(label: str, found: Diagnosis) -> str:
     faults = " and ".join(_fault(s) for s in sensors) or "a camera is faulty"
     surest = max((s.z for s in sensors), default=0.0)
     sure = f", {surest:.0f} times more than noise explains" if surest else ""
+    named = found.verdict.evidence.physics_named
+    seen = f"{' and '.join(map(_words, named))} seems to be missing" if named else "nothing certain"
     return (
-        f"{faults}{sure}, so nothing can be said about what is missing from {label}, or how much of the error that "
-        "explains, until it is repaired or left out"
+        f"{faults}{sure}, so what is missing from {label}, and how much of the error that explains, can only be said "
+        f"when it is repaired or left out; as the tracks are, they show {seen}"
     )
 
 
 def _fault(sensor: SensorFault) -> str:
-    known = FAULTS.get(sensor.fault)
+    known = (FAULTS | TOOL_FAULTS).get(sensor.fault)
     values = [with_unit(short_number(p.value), p.unit) for p in sensor.values.values()]
     size = f", {values[0]}" if len(values) == 1 else ""
-    return f"camera {sensor.camera} is faulty ({known.help if known else _words(sensor.fault)}{size})"
+    what = sensor.camera if sensor.fault in TOOL_FAULTS else f"camera {sensor.camera}"
+    return f"{what} is faulty ({known.help if known else _words(sensor.fault)}{size})"
 
 
 def explained(found: Diagnosis) -> float | None:

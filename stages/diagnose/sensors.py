@@ -11,12 +11,16 @@ from plop.recordings.set import RecordingSet
 from plop.sensors.estimation.estimate import estimate_sensors, pool
 from plop.sensors.estimation.finding import FaultEstimate, SensorFinding
 from plop.sensors.faults.library import FAULTS
+from plop.sensors.faults.tool import TOOL_FAULTS
+
+TOOL = "tool"
+"""Stands for a camera where all of them share the fault."""
 
 
 def sensor_findings(
     recordings: RecordingSet, names: list[str], without: tuple[str, ...], out: Output, *, jobs: int
 ) -> tuple[SensorFault, ...]:
-    """Estimate every camera's faults and keep the significant ones.
+    """Give the faults of cameras and tool that displace the object, in most episodes.
 
     Args:
         recordings: The set.
@@ -31,16 +35,14 @@ def sensor_findings(
     ):
         per_episode.append(found)
         out.progress(len(per_episode), len(names), f"sensors of {names[len(per_episode) - 1]}")
-    return tuple(
-        _entry(finding.camera, fault)
-        for finding in pool(per_episode)
-        for fault in finding.found
-        if finding.camera not in without
-    )
+    rig = pool(per_episode)
+    faults = [(TOOL, rig.tool)] if rig.tool else []
+    faults += [(each.camera, fault) for each in rig.cameras for fault in each.found if each.camera not in without]
+    return tuple(_entry(camera, fault, len(names)) for camera, fault in faults)
 
 
-def _entry(camera: str, fault: FaultEstimate) -> SensorFault:
-    units = {parameter.name: parameter.unit for parameter in FAULTS[fault.fault].parameters}
+def _entry(camera: str, fault: FaultEstimate, episodes: int) -> SensorFault:
+    units = {parameter.name: parameter.unit for parameter in (FAULTS | TOOL_FAULTS)[fault.fault].parameters}
     widths = {key: 1.96 * error for key, error in fault.standard_errors.items()}
     values = {
         key: Estimate(value, value - widths[key], value + widths[key], units[key])
@@ -48,5 +50,6 @@ def _entry(camera: str, fault: FaultEstimate) -> SensorFault:
     }
     shown = ", ".join(estimate_text(key, found) for key, found in values.items() if abs(found.value) > 0)
     other = f", or {', '.join(fault.alternatives)}" if fault.alternatives else ""
-    text = f"{fault.fault}{other} of {camera}: {shown}"
+    moved = f"off by {1000 * fault.effect_m:.1f} mm at the object in {fault.episodes} of {episodes} episodes"
+    text = f"{fault.fault}{other} of {camera}: {shown}; {moved}"
     return SensorFault(camera, fault.fault, text, fault.z, values, fault.alternatives)

@@ -42,7 +42,6 @@ NAMES = {
     "compare.json": of.ComparisonFiles(HERE).facts,
     "fields/a.npz": of.ComparisonFiles(HERE).field("a"),
     "pictures/a_object.png": of.ComparisonFiles(HERE).on_object("a"),
-    "diagnosis.json": of.DiagnosisFiles(HERE).facts,
     "report.html": of.Report(HERE).page,
 }
 

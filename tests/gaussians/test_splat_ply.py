@@ -4,7 +4,7 @@ import torch
 from torch.testing import assert_close
 
 from plop.errors import PlopError
-from plop.gaussians.splat_ply import read_dot_splat, read_splat, write_splat, write_splat_sequence
+from plop.gaussians.splat_ply import read_splat, write_splat
 from tests.gaussians.clouds import random_gaussians
 
 
@@ -145,28 +145,6 @@ def test_nan_is_refused_both_ways(tmp_path):
     assert not list(tmp_path.glob("b.ply*"))
 
 
-def test_a_sequence_is_one_file_a_frame(tmp_path):
-    paths = write_splat_sequence(tmp_path / "animation", (random_gaussians(n) for n in (3, 5)))
-    assert [path.name for path in paths] == ["frame_00000.ply", "frame_00001.ply"]
-    assert len(read_splat(paths[1])) == 5
-
-
 def test_no_gaussians_make_a_round_trip(tmp_path):
     write_splat(tmp_path / "a.ply", random_gaussians(0))
     assert len(read_splat(tmp_path / "a.ply")) == 0
-
-
-def test_the_web_viewers_format(shared_data):
-    """8957 Gaussians of a real rope, turned by -90 degrees about x and centred, about 0.04 m thick in the world."""
-    blob = read_dot_splat(shared_data / "gs_dynamics_demo" / "gs_orig.splat")
-    assert len(blob) == 8957
-    assert (blob.scales > 0).all() and (blob.opacities <= 1).all()
-    assert_close(blob.quats.norm(dim=1), torch.ones(8957), rtol=1e-4, atol=1e-4)
-    extent = blob.means.amax(0) - blob.means.amin(0)
-    assert 0.2 < float(extent.max()) < 1.0 and float(extent.min()) < 0.06
-
-
-def test_a_torn_dot_splat_is_explained(tmp_path):
-    (tmp_path / "a.splat").write_bytes(b"x" * 33)
-    with pytest.raises(PlopError, match="truncated"):
-        read_dot_splat(tmp_path / "a.splat")

@@ -9,35 +9,9 @@ import pytest
 
 from plop.errors import PlopError
 from plop.geometry.calibration.bundle_adjust import align_poses, refine_scan
-from plop.geometry.calibration.time_offset import offset_by_correlation, offset_by_search
+from plop.geometry.calibration.time_offset import offset_by_search
 from plop.geometry.cameras import Camera, look_at
 from plop.geometry.rigid import pose_from_euler_xyz
-
-
-def speed(time):
-    return 1.5 + np.sin(5 * time) + 0.6 * np.sin(13 * time + 1)
-
-
-@pytest.mark.parametrize("offset", [-0.12, 0.0, 0.033, 0.2])
-def test_correlation_finds_the_offset(offset):
-    image, robot = np.arange(0, 8, 1 / 30), np.arange(-1, 9, 1 / 100)
-    noise = 0.05 * np.random.default_rng(0).normal(size=len(image))
-    found, agreement = offset_by_correlation(image, 40 * speed(image - offset) + noise, robot, speed(robot))
-    assert found == pytest.approx(offset, abs=2e-3) and agreement > 0.98
-
-
-@pytest.mark.parametrize(
-    ("image", "signal", "message"),
-    [
-        (np.arange(20.0), np.ones(20), "no motion"),
-        (np.arange(20.0), np.arange(19.0), "cannot be aligned"),
-        (np.arange(20.0) + 1e9, np.arange(20.0) ** 2, "do not overlap"),
-        (np.arange(20.0), np.full(20, np.nan), "not usable"),
-    ],
-)
-def test_signals_that_cannot_tell_are_refused(image, signal, message):
-    with pytest.raises(PlopError, match=message):
-        offset_by_correlation(image, signal, np.arange(20.0), np.sin(np.arange(20.0)))
 
 
 def test_search_finds_a_minimum_and_admits_when_there_is_none():

@@ -18,6 +18,7 @@ FAULTY = [
     "depth_scale=1.01@cam_01",
     "depth_bias=0.003@cam_02",
     "pose_drift.x_m=0.003@cam_03",
+    "pose_drift.ry_rad=0.01746@cam_02",
     "pose_drift.ry_rad=0.00873@cam_04",
     "pose_error.z_m=0.003@cam_05",
     "clock=-0.02@cam_05",

@@ -10,11 +10,11 @@ import pytest
 
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.recording import Recording
-from plop.sensors.correct import correct_view, found_faults
 from plop.sensors.estimation.camera_frames import camera_scene, tool_track
 from plop.sensors.estimation.estimate import estimate_sensors, pool
+from plop.sensors.estimation.finding import State
 from plop.sensors.estimation.fit import LEAST_SIGMA, fit_camera
-from plop.sensors.estimation.parameters import COUNT
+from plop.sensors.estimation.parameters import COUNT, TOTAL
 from plop.sensors.estimation.residuals import SYSTEMATIC_M, residuals
 from plop.sensors.faults.library import FAULTS
 from tests.sensors.conftest import CAMERAS, film
@@ -22,9 +22,9 @@ from tests.sensors.conftest import CAMERAS, film
 TRUE = {
     "cam_00": {"clock": {"offset_s": 0.02}},
     "cam_01": {"depth_scale": {"factor": 1.01}},
-    "cam_02": {"depth_bias": {"offset_m": 0.003}},
+    "cam_02": {"depth_bias": {"offset_m": 0.003}, "pose_drift": {"ry_rad": 0.01746}},
     "cam_03": {"pose_drift": {"x_m": 0.003}},
-    "cam_04": {"pose_drift": {"ry_rad": 0.00873}},
+    "cam_04": {},  # sees the blade edge-on
     "cam_05": {"clock": {"offset_s": -0.02}, "pose_error": {"z_m": 0.003}},
 }
 CLOSE = {"offset_s": 2e-3, "factor": 1e-3, "offset_m": 4e-4, "x_m": 8e-4, "ry_rad": 2e-3, "z_m": 8e-4}
@@ -49,10 +49,16 @@ def test_the_faults_of_a_camera_are_found_and_nothing_else(found, camera):
             assert 0 < each.standard_errors[key] < CLOSE[key]
 
 
+def test_a_camera_that_sees_the_blade_edge_on_cannot_be_judged(found, good):
+    assert found["cam_04"].state is State.CANNOT_BE_JUDGED
+    assert [each.state for each in good if each.camera not in ("cam_01", "cam_04")] == [State.RIGHT] * 4
+    assert {found[camera].state for camera in CAMERAS if TRUE[camera]} == {State.FAULTY}
+
+
 def test_an_object_that_lags_is_no_fault_of_the_cameras(good):
     assert [(f.camera, each.fault) for f in good for each in f.found] == []
     for finding in good:
-        assert finding.fit.noise_m == pytest.approx(0.001, rel=0.15)
+        assert finding.noise_m == pytest.approx(0.001, rel=0.15)
 
 
 def test_standard_errors_are_honest(good):
@@ -71,29 +77,34 @@ def test_depth_without_noise_is_not_believed_to_the_micrometre(cut, tmp_path):
         for camera in CAMERAS[:2]:
             scene = camera_scene(recording, camera, tool)
             fit = fit_camera(scene)
-            rows = [residuals(scene, sighting, np.zeros(COUNT), 1.2)["table"] for sighting in scene.sightings]
-            offset = np.concatenate([each.jacobian for each in rows]).mean(0)  # by all parameters, of the mean depth
-            assert SYSTEMATIC_M < 1.2 * np.sqrt(offset @ fit.covariance @ offset) < 4 * SYSTEMATIC_M
+            rows = [residuals(scene, sighting, np.zeros(TOTAL), 1.2)["table"] for sighting in scene.sightings]
+            offset = np.concatenate([each.jacobian for each in rows]).mean(0)[:COUNT]  # of the mean depth
+            covariance = fit.evidence.about(np.eye(TOTAL)[:, :COUNT])[1]
+            assert SYSTEMATIC_M < 1.2 * np.sqrt(offset @ covariance @ offset) < 4 * SYSTEMATIC_M
             by_chance = LEAST_SIGMA["table"] / np.sqrt(fit.counts["table"])
             assert by_chance < 0.1 * SYSTEMATIC_M  # what scatter alone would tell
 
 
-def test_episodes_together_are_surer_than_one(good, found):
+def test_episodes_together_are_surer_than_one_but_not_of_what_is_systematic(good, found):
     one = good[0]
-    both = pool([[one], [one]])[0]
+    both = pool([[one], [one]]).cameras[0]
     index = {each.fault: each for each in both.faults}
-    for each in one.faults:
-        key = next(iter(each.values))
-        assert index[each.fault].standard_errors[key] < 0.8 * each.standard_errors[key]
-    mixed = pool([list(found.values()), [found["cam_00"]]])
+    gain = [index[e.fault].standard_errors[k] / e.standard_errors[k] for e in one.faults for k in e.values]
+    assert max(gain) <= 1 and min(gain) < 0.75
+    mixed = pool([list(found.values()), [found["cam_00"]]]).cameras
     assert [finding.camera for finding in mixed] == CAMERAS
     assert {each.fault for each in mixed[0].found} == {"clock"}
+    assert mixed[0].found[0].episodes == 2
 
 
-def test_episodes_that_disagree_are_less_sure(good, found):
-    agreed = pool([[found["cam_00"]], [found["cam_00"]]])[0].faults[0]
-    torn = pool([[found["cam_00"]], [good[0]]])[0].faults[0]
-    assert torn.standard_errors["offset_s"] > 2 * agreed.standard_errors["offset_s"]
+def test_a_fault_that_half_of_the_episodes_do_not_show_is_none(good, found):
+    agreed = pool([[found["cam_00"]], [found["cam_00"]]]).cameras[0]
+    torn = pool([[found["cam_00"]], [good[0]]]).cameras[0]
+    assert names(agreed) == ["clock"] and names(torn) == []
+
+
+def names(finding):
+    return [each.fault for each in finding.found]
 
 
 def test_without_a_tool_scale_and_pose_are_one(faulty, tmp_path):
@@ -102,29 +113,9 @@ def test_without_a_tool_scale_and_pose_are_one(faulty, tmp_path):
         file["tool/world_from_tool"][:, 2, 3] = 50  # seen by nobody
     findings = {finding.camera: finding for finding in estimate_sensors(path)}
     scale = findings["cam_01"].found
-    assert [each.fault for each in scale] == ["depth_scale"] and scale[0].alternatives == ("pose_error",)
+    assert [each.fault for each in scale] == ["depth_scale"] and "pose_error" in scale[0].alternatives
     clock = findings["cam_00"].faults[0]
     assert not clock.found and clock.standard_errors["offset_s"] > 0.1
-
-
-def test_a_correction_undoes_the_faults(faulty, found):
-    faults = found_faults(list(found.values()))
-    with Recording(faulty) as recording:
-        last = len(recording) - 1
-        for camera in ("cam_01", "cam_02", "cam_03", "cam_05"):
-            raw = recording.view(camera, last)
-            fixed = correct_view(recording, camera, last, faults)
-            before, after = (_table_rms(view) for view in (raw, fixed.view))
-            assert after < 0.00125 and (camera == "cam_03" or before > 2 * after)
-        late = correct_view(recording, "cam_00", last, faults)
-        assert late.time_s == pytest.approx(recording.time_s[last] - 0.02, abs=2e-3)
-        untouched = correct_view(recording, "cam_00", 0, found_faults([]))
-        np.testing.assert_array_equal(untouched.view.depth_m, recording.view("cam_00", 0).depth_m)
-
-
-def _table_rms(view):
-    heights = view.camera.back_project(view.depth_m, view.mask == 0)[:, 2]
-    return float(np.sqrt(np.median(heights**2)) * 1.4826)
 
 
 def test_two_frames_at_nearly_one_time_say_nothing_of_time(cut, tmp_path):

@@ -29,11 +29,10 @@ def test_drift_starts_at_nothing_and_ends_with_all():
     assert np.arctan2(step[1, 0], step[0, 0]) == pytest.approx(0.01)
 
 
-def test_depth_faults_come_in_order_and_can_be_undone():
+def test_depth_faults_come_in_order():
     faults = parse_faults(["depth_bias=0.003", "depth_scale=1.01"])
     recorded = faults.depth("cam_00", DEPTH)
     np.testing.assert_allclose(recorded, np.where(DEPTH > 0, 1.01 * DEPTH + 0.003, 0), rtol=1e-6)
-    np.testing.assert_allclose(faults.true_depth("cam_00", recorded), DEPTH, atol=1e-6)
     assert recorded.dtype == np.float32 and (faults.depth("cam_01", DEPTH) == DEPTH).all()
 
 

@@ -20,7 +20,16 @@ class Density(Effect):
     law = "rho -> rho exp(d_ln_rho)"
     source = "Newton's second law"
     amplitudes = (
-        Parameter("d_ln_rho", "-", -3.0, 3.0, step=0.05, typical=0.7, help="change of the density's logarithm"),
+        Parameter(
+            "d_ln_rho",
+            "-",
+            -3.0,
+            3.0,
+            step=0.05,
+            typical=0.7,
+            help="change of the density's logarithm",
+            tried=(0.2, -0.2),
+        ),
     )
 
     def material(self, material: Material) -> Material:

@@ -19,7 +19,11 @@ class Stiffness(Effect):
     help = "the material is stiffer or softer"
     law = "E -> E exp(d_ln_e)"
     source = "Hooke's law; in the logarithm twice and half are equally far from 1"
-    amplitudes = (Parameter("d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.7, help="change of the modulus' logarithm"),)
+    amplitudes = (
+        Parameter(
+            "d_ln_e", "-", -3.0, 3.0, step=0.05, typical=0.7, help="change of the modulus' logarithm", tried=(0.2, -0.2)
+        ),
+    )
 
     def material(self, material: Material) -> Material:
         """Scale the base's modulus."""

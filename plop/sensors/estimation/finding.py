@@ -1,46 +1,41 @@
-"""Which sensor faults the fit of a camera calls for, and how sure that is.
+"""Which sensor faults the evidence calls for: by how far they displace the object, all parameters together.
 
-All further reasoning works on the fit's parameters and their covariance alone: the misfit of any hypothesis that
-leaves parameters at 'absent' follows from them (Wald, Trans. AMS 54, 1943), and so does the estimate under it.
+One rule: a camera is right while parameters that displace the object by no more than a tolerance lie within SURE
+standard errors of what was fitted. If there are none, the fewest faults are named without which the rest would not be
+within the tolerance either, and each must show in most episodes that could: the rig is the same in all.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from enum import StrEnum
+from functools import reduce
+from itertools import combinations
+from operator import add
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
 
-from plop.sensors.estimation.fit import CameraFit
-from plop.sensors.estimation.parameters import ABSENT, COUNT, SLICES
+from plop.sensors.estimation.displacement import Displacement, misfit
+from plop.sensors.estimation.fit import CameraFit, Evidence
+from plop.sensors.estimation.parameters import ABSENT, COUNT, SLICES, TOTAL
+from plop.sensors.estimation.residuals import PIXEL_ERROR
 from plop.sensors.faults.library import FAULTS
 
-MIN_Z = 4.0
-"""A fault is significant beyond this many standard errors."""
-MIN_EFFECT_M = 2e-4
-"""It matters when it moves the object's points by more than this: a tenth of the largest usual noise, 2 mm [m]."""
-MIN_POSE_EFFECT_M = 5e-4
-"""The same for the faults with six parameters: these take up what is not quite right in tool and table as well, and
-were 0.2 mm off, many standard errors by the residuals, in recordings that were rendered without any fault [m]."""
-NOISE_SHARE = 0.1
-"""... and by more than this share of the measured noise of a depth pixel."""
-COST_PER_PARAMETER = 12.0
-"""Chi-square that a further parameter must bring when faults of one number and of six compete."""
-AS_GOOD = 9.0
-"""Another fault that loses less than this chi-square explains the data as well."""
+SURE = 4.0
+"""Standard errors beyond which a fault is significant."""
+HALF = 0.5
+"""An episode shows a fault of which it has more than so much, if its standard error is less."""
 
 
-@dataclass(frozen=True)
-class Viewed:
-    """What turns parameters into motion of the object's points."""
+class State(StrEnum):
+    """What is known of a camera."""
 
-    middle_cam: np.ndarray
-    """Middle of the object in the camera's axes, shape [3] [m]."""
-    reach_m: float
-    """Half the object's diagonal [m]."""
-    tool_speed_m_s: float
-    """Root mean square speed of the tool [m/s]."""
+    RIGHT = "right"
+    FAULTY = "faulty"
+    CANNOT_BE_JUDGED = "cannot be judged"
+    """It is not known to a pixel where it sees the object's points, or its episodes do not agree."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +47,22 @@ class FaultEstimate:
     """Parameter -> value, in the fault's own units."""
     standard_errors: dict[str, float]
     z: float
-    """Significance of all its parameters together, as standard errors of a normal."""
+    """Standard errors by which the object is displaced beyond the tolerance without this fault."""
     effect_m: float
-    """By how much it moves the object's points: at the episode's end for a drift [m]."""
-    tolerance_m: float
-    """Effect below which it does not matter [m]."""
+    """By how much it displaces the object's points, root mean square over points and frames [m]."""
+    episodes: int
+    """Episodes that show it, each by itself."""
     found: bool
-    """Significant and beyond the tolerance."""
     alternatives: tuple[str, ...] = ()
     """Faults that would explain the data as well: they cannot be told apart here."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What one camera says in one episode."""
+
+    fit: CameraFit
+    displacement: Displacement
 
 
 @dataclass(frozen=True)
@@ -68,138 +70,141 @@ class SensorFinding:
     """What is known of one camera, from one episode or from several."""
 
     camera: str
+    state: State
     faults: tuple[FaultEstimate, ...]
     """All faults of the library; one that was not found is estimated beside those that were."""
-    fit: CameraFit
-    viewed: Viewed
+    tolerance_m: float
+    """Displacement of the object that does not matter: what a pixel rounds, sideways and in depth [m]."""
+    unsure_m: float
+    """Standard error of the object's displacement, in the direction that is known least [m]."""
+    episodes: tuple[Episode, ...]
 
     @property
     def found(self) -> list[FaultEstimate]:
         """The faults that are significant and matter."""
         return [each for each in self.faults if each.found]
 
+    @property
+    def noise_m(self) -> float:
+        """Noise of one depth pixel, in the median episode [m]."""
+        return float(np.median([each.fit.noise_m for each in self.episodes]))
+
     def as_dict(self) -> dict[str, Any]:
         """Give what a person wants to see, for JSON."""
+        counts = [each.fit.counts for each in self.episodes]
         return {
             "camera": self.camera,
-            "noise_m": self.fit.noise_m,
-            "residuals": dict(self.fit.counts),
+            "state": self.state,
+            "noise_m": self.noise_m,
+            "tolerance_m": self.tolerance_m,
+            "unsure_m": self.unsure_m,
+            "residuals": {kind: sum(each[kind] for each in counts) for kind in counts[0]},
             "faults": [asdict(each) for each in self.faults],
         }
 
 
-def judge(camera: str, fit: CameraFit, viewed: Viewed) -> SensorFinding:
-    """Choose the fewest faults that explain what was fitted.
-
-    Faults are added while one is significant, that which gains most chi-square for its parameters first, and
-    dropped again when the others make them needless.
-    """
-    evidence = _Evidence(fit)
-    chosen = _choose(evidence)
-    together = joint_effect_m(chosen, evidence.estimate(chosen)[0], viewed)
-    estimates = []
-    for name in FAULTS:
-        among = chosen if name in chosen else [*chosen, name]
-        values, covariance = evidence.estimate(among)
-        part = SLICES[name]
-        least = MIN_POSE_EFFECT_M if name in ("pose_error", "pose_drift") else MIN_EFFECT_M
-        tolerance = max(least, NOISE_SHARE * fit.noise_m)
-        z = evidence.z(among, name)
-        effect = effect_m(name, values[part], viewed)
-        others = tuple(
-            o
-            for o in FAULTS
-            if o not in chosen
-            and evidence.gain(chosen) - evidence.gain([o if c == name else c for c in chosen]) < AS_GOOD
-        )
-        keys = [p.name for p in FAULTS[name].parameters]
-        found = name in chosen and z > MIN_Z and min(effect, together) > tolerance
-        estimates.append(
-            FaultEstimate(
-                name,
-                dict(zip(keys, (ABSENT + values)[part].tolist(), strict=True)),
-                dict(zip(keys, np.sqrt(np.diag(covariance)[part]).tolist(), strict=True)),
-                z,
-                effect,
-                tolerance,
-                found,
-                others if found else (),
-            )
-        )
-    return SensorFinding(camera, tuple(estimates), fit, viewed)
+def judge(camera: str, episodes: Sequence[Episode]) -> SensorFinding:
+    """Choose the fewest faults that explain what was fitted in the episodes of one rig."""
+    case = _Case(episodes)
+    chosen = case.choose()
+    estimates = tuple(case.estimate(name, chosen) for name in FAULTS)
+    unsure = case.unsure_m()
+    if any(each.found for each in estimates):
+        state = State.FAULTY
+    else:
+        state = State.RIGHT if unsure < case.resolved_m and not chosen else State.CANNOT_BE_JUDGED
+    return SensorFinding(camera, state, estimates, case.tolerance_m, unsure, tuple(episodes))
 
 
-def effect_m(fault: str, deviation: np.ndarray, viewed: Viewed) -> float:
-    """Root mean square motion of the object's points under a fault [m]; the tool's speed stands for the object's."""
-    if fault == "clock":
-        return float(abs(deviation[0]) * viewed.tool_speed_m_s)
-    return float(np.sqrt((_motion(fault, deviation, viewed) ** 2).sum(1).mean()))
-
-
-def joint_effect_m(chosen: list[str], values: np.ndarray, viewed: Viewed) -> float:
-    """The same for several faults at once: a scale and a shift along the axis may cancel on the object [m].
+def agreed(able: np.ndarray, episodes: int) -> bool:
+    """Tell whether most episodes that could show a fault do, and not one alone of several.
 
     Args:
-        chosen: The faults.
-        values: Their parameters as deviations from none [15].
-        viewed: What turns them into motion.
+        able: Amplitudes of the fault in those that could, 1 being the pooled one.
+        episodes: Number of all episodes.
     """
-    motions = [_motion(name, values[SLICES[name]], viewed) for name in chosen if name != "clock"]
-    still = float(np.sqrt((np.sum(motions, axis=0) ** 2).sum(-1).mean())) if motions else 0.0
-    return float(np.hypot(still, effect_m("clock", values[SLICES["clock"]], viewed) if "clock" in chosen else 0.0))
+    shown = int((able > HALF).sum())
+    return shown > len(able) / 2 and shown >= min(2, episodes)
 
 
-def _motion(fault: str, deviation: np.ndarray, viewed: Viewed) -> np.ndarray:
-    """Motion of points about the object under a fault that is not the clock's, in the camera's axes [6, 3] [m]."""
-    around = viewed.middle_cam + 0.6 * viewed.reach_m * np.concatenate([np.eye(3), -np.eye(3)])
-    if fault == "depth_scale":
-        return np.asarray(deviation[0] * around)
-    if fault == "depth_bias":
-        return np.asarray(deviation[0] * around / around[:, 2:])
-    return np.asarray(-deviation[:3] + np.cross(around, deviation[3:]))
+def _basis(names: Sequence[str]) -> np.ndarray:
+    return np.eye(TOTAL)[:, np.r_[tuple(SLICES[name] for name in names)]] if names else np.zeros((TOTAL, 0))
 
 
-class _Evidence:
-    """Quadratic misfit around the fit."""
+class _Case:
+    """The evidence of some episodes together."""
 
-    def __init__(self, fit: CameraFit) -> None:
-        self.information = np.linalg.inv(fit.covariance)
-        self.pull = self.information @ fit.deviation
+    def __init__(self, episodes: Sequence[Episode]) -> None:
+        self.each = [episode.fit.evidence for episode in episodes]
+        self.all: Evidence = reduce(add, self.each)
+        self.motion = np.mean([episode.displacement.squared for episode in episodes], axis=0)
+        sizes = [np.hypot(episode.displacement.pixel_m, episode.fit.noise_m) for episode in episodes]
+        self.resolved_m = float(np.median(sizes))
+        self.tolerance_m = PIXEL_ERROR * self.resolved_m
+        self.values, self.covariance = self.all.about(np.eye(TOTAL)[:, :COUNT])
 
-    def estimate(self, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Best parameters [15] and covariance [15, 15] when only these faults exist."""
-        values, covariance = np.zeros(COUNT), np.zeros((COUNT, COUNT))
-        if names:
-            index = np.r_[tuple(SLICES[name] for name in names)]
-            part = np.linalg.inv(self.information[np.ix_(index, index)])
-            values[index], covariance[np.ix_(index, index)] = part @ self.pull[index], part
-        return values, covariance
+    def unsure_m(self) -> float:
+        """Give the largest standard error of a displacement [m]."""
+        root = np.linalg.cholesky(self.covariance)
+        return float(np.sqrt(np.linalg.eigvalsh(root.T @ self.motion[:COUNT, :COUNT] @ root)[-1]))
 
-    def gain(self, names: list[str]) -> float:
-        """Chi-square that these faults explain."""
-        return float(self.estimate(names)[0] @ self.pull)
+    def misfit(self, names: Sequence[str]) -> float:
+        """Give the misfit of 'nothing but these faults displaces the object'."""
+        motion = self.motion[:COUNT, :COUNT].copy()
+        for name in names:
+            motion[SLICES[name]], motion[:, SLICES[name]] = 0, 0
+        return misfit(self.values, self.covariance, motion, self.tolerance_m)
 
-    def added(self, names: list[str], name: str) -> float:
-        """Chi-square that `name` brings to the others in `names`."""
-        return self.gain(names) - self.gain([other for other in names if other != name])
+    def enough(self, names: Sequence[str]) -> bool:
+        """Tell whether these faults suffice."""
+        return self.misfit(names) < SURE**2
 
-    def z(self, names: list[str], name: str) -> float:
-        """The same as the number of standard errors of a normal with equal probability."""
-        size = max(self.added(names, name), 0.0)
-        count = len(FAULTS[name].parameters)
-        if count == 1:
-            return float(np.sqrt(size))
-        return float(norm.isf(np.exp(chi2.logsf(size, count)) / 2)) if size < 1000 else float(np.sqrt(size - count))
+    def choose(self) -> list[str]:
+        """Choose the fewest faults that suffice; of equally many, the fewest parameters, then the least misfit."""
+        for count in range(len(FAULTS) + 1):
+            sets = [list(names) for names in combinations(FAULTS, count) if self.enough(names)]
+            if sets:
+                return min(sets, key=lambda names: (_basis(names).shape[1], self.misfit(names)))
+        raise AssertionError("all faults together always suffice")
 
-
-def _choose(evidence: _Evidence) -> list[str]:
-    chosen: list[str] = []
-    for _ in range(2 * len(FAULTS)):
-        open_ = [n for n in FAULTS if n not in chosen and evidence.z([*chosen, n], n) > MIN_Z]
-        if not open_:
-            break
-        chosen.append(
-            max(open_, key=lambda n: evidence.added([*chosen, n], n) - COST_PER_PARAMETER * len(FAULTS[n].parameters))
+    def estimate(self, name: str, chosen: list[str]) -> FaultEstimate:
+        """Estimate a fault beside the chosen ones, and decide whether it is found."""
+        others = [other for other in chosen if other != name]
+        part = slice(0, SLICES[name].stop - SLICES[name].start)
+        values, covariance = self.all.about(_basis([name, *others]))
+        deviation = np.zeros(TOTAL)
+        deviation[SLICES[name]] = values[part]
+        able, wider = self.agreement(deviation, others) if name in chosen else (np.zeros(0), 1.0)
+        z = float(np.sqrt(self.misfit(others))) / wider
+        found = name in chosen and z > SURE and agreed(able, len(self.each))
+        keys = [p.name for p in FAULTS[name].parameters]
+        errors = wider * np.sqrt(np.diag(covariance)[part])
+        return FaultEstimate(
+            name,
+            dict(zip(keys, (ABSENT + deviation)[SLICES[name]].tolist(), strict=True)),
+            dict(zip(keys, errors.tolist(), strict=True)),
+            z,
+            float(np.sqrt(deviation @ self.motion @ deviation)),
+            int((able > HALF).sum()),
+            found,
+            tuple(o for o in FAULTS if o not in chosen and self.enough([o, *others])) if found else (),
         )
-        chosen = [n for n in chosen if evidence.z(chosen, n) > MIN_Z]
-    return chosen
+
+    def agreement(self, deviation: np.ndarray, others: list[str]) -> tuple[np.ndarray, float]:
+        """Ask every episode for its own amplitude of a fault, the pooled one being 1.
+
+        Args:
+            deviation: The fault [19].
+            others: Faults that each episode may have besides.
+
+        Returns:
+            Amplitudes of the episodes that could distinguish 1 from 0 (by 2 standard errors); and how much wider
+            standard errors are for the scatter (median absolute deviation) between these.
+        """
+        basis = np.c_[deviation, _basis(others)]
+        each = [(values[0], np.sqrt(errors[0, 0])) for values, errors in (e.about(basis) for e in self.each)]
+        able = np.array([amplitude for amplitude, error in each if error < HALF])
+        if not len(able):
+            return able, 1.0
+        scatter = 1.4826 * np.median(np.abs(able - np.median(able))) / np.sqrt(len(able))
+        return able, float(np.hypot(1.0, scatter / np.sqrt(self.all.about(basis)[1][0, 0])))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from plop.sensors.estimation.camera_frames import CameraScene
-from plop.sensors.estimation.parameters import COUNT, PRIOR_WIDTH, SLICES
+from plop.sensors.estimation.parameters import COUNT, LINEAR, PRIOR_WIDTH, SLICES, TOTAL
 from plop.sensors.estimation.residuals import PATTERNS, Rows, residuals
 
 BLURS_PX = (3.0, 2.0, *([1.2] * 8))
@@ -19,8 +20,39 @@ LEAST_SIGMA = {"table": 1e-4, "tool": 1e-4, "outline": 0.02}
 HUBER = 1.5
 CHANGING, LEAST_FRAMES = ("clock", "pose_drift"), 6
 """Faults that show as a change over time are only fitted to at least so many frames; else nothing is known of them."""
-LAGS = 2
-"""Frames this far apart may still have errors in common."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What residuals say of the parameters: a quadratic misfit, which adds up over episodes.
+
+    Besides the parameters it holds the systematic errors of outline and depth, each constant and growing with time, in
+    units of their standard deviation: they are the same in all episodes, and no number of frames averages them away.
+    """
+
+    information: np.ndarray
+    """[19 + 24, 19 + 24]"""
+    pull: np.ndarray
+    """Information times the parameters that fit best, shape [19 + 24]."""
+
+    def __add__(self, other: Evidence) -> Evidence:
+        return Evidence(self.information + other.information, self.pull + other.pull)
+
+    def given(self, deviation: np.ndarray) -> Evidence:
+        """Give what is left to say when parameters deviate by so much [19]: deviations beyond it."""
+        return Evidence(self.information, self.pull - self.information[:, :TOTAL] @ deviation)
+
+    def about(self, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Give the best coordinates [N] in a basis of deviations and their covariance [N, N].
+
+        Args:
+            basis: Columns of the parameters, shape [19, N]; what it does not span is absent.
+        """
+        count = basis.shape[1]
+        spanned = block_diag(basis, np.eye(2 * PATTERNS))
+        prior = block_diag((basis.T / PRIOR_WIDTH**2) @ basis, np.eye(2 * PATTERNS))
+        covariance = np.linalg.inv(spanned.T @ self.information @ spanned + prior)
+        return (covariance @ (spanned.T @ self.pull))[:count], covariance[:count, :count]
 
 
 @dataclass(frozen=True)
@@ -29,10 +61,7 @@ class CameraFit:
 
     frames: int
     """Frames looked at."""
-    deviation: np.ndarray
-    """Best parameters as deviations from 'absent', shape [15]."""
-    covariance: np.ndarray
-    """Shape [15, 15]."""
+    evidence: Evidence
     noise_m: float
     """Noise of one depth pixel, robust standard deviation on the table (or the tool) [m]."""
     counts: dict[str, int]
@@ -40,33 +69,29 @@ class CameraFit:
 
 
 def fit_camera(scene: CameraScene) -> CameraFit:
-    """Minimise the Huber loss of all residuals by Gauss-Newton (Huber 1964, iteratively reweighted)."""
-    deviation, fixed = np.zeros(COUNT), np.zeros(COUNT, bool)
+    """Minimise the Huber loss of all residuals (Huber 1964, iteratively reweighted) by damped Gauss-Newton.
+
+    Where the data tell little the point of linearisation stays (Levenberg 1944): far off, pixels show other things.
+    """
+    basis = np.eye(TOTAL)[:, :COUNT]
+    unknown = np.zeros(TOTAL + 2 * PATTERNS, bool)
     for name in CHANGING:
-        fixed[SLICES[name]] = len(scene.sightings) < LEAST_FRAMES
-    width = np.where(fixed, 1e-6, 1.0) * PRIOR_WIDTH
-    prior = np.diag(width**-2.0)
+        unknown[SLICES[name]] = len(scene.sightings) < LEAST_FRAMES
+    deviation = np.zeros(TOTAL)
     for blur in BLURS_PX:
         some = scene.sightings[:: 3 if blur > BLURS_PX[-1] and len(scene.sightings) > 3 * LEAST_FRAMES else 1]
         frames = [residuals(scene, sighting, deviation, blur) for sighting in some]
         sigmas = {kind: _sigma(frames, kind) for kind in LEAST_SIGMA}
-        information, scores, _ = _normal(frames, sigmas, blur)
-        inverse = np.linalg.inv(information + prior)
-        step = inverse @ (scores.sum(0) - prior @ deviation)
-        deviation = deviation + np.clip(step, -width, width)
-        if blur == BLURS_PX[-1] and (np.abs(step) < ENOUGH * np.sqrt(np.diag(inverse))).all():
+        shares = [sighting.share for sighting in some]
+        evidence = _evidence(frames, shares, sigmas, blur, np.r_[deviation, np.zeros(2 * PATTERNS)], unknown)
+        values, covariance = evidence.about(basis)
+        precision = np.linalg.inv(covariance)
+        step = np.linalg.solve(precision + np.diag(LINEAR[:COUNT] ** -2.0), precision @ (values - deviation[:COUNT]))
+        if blur == BLURS_PX[-1] and (np.abs(step) < ENOUGH * np.sqrt(np.diag(covariance))).all():
             break
-    # Scores after the last step, by linearisation: what the sandwich needs are the residuals at the solution.
-    last = [
-        {kind: replace(rows, residual=rows.residual - rows.jacobian @ step) for kind, rows in frame.items()}
-        for frame in frames
-    ]
-    information, scores, systematic = _normal(last, sigmas, BLURS_PX[-1])
+        deviation[:COUNT] += step
     counts = {kind: sum(len(frame[kind].residual) for frame in frames) for kind in LEAST_SIGMA}
-    noise = sigmas["table"] if counts["table"] else sigmas["tool"]
-    covariance = _covariance(information + prior, scores, systematic)
-    covariance[fixed, fixed] = PRIOR_WIDTH[fixed] ** 2
-    return CameraFit(len(frames), np.where(fixed, 0, deviation), covariance, noise, counts)
+    return CameraFit(len(frames), evidence, sigmas["table"] if counts["table"] else sigmas["tool"], counts)
 
 
 def _sigma(frames: list[dict[str, Rows]], kind: str) -> float:
@@ -76,45 +101,36 @@ def _sigma(frames: list[dict[str, Rows]], kind: str) -> float:
     return max(LEAST_SIGMA[kind], 1.4826 * float(np.median(np.abs(values - np.median(values)))))
 
 
-def _normal(
-    frames: list[dict[str, Rows]], sigmas: dict[str, float], blur_px: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sum up the normal equations.
+def _evidence(
+    frames: list[dict[str, Rows]],
+    shares: list[float],
+    sigmas: dict[str, float],
+    blur_px: float,
+    at: np.ndarray,
+    unknown: np.ndarray,
+) -> Evidence:
+    """Sum up the normal equations around some values [43]; of those that are unknown they say nothing.
 
-    Returns:
-        Information [15, 15], the score of every frame [F, 15], and the score of each systematic pattern [P, 15].
+    Each frame has systematic errors of its own as well, which are integrated out: an outline of a thousand pixels is
+    never trusted beyond PIXEL_ERROR.
     """
     # Neighbouring blurred pixels share their errors: 4 pi blur^2 of them count as one (noise equivalent area).
     shared = {"table": 1.0, "tool": 1.0, "outline": max(1.0, 4 * np.pi * blur_px**2)}
-    information, scores = np.zeros((COUNT, COUNT)), np.zeros((len(frames), COUNT))
-    systematic = np.zeros((PATTERNS, COUNT))
-    for index, frame in enumerate(frames):
+    information, pull = np.zeros((len(at), len(at))), np.zeros(len(at))
+    for frame, share in zip(frames, shares, strict=True):
+        own, mixed, local = np.eye(PATTERNS), np.zeros((PATTERNS, len(at))), np.zeros(PATTERNS)
         for kind, rows in frame.items():
             size = np.abs(rows.residual) / sigmas[kind]
             weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12)) / (sigmas[kind] ** 2 * shared[kind])
-            weighted = rows.jacobian * weight[:, None]
-            information += weighted.T @ rows.jacobian
-            scores[index] += weighted.T @ rows.residual
-            systematic += rows.patterns.T @ weighted
-    return information, scores, systematic
-
-
-def _covariance(information: np.ndarray, scores: np.ndarray, systematic: np.ndarray) -> np.ndarray:
-    """Widen the model's covariance where the scatter over frames asks for it.
-
-    The sandwich over frames (Newey and West 1987, Bartlett weights) sees errors that the pixels of a frame or
-    neighbouring frames have in common. Seen in coordinates in which the model's covariance is the identity, the
-    variance along each of the sandwich's axes is taken as the larger of the two: so what the data hardly tell
-    stays hardly told, and few frames cannot make anything surer than the model. What all frames have in common
-    does not scatter over them: the systematic patterns come on top.
-    """
-    frames = len(scores)
-    meat = scores.T @ scores
-    for lag in range(1, min(LAGS, frames - 1) + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        meat += (1 - lag / (LAGS + 1)) * (cross + cross.T)
-    root = np.linalg.inv(np.linalg.cholesky(information))
-    sizes, axes = np.linalg.eigh(root @ meat @ root.T)
-    shared = root @ systematic.T
-    wide = (axes * np.maximum(sizes, 1.0)) @ axes.T + shared @ shared.T
-    return np.asarray(root.T @ wide @ root)
+            design = np.hstack([rows.jacobian, rows.patterns, share * rows.patterns])
+            design[:, unknown] = 0
+            weighted, target = design * weight[:, None], rows.residual + design @ at
+            information += weighted.T @ design
+            pull += weighted.T @ target
+            mixed += rows.patterns.T @ weighted
+            local += (rows.patterns * weight[:, None]).T @ target
+            own += (rows.patterns * weight[:, None]).T @ rows.patterns
+        explained = np.linalg.solve(own, np.c_[mixed, local])
+        information -= mixed.T @ explained[:, :-1]
+        pull -= mixed.T @ explained[:, -1]
+    return Evidence(information, pull)

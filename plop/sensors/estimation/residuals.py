@@ -20,7 +20,7 @@ from plop.geometry.rigid import invert_rigid, transform_points
 from plop.geometry.view import MaskLabel
 from plop.lazy_open3d import o3d
 from plop.sensors.estimation.camera_frames import CameraScene, Sighting, ToolTrack
-from plop.sensors.estimation.parameters import ABSENT, COUNT, SLICES
+from plop.sensors.estimation.parameters import ABSENT, SLICES, TOTAL
 from plop.sensors.faults.pose_error import moved_pose
 from plop.sensors.silhouette import coverage
 
@@ -34,9 +34,10 @@ GATE = 0.12
 """Depth that differs by a larger share is of something else."""
 ABOVE_TABLE_M = 0.004
 """The tool is looked at this far above the table, which hides what is below it [m]."""
-SYSTEMATIC_PX = np.array([0.05, 0.05, 0.1])
-"""Outlines are not trusted beyond this: shifted right, shifted down, grown. Masks that sample a thin blade once a pixel
-repeat their errors from frame to frame [px]."""
+PIXEL_ERROR = 1 / np.sqrt(12)
+"""Standard deviation of what a pixel rounds, uniform over its width [px]: masks say of each pixel whether its centre is
+covered. Outlines are not trusted beyond it in what their pixels have in common: shifted right, shifted down, grown,
+each alike everywhere or by a slope across the picture, so that neither place nor turn of an edge is believed."""
 SYSTEMATIC_M = 5e-5
 """Depth is not trusted beyond this in what all pixels have in common: an offset, a slope right, a slope down. Without
 it thousands of pixels free of noise tell one mixture of pose and depth scale to a micrometre, another one in each
@@ -50,14 +51,14 @@ class Rows:
     residual: np.ndarray
     """[N], metres or share of a pixel"""
     jacobian: np.ndarray
-    """[N, 15]"""
+    """[N, 19]: by what may be wrong with the camera, then with the tool."""
     patterns: np.ndarray
-    """[N, PATTERNS]: what is systematically off, by SYSTEMATIC_PX or SYSTEMATIC_M: outlines to the right, down, or
-    outwards, depth by an offset or a slope; each in all frames alike, or growing from the first to the last."""
+    """[N, PATTERNS]: what is systematically off, by SYSTEMATIC_M or PIXEL_ERROR: depth, then outlines to the right,
+    down, and outwards; each by an offset, a slope right and a slope down."""
 
 
 PATTERNS = 12
-NONE = Rows(np.zeros(0), np.zeros((0, COUNT)), np.zeros((0, PATTERNS)))
+NONE = Rows(np.zeros(0), np.zeros((0, TOTAL)), np.zeros((0, PATTERNS)))
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class _Setting:
     """Derivative of cam_from_tool by the clock offset, shape [4, 4] [1/s]."""
 
     def move(self, points: np.ndarray, on_tool: bool) -> np.ndarray:
-        """Give how points in the camera [N, 3] move by each parameter of time and pose, shape [N, 3, 15]."""
-        out = np.zeros((len(points), 3, COUNT))
+        """Give how points in the camera [N, 3] move by each parameter of time and pose, shape [N, 3, 19]."""
+        out = np.zeros((len(points), 3, TOTAL))
         zero = np.zeros(len(points))
         x, y, z = points.T
         turn = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
@@ -84,6 +85,7 @@ class _Setting:
         if on_tool and self.world_from_tool is not None:
             local = transform_points(invert_rigid(self.world_from_tool) @ self.camera.world_from_cam, points)
             out[:, :, SLICES["clock"].start] = transform_points(self.cam_tool_rate, local)
+            out[:, :, SLICES["tool_offset"]] = self.camera.cam_from_world[:3, :3] @ self.world_from_tool[:3, :3]
         return out
 
     def depth_rows(
@@ -91,20 +93,21 @@ class _Setting:
     ) -> Rows:
         """Compare depth at pixels [N] with expected true depth [N] of a surface with normals [N, 3] in the camera."""
         recorded = self.sighting.view.depth_m[rows, columns].astype(np.float64)
-        right, down = 2 * (columns + 0.5) / self.camera.width - 1, 2 * (rows + 0.5) / self.camera.height - 1
+        across = _across(self.camera, rows, columns)
         rays = self.camera.directions(columns + 0.5, rows + 0.5)
         facing = (normals * rays).sum(1)
         keep = (np.abs(facing) > GRAZING * np.linalg.norm(rays, axis=1)) & (depth > 0) & (recorded > 0)
         keep &= np.abs(recorded - depth) < GATE * depth
-        recorded, depth, rays, normals, facing, right, down = (
-            a[keep] for a in (recorded, depth, rays, normals, facing, right, down)
+        recorded, depth, rays, normals, facing, across = (
+            a[keep] for a in (recorded, depth, rays, normals, facing, across)
         )
         moved = self.move(rays * depth[:, None], on_tool)
         jacobian = self.factor * np.einsum("nk,nkp->np", normals / facing[:, None], moved)
         jacobian[:, SLICES["depth_scale"].start] = depth
         jacobian[:, SLICES["depth_bias"].start] = 1.0
-        once = SYSTEMATIC_M * np.column_stack([np.ones(len(depth)), right, down])
-        patterns = np.hstack([np.zeros((len(depth), 6)), once, self.sighting.share * once])
+        jacobian[:, SLICES["tool_thickness"].start] = -self.factor * on_tool / np.abs(facing)
+        patterns = np.zeros((len(depth), PATTERNS))
+        patterns[:, :3] = SYSTEMATIC_M * across
         return Rows(recorded - self.factor * depth - self.offset_m, jacobian, patterns)
 
 
@@ -167,14 +170,15 @@ def _tool(scene: CameraScene, tool: ToolTrack, setting: _Setting, blur_px: float
     image = np.zeros(drawn.shape, np.float32)
     image[rows, columns] = depth
     floor = -np.inf if scene.table_z_m is None else scene.table_z_m + ABOVE_TABLE_M
-    outline = _outline(setting, drawn, image, floor, blur_px)
     inside = cv2.erode(((drawn > 0.99) & view.tool_mask).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     use = inside[rows, columns] & (depth > 0)
     use[use] = _heights(camera, rows[use], columns[use], depth[use]) > floor
     chosen = np.flatnonzero(use)
     chosen = chosen[_few(camera, rows[chosen], columns[chosen])]
     surface = setting.depth_rows(rows[chosen], columns[chosen], depth[chosen], normals[chosen], on_tool=True)
-    return surface, outline
+    outline = _outline(setting, drawn, image, floor, blur_px)
+    # Of a blade seen edge-on, a line between pixels is left, and no face.
+    return surface, outline if len(surface.residual) >= len(outline.residual) else NONE
 
 
 def _cast(tool: ToolTrack, setting: _Setting, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,11 +218,18 @@ def _outline(setting: _Setting, drawn: np.ndarray, depth: np.ndarray, floor_m: f
         focal[:, None] * (moved[:, :2] - (points[:, :2] / far[:, None])[..., None] * moved[:, 2:]) / far[:, None, None]
     )
     slope = np.stack([right[rows, columns], down[rows, columns]], -1)
-    patterns = SYSTEMATIC_PX * np.column_stack([-slope, np.linalg.norm(slope, axis=1)])
-    patterns = np.hstack([patterns, setting.sighting.share * patterns, np.zeros((len(slope), 6))])
-    return Rows(
-        (recorded - expected)[rows, columns].astype(np.float64), -np.einsum("nk,nkp->np", slope, flow), patterns
-    )
+    kinds = np.column_stack([-slope, np.linalg.norm(slope, axis=1)])
+    patterns = np.zeros((len(slope), PATTERNS))
+    patterns[:, 3:] = PIXEL_ERROR * np.einsum("nk,nf->nkf", kinds, _across(camera, rows, columns)).reshape(-1, 9)
+    jacobian = -np.einsum("nk,nkp->np", slope, flow)
+    jacobian[:, SLICES["tool_thickness"].start] = np.linalg.norm(slope * focal, axis=1) / far
+    return Rows((recorded - expected)[rows, columns].astype(np.float64), jacobian, patterns)
+
+
+def _across(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Give 1, and where pixels are across the picture, -1 to 1 to the right and down, shape [N, 3]."""
+    right, down = 2 * (columns + 0.5) / camera.width - 1, 2 * (rows + 0.5) / camera.height - 1
+    return np.column_stack([np.ones(len(rows)), right, down])
 
 
 def _heights(camera: Camera, rows: np.ndarray, columns: np.ndarray, depth: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """What a sensor fault is: one law of the measurement, with parameters that have units and a range.
 
 The scene is right and the camera records it wrongly. A law turns what a camera says into what is true
-(`true_time`, `true_pose`) and what is true into what the camera would record (`depth`, with its inverse
-`true_depth`); each hook does nothing unless a fault overrides it.
+(`true_time`, `true_pose`) and what is true into what the camera would record (`depth`); each hook does nothing unless a
+fault overrides it.
 """
 
 from __future__ import annotations
@@ -63,8 +63,4 @@ class Fault:
 
     def depth(self, depth_m: np.ndarray) -> np.ndarray:
         """Give what the camera records for true depth, any shape [m]; 0 (not measured) stays 0."""
-        return depth_m
-
-    def true_depth(self, depth_m: np.ndarray) -> np.ndarray:
-        """Undo `depth`: true depth from recorded depth, any shape [m]; 0 (not measured) stays 0."""
         return depth_m

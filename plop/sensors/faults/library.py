@@ -69,12 +69,6 @@ class Faults:
             depth_m = fault.depth(depth_m)
         return depth_m
 
-    def true_depth(self, camera: str, depth_m: np.ndarray) -> np.ndarray:
-        """Undo `depth`, shape [H, W] [m]."""
-        for fault in reversed(self.of(camera)):
-            depth_m = fault.true_depth(depth_m)
-        return depth_m
-
     def as_dict(self) -> dict[str, dict[str, dict[str, float]]]:
         """Give camera -> fault -> parameter -> value, for JSON."""
         return {camera: {f.name: dict(f.values) for f in faults} for camera, faults in self.by_camera.items()}
