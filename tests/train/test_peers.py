@@ -185,7 +185,7 @@ def test_settings_that_no_network_can_have_are_refused():
     with pytest.raises(PlopError, match="invalid value"):
         TrainConfig(dynamics="gns")
     with pytest.raises(PlopError, match="shared among its heads"):
-        PeerConfig("transformer", TransformerConfig(width=30, heads=4))
+        TransformerConfig(width=30, heads=4)
 
 
 def test_the_defaults_have_as_many_parameters_as_the_model():

@@ -20,7 +20,6 @@ from plop.dynamics.peers.settings import GraphConfig, PeerName, TransformerConfi
 from plop.dynamics.peers.skinning import local_turns, skin_weights, skinned
 from plop.dynamics.peers.transformer import ParticleTransformer
 from plop.dynamics.resampling import ResamplingConfig
-from plop.errors import PlopError
 from plop.geometry.rigid import quat_multiply, rotation_vector_from_quat
 
 
@@ -38,16 +37,6 @@ class PeerConfig:
     """Longest extent of the object, from the training set [m]."""
     motion_m: float = 1e-3
     """Typical motion in a step, from the training set [m]."""
-
-    def __post_init__(self) -> None:
-        if isinstance(self.network, TransformerConfig) and self.network.width % self.network.heads:
-            raise PlopError(
-                "The transformer's channels cannot be shared among its heads.",
-                where="transformer.width",
-                expected=f"a multiple of {self.network.heads} heads",
-                found=str(self.network.width),
-                fix="Change transformer.width or transformer.heads.",
-            )
 
     @property
     def resampling(self) -> ResamplingConfig:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+from plop.errors import PlopError
 from plop.setting_kinds import Range, Settings, Unit
 
 PeerName = Literal["gs-dynamics", "dpi-net", "transformer"]
@@ -52,6 +53,17 @@ class TransformerConfig(SampledConfig):
     """Blocks of attention and feed-forward network."""
     heads: Annotated[int, Range(1, 64), Unit("heads")] = 4
     """Heads of attention."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width % self.heads:
+            raise PlopError(
+                "The transformer's channels cannot be shared among its heads.",
+                where="transformer.width, transformer.heads",
+                expected=f"a multiple of {self.heads} heads",
+                found=str(self.width),
+                fix="Change one of them.",
+            )
 
 
 def dpi_net() -> GraphConfig:
