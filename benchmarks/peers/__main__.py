@@ -95,7 +95,7 @@ def score(options: argparse.Namespace) -> None:
     tables, trained = particle_tables(read_rows(options.work))
     environments |= tables
     training |= trained
-    if tables:
+    if (options.work / "particles.json").is_file():
         made |= dict.fromkeys(tables, json.loads((options.work / "particles.json").read_text()))
     scaling = kept.get("scaling", {})
     if (options.work / "scaling.json").is_file():
