@@ -156,7 +156,7 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     making.add_argument("--cpu-seconds", type=float, default=300, help="particles: CPU time of one training")
     making.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="scaling: numbers of particles")
     making.add_argument("--rounds", type=int, default=5, help="scaling: repetitions")
-    making.add_argument("--limit-s", type=float, default=120, help="scaling: longest training step")
+    making.add_argument("--limit-s", type=float, default=120, help="scaling: most CPU time of both steps")
     making.add_argument("--memory-gb", type=float, default=8, help="scaling: most memory of a process")
     command("score", score)
     command("tables", tables_of)

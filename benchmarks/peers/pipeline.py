@@ -138,11 +138,6 @@ class Pipeline(Typed):
         label = name if name in NAMES else "i2n"
         return [ScoreFiles(self.store.find(f"eval-{label}-{seed}").path).report for seed in seeds]
 
-    def train_seconds(self, name: str) -> float:
-        """Return the mean time of a model's training, its tracks included [s]."""
-        found = [self.store.find(f"{name}-{seed}").manifest.provenance.seconds for seed in self.plan.seeds]
-        return float(sum(found) / len(found))
-
     def _train(self, name: DynamicsName, seed: int, steps: int) -> None:
         words = ["--dynamics", name, "--seed", str(seed), "--track-steps", str(steps), "--image-steps", "0"]
         self.plop("train", "--recordings", "recordings", *words, "--name", f"{name}-{seed}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import resource
+import signal
 import statistics
 import time
 from collections.abc import Callable
@@ -35,28 +36,29 @@ MODELS: dict[str, Callable[[Units], nn.Module]] = {
 
 
 def measured(counts: tuple[int, ...], limit_s: float, memory_gb: float, rounds: int) -> dict[str, dict[str, Any]]:
-    """Measure forward and training step.
+    """Measure forward and training step on one thread; CPU time, which other programs hardly change.
 
     Args:
-        counts: Numbers of particles.
-        limit_s: A model is not measured any more once a training step takes longer.
+        counts: Numbers of particles, ascending.
+        limit_s: A model is not measured any more once both steps take more CPU time than this.
         memory_gb: A process may have so much memory.
         rounds: Repetitions; the models take turns.
 
     Returns:
         Model -> number of particles -> {"forward_ms", "training_ms", "peak_mb"}, or {"left_out": why}.
     """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
     found: dict[str, dict[str, Any]] = {name: {} for name in MODELS}
+    # First the memory, while this process, of which each trial is a copy, has not used any.
+    for name, make in MODELS.items():
+        row: dict[str, Any] = {}
+        for count in counts:
+            if "left_out" not in row:
+                row = _in_a_process(make, count, memory_gb, limit_s)
+            found[name][str(count)] = dict(row)
     for count in counts:
-        running = {}
-        for name, make in MODELS.items():
-            earlier = list(found[name].values())
-            if earlier and "left_out" in earlier[-1]:
-                found[name][str(count)] = earlier[-1]
-                continue
-            found[name][str(count)] = _in_a_process(make, count, memory_gb, limit_s)
-            if "left_out" not in found[name][str(count)]:
-                running[name] = make(_UNITS)
+        running = {name: make(_UNITS) for name, make in MODELS.items() if "left_out" not in found[name][str(count)]}
         times: dict[str, list[tuple[float, float]]] = {name: [] for name in running}
         for _ in range(rounds):
             for name, network in running.items():
@@ -64,6 +66,7 @@ def measured(counts: tuple[int, ...], limit_s: float, memory_gb: float, rounds: 
         for name, pairs in times.items():
             forward, training = (statistics.median(each) for each in zip(*pairs, strict=True))
             found[name][str(count)] |= {"forward_ms": round(forward, 2), "training_ms": round(training, 2)}
+    torch.set_num_threads(threads)
     return found
 
 
@@ -76,33 +79,33 @@ def _cloud(count: int) -> tuple[Tensor, Tensor]:
 def _timed(network: nn.Module, count: int) -> tuple[float, float]:
     """Time one forward and one training step, neighbours searched anew [ms]."""
     positions, features = _cloud(count)
-    began = time.perf_counter()
+    began = time.process_time()
     with torch.no_grad():
         network([positions], [features])
-    middle = time.perf_counter()
+    middle = time.process_time()
     network.zero_grad()
     network([positions], [features])[0].square().mean().backward()
-    return 1e3 * (middle - began), 1e3 * (time.perf_counter() - middle)
+    return 1e3 * (middle - began), 1e3 * (time.process_time() - middle)
 
 
 def _in_a_process(make: Callable[[Units], nn.Module], count: int, memory_gb: float, limit_s: float) -> dict[str, Any]:
-    """Try one training step in a process of its own, with limits of time and memory; return the peak of its memory."""
+    """Try both steps in a process of its own, with limits of CPU time and memory; return the peak of its memory."""
     context = multiprocessing.get_context("fork")
     queue = context.SimpleQueue()
-    process = context.Process(target=_peak, args=(make, count, memory_gb, queue))
+    process = context.Process(target=_peak, args=(make, count, memory_gb, limit_s, queue))
     process.start()
-    process.join(limit_s)
-    if process.is_alive():
-        process.kill()
-        process.join()
+    process.join()
+    if process.exitcode in (-signal.SIGXCPU, -signal.SIGKILL):
         return {"left_out": f"longer than {limit_s:g} s"}
     return dict(queue.get()) if process.exitcode == 0 else {"left_out": f"more than {memory_gb:g} GB"}
 
 
-def _peak(make: Callable[[Units], nn.Module], count: int, memory_gb: float, queue: Any) -> None:
+def _peak(make: Callable[[Units], nn.Module], count: int, memory_gb: float, limit_s: float, queue: Any) -> None:
     network = make(_UNITS)
     size = int(memory_gb * 1e9)
     resource.setrlimit(resource.RLIMIT_DATA, (size, size))
+    seconds = max(1, round(limit_s))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
         _timed(network, count)

@@ -56,16 +56,15 @@ def pipeline_facts(pipeline: Pipeline) -> dict[str, Any]:
     return {
         name: {
             "parameters": costs[name]["parameters"],
-            "step_ms": costs[name]["step_ms"],
+            "training_step_ms": costs[name]["step_ms"],
             "steps": pipeline.steps_of(name),
-            "train_seconds": round(pipeline.train_seconds(name), 1),
         }
         for name in NAMES
     }
 
 
 def particle_tables(rows: Iterable[Mapping[str, Any]]) -> tuple[dict[str, Table], dict[str, Any]]:
-    """Average rows of particle rollouts: seeds within a test rollout, then test rollouts.
+    """Average rows of particle rollouts: seeds within a test rollout, then test rollouts that every model has.
 
     Returns:
         Environment -> table, and environment -> model -> how it was trained.
@@ -77,15 +76,26 @@ def particle_tables(rows: Iterable[Mapping[str, Any]]) -> tuple[dict[str, Table]
     facts: dict[str, Any] = {}
     for environment, models in by.items():
         tables[environment], facts[environment] = {}, {}
-        for name, mine in models.items():
+        tests = set.intersection(*({row["test"] for row in mine} for mine in models.values()))
+        for name, every in models.items():
+            mine = [row for row in every if row["test"] in tests]
+            if not mine:
+                continue
             learned = "steps" in mine[0]
             seeds = sorted({row["seed"] for row in mine}) if learned else []
             tables[environment][name] = {
                 metric: {**_interval(mine, metric), "seeds": seeds} for metric in PARTICLE_COLUMNS
             }
             if learned:
-                keys = ("parameters", "steps", "step_ms", "cpu_seconds")
-                facts[environment][name] = {key: round(sum(row[key] for row in mine) / len(mine), 2) for key in keys}
+                steps, seconds, rollout_ms = (
+                    sum(row[key] for row in mine) / len(mine) for key in ("steps", "cpu_seconds", "step_ms")
+                )
+                facts[environment][name] = {
+                    "parameters": mine[0]["parameters"],
+                    "steps": round(steps),
+                    "training_step_ms": round(1e3 * seconds / steps, 1),
+                    "rollout_step_ms": round(rollout_ms, 1),
+                }
     return tables, facts
 
 
@@ -95,7 +105,7 @@ def _interval(rows: list[Mapping[str, Any]], metric: str) -> Cell:
         per_test[row["test"]].append(row["errors"][metric])
     found = bootstrap_interval([sum(values) / len(values) for values in per_test.values()])
     assert found is not None
-    return {key: None if value is None else float(f"{value:.4g}") for key, value in asdict(found).items()}
+    return {key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in asdict(found).items()}
 
 
 def read_rows(work: Path) -> list[dict[str, Any]]:
@@ -124,7 +134,7 @@ def _cell(cell: Cell | None) -> str:
 
 def scaling_to_markdown(scaling: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     """Print time and memory by the number of particles."""
-    counts = list(next(iter(scaling.values())))
+    counts = sorted(next(iter(scaling.values())), key=int)
     lines = ["| model | " + " | ".join(f"{int(count):,}" for count in counts) + " |", "|---|" + "---|" * len(counts)]
     for name, row in scaling.items():
         cells = [

@@ -25,10 +25,12 @@ def _training() -> str:
     lines: list[list[Any]] = []
     for environment, models in read("peers")["training"].items():
         for name, facts in models.items():
-            lines.append(
-                [environment, name, f"{facts['parameters']:,.0f}", f"{facts['steps']:.0f}", f"{facts['step_ms']:.0f}"]
-            )
-    return rows(["environment", "model", "parameters", "training steps", "ms a step"], lines)
+            times = [f"{facts[key]:.0f}" if key in facts else "" for key in ("training_step_ms", "rollout_step_ms")]
+            lines.append([environment, name, f"{facts['parameters']:,}", facts["steps"], *times])
+    return rows(
+        ["environment", "model", "parameters", "training steps", "CPU ms of one", "CPU ms of a step of a rollout"],
+        lines,
+    )
 
 
 def _scaling() -> str:
