@@ -72,7 +72,7 @@ def reproduce(
         str,
         typer.Option(
             help="cpu: 2 cores; cpu-recordings: without simulated episodes of an engine; "
-            "paper: the paper's schedule, for a GPU."
+            "paper: the paper's schedule, for a GPU; droid: as paper, with its settings for DROID."
         ),
     ] = "cpu",
     env: Annotated[list[str] | None, typer.Option(help="Only this environment; may be repeated.")] = None,

@@ -21,7 +21,7 @@ from plop_cli.console import Console
 from plop_cli.listener import Chained
 from plop_cli.outcome import show_times
 
-PROFILES = ("cpu", "cpu-recordings", "paper")
+PROFILES = ("cpu", "cpu-recordings", "paper", "droid")
 """The shipped profiles of this command; the others are for the demos."""
 
 BEGIN, TARGET = "ingest disect", "eval"

@@ -24,6 +24,7 @@ PIPELINE = (
     StageRef("eval", "stages.eval.stage:STAGE", "Score predictions against measurements and two baselines."),
     StageRef("compare", "stages.compare.stage:STAGE", "Compare a model with measurements: where and when it fails."),
     StageRef("diagnose", "stages.diagnose.stage:STAGE", "Name the physical effect that a model is missing."),
+    StageRef("plan", "stages.plan.stage:STAGE", "Plan recordings: what would be seen, what distinguishes laws."),
     StageRef("augment", "stages.augment.stage:STAGE", "Add an effect to a model; reversible."),
     StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with all results."),
 )

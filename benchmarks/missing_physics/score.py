@@ -181,14 +181,15 @@ def confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
 
 
 def missed_faults(results: Path) -> dict[str, Any]:
-    """Give the rate of single sensor faults that `diagnose` would not stop at, from sensors.json.
+    """Give the rate of single sensor faults that `diagnose` would not stop at, from sensor_faults.json.
 
     A fault that is found ends as SENSOR before any law is judged; one that is missed may be called physics.
     """
-    path = results / "sensors.json"
+    path = results / "sensor_faults.json"
     if not path.is_file():
         return wilson(0, 0)
-    rates = [entry["found"] for entry in json.loads(path.read_text())["single"].values()]
+    found = json.loads(path.read_text())["rates"]
+    rates = [found[f"{kind}_found"] for kind in ("clock", "depth_scale", "pose_shift", "pose_turn")]
     cameras = sum(rate["n"] for rate in rates)
     return wilson(cameras - round(sum(rate["rate"] * rate["n"] for rate in rates)), cameras)
 

@@ -2,9 +2,12 @@
 
 If nothing is hidden, recordings and reference are alike but for their motions, and any of the ways of dealing the
 episodes out into two such sets might have been the real one (Fisher 1935; Pitman 1937). Each way is searched as the
-real one is, over all laws and amplitudes, and the share of ways that find as much is the chance of a false alarm:
-whatever the base misses, however it errs, and however many hypotheses are tried (Westfall & Young 1993). No other
-number in a diagnosis is called a chance.
+real one is, over all laws and amplitudes (Westfall & Young 1993): that gives the scale of what chance finds, whatever
+the base misses and however it errs.
+
+What the strongest law does is taken off before (ter Braak 1992). Otherwise a law that only some of the episodes show
+is found again by all ways that exchange the others, and no effect is ever large enough. The scale of what is left is
+known from few episodes; its uncertainty makes the tail of the chance that of Student's t.
 """
 
 from __future__ import annotations
@@ -14,12 +17,16 @@ from itertools import combinations, product
 from math import comb, prod
 
 import numpy as np
+from scipy.stats import chi2
 
 from plop.diagnosis.contrast import Products
 
 MOST = 2000
 """Ways that are tried at most; of more, some are drawn."""
+LEAST = 1e-3
+"""The smallest chance that is told: beyond it, a dozen episodes tell nothing of the tail."""
 _ROUNDING = 1e-9
+_STEPS = 40
 
 
 def ways_to_deal(here: np.ndarray, kinds: Sequence[str], least: int, seed: int = 0) -> np.ndarray:
@@ -69,6 +76,30 @@ def _all(here: np.ndarray, groups: Sequence[np.ndarray]) -> list[np.ndarray]:
 def strongest(products: Sequence[Products], ways: np.ndarray) -> np.ndarray:
     """Strength of the strongest hypothesis, for each way of dealing out, [N]."""
     return np.max([each.strength(ways) for each in products], axis=0)
+
+
+def predictive_chance(found: float, ways: np.ndarray, freedom: float) -> float:
+    """Chance of finding as much where nothing is hidden, the scale of what chance finds being uncertain.
+
+    Args:
+        found: Strength of a law.
+        ways: What each way of dealing out finds without it, [N].
+        freedom: Degrees of freedom with which the scale is known.
+    """
+    if found <= 0:
+        return 1.0
+    return max(float(chi2.cdf(freedom * (np.maximum(ways, 0.0) / found) ** 2, freedom).mean()), LEAST)
+
+
+def critical_strength(p: float, ways: np.ndarray, freedom: float) -> float:
+    """Give the strength that has so small a chance; the inverse of `predictive_chance`."""
+    low, high = 0.0, max(float(ways.max()), 1.0)
+    while predictive_chance(high, ways, freedom) > p:
+        low, high = high, 2 * high
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if predictive_chance(middle, ways, freedom) > p else (low, middle)
+    return high
 
 
 def chance(found: float, ways: np.ndarray) -> float:

@@ -92,8 +92,9 @@ def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: Deci
 def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:
     sizes, here = search.sizes(), search.here
     floor = None if here.all() else float(sizes[~here].mean())
-    least = None if here.all() else 1 / len(search.ways)
-    return Grounds(tuple(sensors), float(sizes[here].mean()), floor, change_p=search.unknown_p, least_p=least)
+    return Grounds(
+        tuple(sensors), float(sizes[here].mean()), floor, change_p=search.unknown_p, reference=not here.all()
+    )
 
 
 def _rivals(first: Finding, scores: Sequence[Score], rule: DecisionRule) -> list[Score]:
@@ -187,10 +188,15 @@ def stands_out(search: Search, rule: DecisionRule = RULE) -> bool:
 
 
 def closed_by(before: Search, after: Search) -> float | None:
-    """Share of the difference to the reference that goes away, held out; None where there is none to speak of."""
-    if before.unknown_p is None or before.unknown_gain <= 0:
+    """Share of the difference to the reference that goes away, held out; None where there is none to speak of.
+
+    The difference is measured as it shows most clearly: as a smooth field, or as the size of the error.
+    """
+    if before.unknown_p is None:
         return None
-    return float(1 - max(after.unknown_gain, 0.0) / before.unknown_gain)
+    in_field = before.field_p <= before.size_p
+    was, left = ((s.unknown_gain if in_field else s.excess) for s in (before, after))
+    return None if was <= 0 else float(1 - max(left, 0.0) / was)
 
 
 def _dropped(search: Search, scores: Sequence[Score]) -> dict[str, str]:

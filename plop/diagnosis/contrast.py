@@ -33,6 +33,15 @@ class Products:
     onto: np.ndarray
     """[E]."""
 
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of what the fit leaves: episodes that tell something of the hypothesis, less s and a.
+
+        Episodes are counted by how much each of them tells (Kish's effective number).
+        """
+        told = np.diag(self.gram)
+        return max(float(told.sum() ** 2 / max((told**2).sum(), 1e-300)) - 2.0, 1.0)
+
     def contrast(self, here: np.ndarray) -> Contrast:
         """Fit a and, where some episodes are a reference, s by generalised least squares.
 

@@ -83,6 +83,7 @@ class Field:
         kernel = spread.repeat * alike + (1 - spread.repeat) * np.eye(len(episodes))
         self._inverse_kernel = np.linalg.inv(kernel)
         scale2 = [(e.variance_m2 + (spread.rough * e.size_m) ** 2).reshape(-1) for e in episodes]
+        self._expected = [s + (spread.share * _motion(e)) ** 2 for e, s in zip(episodes, scale2, strict=True)]
         self._seen = [e.seen.reshape(-1) for e in episodes]
         self._weigh([np.where(seen, 1 / scale, 0.0) for seen, scale in zip(self._seen, scale2, strict=True)])
         for _ in range(_ROUNDS):
@@ -174,6 +175,10 @@ class Field:
         return [
             x.reshape(-1, 3) / np.where(w > 0, w, np.inf)[:, None] for x, w in zip(applied, self.weights, strict=True)
         ]
+
+    def expected(self, episode: int) -> np.ndarray:
+        """Squared scale of one coordinate of an episode's residuals, noise and field together, [F K] [m^2]."""
+        return self._expected[episode]
 
     def base_fitted(self) -> list[np.ndarray]:
         """Give the residuals with the base's own parameters refitted to all episodes together, [F, K, 3] [m] each."""

@@ -115,15 +115,25 @@ def reasons_of(score: Score, rule: DecisionRule = RULE) -> tuple[Reason, ...]:
 
 
 def worse(best: Score, other: Score, rule: DecisionRule = RULE) -> bool:
-    """Tell whether a law explains episodes less well than the best one.
+    """Tell whether a law explains episodes less well than the best one; see `gains_worse`."""
+    return gains_worse(best.gains, other.gains, rule)
 
-    It does where it gains less by more than chance between episodes, and by more than a response that is right in shape
-    loses by being too strong or too weak. Compared are signed roots of the gains, so that the one episode that shows
-    most does not decide alone (t test over episodes, one-sided).
+
+def gains_worse(best: np.ndarray, other: np.ndarray, rule: DecisionRule = RULE) -> bool:
+    """Tell whether gains of the episodes are worse than others.
+
+    They are where the sum is less by more than chance between episodes, and by more than a response that is right in
+    shape loses by being too strong or too weak. Compared are signed roots of the gains, so that the one episode that
+    shows most does not decide alone (t test over episodes, one-sided).
+
+    Args:
+        best: Gain of each episode to explain by the best law, [H] [nats].
+        other: By another one.
+        rule: Margins.
     """
-    if other.gain > (1 - rule.response_error**2) * best.gain:
+    if other.sum() > (1 - rule.response_error**2) * best.sum():
         return False
-    apart = roots(best.gains) - roots(other.gains)
+    apart = roots(best) - roots(other)
     error = apart.std(ddof=1) / np.sqrt(len(apart))
     return bool(apart.mean() > student.ppf(1 - rule.alike, len(apart) - 1) * error + 1e-9)
 

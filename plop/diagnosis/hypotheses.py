@@ -101,6 +101,12 @@ class Hypothesis:
         """Name of the hypothesis, e.g. "swelling().rate_per_s=-0.1"."""
         return run_key(tuple(zip(self.candidate.columns, self.values, strict=True)))
 
+    @property
+    def is_typical(self) -> bool:
+        """Tell whether a law is at its typical amplitude; in any direction, where it has two amplitudes."""
+        columns = self.candidate.columns
+        return len(columns) > 1 or self.values[0] == columns[0].value
+
     def at(self, multiple: float) -> Hypothesis:
         """Give the same law at amplitudes so many times as large, kept in their ranges, as one run."""
         values = tuple(

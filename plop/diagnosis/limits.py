@@ -12,6 +12,7 @@ from scipy.stats import norm
 from plop.diagnosis.rule import RULE, DecisionRule
 
 if TYPE_CHECKING:
+    from plop.diagnosis.contrast import Products
     from plop.diagnosis.hypotheses import Column
     from plop.diagnosis.search import Score, Search
 
@@ -41,13 +42,15 @@ def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule
     """
     if search.here.all():
         return {score.hypothesis.effect: unseen(score.hypothesis.candidate.columns[0]) for score in scores}
-    critical, found = search.critical(rule.alarm), {}
+    found = {}
     for score in scores:
         hypothesis = score.hypothesis
         column, value = max(
             zip(hypothesis.candidate.columns, hypothesis.values, strict=True), key=lambda pair: abs(pair[1])
         )
-        multiple = _least(score, search.here, critical, hypothesis.most)
+        critical = search.critical(rule.alarm, hypothesis.effect)
+        without = score.products.with_amount(-score.amount, search.here)
+        multiple = least_seen(without, search.here, critical, hypothesis.most)
         multiple += float(norm.ppf(rule.seen)) * score.error
         if not multiple <= hypothesis.most:
             found[hypothesis.effect] = unseen(column)
@@ -57,13 +60,19 @@ def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule
     return found
 
 
-def _least(score: Score, here: np.ndarray, critical: float, most: float) -> float:
-    """Inject a law into what is left without it, and find the least multiple that passes; infinite if none does."""
+def least_seen(without: Products, here: np.ndarray, critical: float, most: float) -> float:
+    """Inject a law into evidence without it, and find the least multiple that passes; infinite if none does.
+
+    Args:
+        without: What the evidence says of the law where it is not there.
+        here: Which episodes are to be explained, bool [E].
+        critical: Strength that it must have.
+        most: Largest multiple in its range.
+    """
     labels, low, high = here[None].astype(float), 0.0, most
 
     def seen(multiple: float) -> bool:
-        injected = score.products.with_amount(multiple - score.amount, here)
-        return bool(injected.strength(labels)[0] >= critical)
+        return bool(without.with_amount(multiple, here).strength(labels)[0] >= critical)
 
     if not seen(high):
         return float("inf")

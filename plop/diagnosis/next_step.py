@@ -1,20 +1,20 @@
-"""What to do after a verdict, in one or two sentences: a command to type, or a motion to record."""
+"""What to do after a verdict, in one or two sentences: a command to type."""
 
 from __future__ import annotations
 
 from plop.diagnosis.conclusion import Conclusion
-from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.parameters import short_number, with_unit
 
 _EASIEST = 3
 """Laws whose limits are given where nothing was found."""
+_PLAN = "`plop plan --diagnosis diagnose@latest`"
 _REPEAT = "repeat the motions of the reference recordings: what the model misses anyway then cancels"
 
 
 def next_step(found: Conclusion) -> str:
     """Say what to do next; the commands are meant for the workspace in which this diagnosis is the latest."""
-    verdict, motion = found.verdict, next_motion(found)
+    verdict = found.verdict
     if verdict.kind == VerdictKind.SENSOR:
         return (
             "`plop calibrate` checks the cameras again and says how to repair them; to judge physics without one: "
@@ -29,8 +29,10 @@ def next_step(found: Conclusion) -> str:
             "(docs/how-to/write-an-effect.md) and try it: `plop diagnose --effect-file FILE`."
         )
     if verdict.evidence.alternatives:
-        return motion.text if motion else f"Record motions that distinguish {' and '.join(verdict.named)}."
-    return _added(verdict) + (f" {motion.text}" if motion else "")
+        laws = " from ".join((verdict.named[0], " and ".join(verdict.evidence.alternatives)))
+        return f"{_PLAN} names the motion that distinguishes {laws}, and how often to record it."
+    unsettled = f" Its setting is not determined: {_PLAN} names the motion that would." if found.rivals else ""
+    return _added(verdict) + unsettled
 
 
 def _added(verdict: Verdict) -> str:
@@ -45,8 +47,7 @@ def _added(verdict: Verdict) -> str:
 
 def _limits(found: Conclusion) -> str:
     """Say from where on laws would have been named, those that are seen most easily first."""
-    least = found.verdict.evidence.least_p
-    if least is None:
+    if not found.verdict.evidence.reference:
         return f"Give reference recordings (--reference), in which nothing is missing; best {_REPEAT}."
     laws = {f.name for f in found.findings if f.kind == "physics"}
     known = [
@@ -63,6 +64,6 @@ def _limits(found: Conclusion) -> str:
         for size, name, limit in ease
     )
     return (
-        f"What would have been named nine times in ten: {seen}; all limits are in the diagnosis. To see weaker "
-        f"effects, record more episodes, or {_REPEAT}."
+        f"What would have been named nine times in ten: {seen}; all limits are in the diagnosis. `plop plan` "
+        f"says how many recordings show a weaker one; best {_REPEAT}."
     )

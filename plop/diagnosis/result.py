@@ -9,7 +9,6 @@ from typing import ClassVar
 from plop.artifacts.result_file import ResultFile
 from plop.diagnosis.finding import NO_HELP
 from plop.diagnosis.limits import Limit
-from plop.diagnosis.next_motion import NextMotion
 from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import Reason, Verdict
 from plop.parameters import Estimate
@@ -88,7 +87,6 @@ class Diagnosis(ResultFile):
     floor: float | None
     """In the reference recordings."""
     next_step: str
-    next_motion: NextMotion | None
     episodes: tuple[str, ...]
     reference_episodes: tuple[str, ...]
     dropped: Mapping[str, str]

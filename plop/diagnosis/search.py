@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.calibration import chance, strongest, ways_to_deal
+from plop.diagnosis.calibration import chance, critical_strength, predictive_chance, strongest, ways_to_deal
 from plop.diagnosis.contrast import Products, roots
-from plop.diagnosis.discrepancy import SPREAD, Field, Spread
+from plop.diagnosis.discrepancy import FREEDOM, SPREAD, Field, Spread
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
+from plop.diagnosis.misfit import chance_of_difference, misfits
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
 from plop.diagnosis.without_reference import chance_without_reference
@@ -149,7 +150,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = ("_null", "_tried", "unknown", "unknown_p", "unknown_gain")
+        computed = ("_null", "_tried", "unknown", "unknown_p", "unknown_gain", "size_p", "field_p")
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -222,12 +223,23 @@ class Search:
 
     @cached_property
     def unknown_p(self) -> float | None:
-        """Chance that as much else is found where nothing is hidden; 1 where, held out, it predicts nothing.
+        """Chance that recordings and reference differ as much where nothing is hidden, in either of two ways.
 
         None without reference.
         """
-        if self.here.all():
-            return None
+        return None if self.here.all() else min(1.0, 2 * min(self.field_p, self.size_p))
+
+    @cached_property
+    def size_p(self) -> float:
+        """Chance that the recordings are explained less well than the reference by as much, see `misfit`."""
+        left = [((f - known).reshape(-1, 3) ** 2).sum(1) for f, known in zip(self.fitted, self.known, strict=True)]
+        squares = [q / self.field.expected(k) for k, q in enumerate(left)]
+        found = misfits(squares, [e.seen.reshape(-1) for e in self.evidence], FREEDOM)
+        return chance_of_difference(found, self.here, [kind for table in self.tables for kind in table.kinds])
+
+    @cached_property
+    def field_p(self) -> float:
+        """Chance that a smooth field explains as much; 1 where, held out, it predicts nothing."""
         if self.unknown_gain <= 0:
             return 1.0
         evidence = self.unknown.evidence(self.ways)
@@ -248,25 +260,55 @@ class Search:
 
     @cached_property
     def _null(self) -> np.ndarray:
-        """Strength that the search over the first hypotheses finds, for each way of dealing out, [N]."""
-        return strongest([p for _, p in self._tried], self.ways) if self.first else np.zeros(len(self.ways))
+        """Strength that the search over the first hypotheses finds by chance, for each way of dealing out, [N].
+
+        Without what the strongest of them does, and as if all episodes that tell of it had been free.
+        """
+        if not self._tried:
+            return np.zeros(len(self.ways))
+        best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
+        amount = max(products.contrast(self.here).amount, 0.0)
+        changes = zip(self._residuals, self.response(best), self.here, strict=True)
+        left = [residual - amount * change * here for residual, change, here in changes]
+        by_chance = strongest(self.field.products([self.response(h) for h in self.first], left), self.ways)
+        return np.sqrt((products.freedom + 2) / products.freedom) * by_chance
+
+    def _found(self, products: Products) -> float:
+        return float(products.strength(self.here[None].astype(float))[0])
 
     def chance_of(self, effect: str) -> float:
-        """Give the chance of a law: how often some law is as strong, of those that were run before any result was seen.
+        """Give the chance of a law, with the amplitudes that were run before any result was seen.
 
         Amplitudes run later were chosen by what the recordings show. Were they to count, the real way of dealing the
         episodes out would be searched more closely than all others.
         """
-        own = [products.strength(self.ways[:1])[0] for h, products in self._tried if h.effect == effect]
-        return chance(max(own), self._null) if own else 1.0
+        own = self._strongest_of(effect)
+        return 1.0 if own is None else predictive_chance(self._found(own), self._null, own.freedom)
+
+    def _strongest_of(self, effect: str) -> Products | None:
+        return max((p for h, p in self._tried if h.effect == effect), key=self._found, default=None)
 
     @cached_property
     def _tried(self) -> list[tuple[Hypothesis, Products]]:
         return list(zip(self.first, self.products(self.first), strict=True))
 
-    def critical(self, p: float) -> float:
-        """Strength that has so small a chance."""
-        return float(np.quantile(self._null, 1 - p, method="higher"))
+    def dealt(self, way: int) -> Search:
+        """Search as if another way of dealing the episodes out were the real one: how a null is examined closely."""
+        other = self._copy()
+        other.here = self.ways[way] > 0
+        other.__dict__["ways"] = np.concatenate([self.ways[way : way + 1], np.delete(self.ways, way, 0)])
+        return other
+
+    def alarmed(self, alarm: float) -> bool:
+        """Tell whether a law, or a difference whatever it is, has so small a chance."""
+        laws = {h.effect for h in self.first}
+        differs = self.unknown_p is not None and self.unknown_p <= alarm
+        return differs or any(self.chance_of(law) <= alarm for law in laws)
+
+    def critical(self, p: float, effect: str) -> float:
+        """Strength of a law that has so small a chance."""
+        own = self._strongest_of(effect)
+        return np.inf if own is None else critical_strength(p, self._null, own.freedom)
 
     def scores(self) -> list[Score]:
         """Score all hypotheses, best first."""
@@ -309,6 +351,12 @@ class Search:
         if score is not None:
             plain[: int(self.here.sum())] -= score.removed
         return plain
+
+    @property
+    def excess(self) -> float:
+        """Mean squared error of the recordings beyond that of the reference, in units of its expectation."""
+        sizes = self.sizes()
+        return float(sizes[self.here].mean() - sizes[~self.here].mean())
 
     def refine(self, laws: Sequence[str]) -> bool:
         """Run some laws at the amplitudes that were found, where these are not near those that were run.

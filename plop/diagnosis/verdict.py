@@ -67,8 +67,8 @@ class Grounds:
     """What cannot be distinguished from the first that is named."""
     share: float | None = None
     """Share of the held-out squared error that goes away with what is named."""
-    least_p: float | None = None
-    """The smallest chance that so few episodes can show."""
+    reference: bool = True
+    """There are recordings in which nothing is missing."""
     physics: VerdictKind | None = None
     """With a sensor fault: what the tracks say as they are."""
     physics_named: tuple[str, ...] = ()

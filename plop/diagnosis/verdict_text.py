@@ -72,17 +72,12 @@ def _sure(named: Sequence[Finding], facts: Grounds) -> str:
 
 
 def _nothing(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | None) -> str:
-    if facts.least_p is None:
+    if not facts.reference:
         best = findings[0] if findings else None
         near = f" {best.name} explains most ({100 * best.gain:.0f} %)." if best is not None and best.gain > 0 else ""
         return (
             "Nothing can be named without reference recordings: what the model misses anyway looks like a law, too."
             + near
-        )
-    if facts.least_p > 0.01:
-        return (
-            f"Nothing can be named from so few episodes: chance alone does the best that is possible in "
-            f"{100 * facts.least_p:.0f} % of searches."
         )
     if tried is None:
         return "No law of the library can be detected in these recordings."

@@ -15,6 +15,18 @@ from plop.geometry.meshes.tool import ToolGeometry
 
 
 @dataclass(frozen=True)
+class Resampling:
+    """What merging and splitting did to the Gaussians in one step."""
+
+    parents: Tensor
+    """For each Gaussian the row, among those before, that it descends from, shape [N], int64."""
+    merges: int
+    """Gaussians that were absorbed."""
+    splits: int
+    """Gaussians that were split."""
+
+
+@dataclass(frozen=True)
 class ParticleState:
     """Complete state of a dynamics model between frames; a step depends on nothing else."""
 
@@ -35,6 +47,8 @@ class ParticleState:
     inner: object | None = None
     """Private state of the model besides the Gaussians (e.g. the engine's particles); never changed in place. Other
     code passes it on unchanged, also where it moves or selects Gaussians."""
+    resampling: Resampling | None = None
+    """Merges and splits of the last step; None if the set of Gaussians is the same as before it."""
 
     def select(self, index: Tensor) -> ParticleState:
         """Select a subset of the Gaussians with all their fields."""
@@ -45,6 +59,7 @@ class ParticleState:
             last_rotation=self.last_rotation[index],
             side=self.side[index],
             rest=None if self.rest is None else self.rest.select(index),
+            resampling=None,
         )
 
     def detach(self) -> ParticleState:
@@ -94,7 +109,7 @@ class DynamicsModel(Protocol):
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
     ) -> ParticleState:
-        """Advance one frame; the number of Gaussians may change.
+        """Advance one frame; where Gaussians merge or split, `resampling` of the result says how.
 
         The result depends on the arguments only and the state is not changed: a model may predict several episodes
         alternately, and step one state by several actions. `generator` draws random numbers (displacements of splits).

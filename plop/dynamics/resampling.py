@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import torch
 from torch import Tensor
 
-from plop.dynamics.interface import ParticleState
+from plop.dynamics.interface import ParticleState, Resampling
 from plop.gaussians.merge import merge
 from plop.gaussians.split import split
 from plop.setting_kinds import Formerly, Range, Settings, Share, Unit
@@ -22,10 +22,15 @@ class ResamplingConfig(Settings):
     """Merge and split; off, the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
     merge_below: Share = 0.05
     """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor."""
+    merge_share: Share = 0.0
+    """Share of the fitted Gaussians fainter than tau_m, from which `train` measures it; 0 uses `merge_below`."""
     split_above: Annotated[float, Range(1)] = 20.0
     """Ratio tau_s of longest to shortest axis above which a Gaussian splits; `fit-init` makes them up to 12."""
+    split_share: Share = 0.0
+    """Share of the fitted Gaussians that is more elongated than tau_s, from which `train` measures it; 0 uses
+    `split_above`."""
     form: Literal["moments", "paper"] = "moments"
-    """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28 as printed."""
+    """"moments" keeps mass, mean and covariance; "paper" is Eq. 27-28."""
     max_count: Annotated[int, Range(1), Unit("Gaussians")] = 20000
     """Largest number of Gaussians after splitting."""
 
@@ -41,21 +46,21 @@ def resample(
         generator: Draws the displacement of the splits.
 
     Returns:
-        The resampled state; the same object when nothing merges or splits.
+        The resampled state, with what was done in `resampling`; the same object when nothing merges or splits.
     """
     if not config.enabled:
         return state
     merged, kept = merge(state.gaussians, config.merge_below, form=config.form)
-    if len(kept) != len(state.gaussians):
-        state = replace(state.select(kept), gaussians=merged)
     divided, parents = split(
-        state.gaussians, config.split_above, form=config.form, generator=generator, max_count=config.max_count
+        merged, config.split_above, form=config.form, generator=generator, max_count=config.max_count
     )
-    if len(parents) != len(state.gaussians):
-        shift = divided.means.detach() - state.gaussians.means.detach()[parents]
-        state = replace(state.select(parents), gaussians=divided)
-        state = replace(state, rest=None if state.rest is None else state.rest.moved(shift))
-    return state
+    merges, splits = len(state.gaussians) - len(kept), len(parents) - len(kept)
+    if merges == splits == 0:
+        return state
+    shift = divided.means.detach() - merged.means.detach()[parents]
+    parents = kept[parents]
+    rest = None if state.rest is None else state.rest.select(parents).moved(shift)
+    return replace(state.select(parents), gaussians=divided, rest=rest, resampling=Resampling(parents, merges, splits))
 
 
 def effective_sample_size(opacities: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from plop.geometry.clouds.neighbours import nearest_index
 
 MergeForm = Literal["moments", "paper"]
 MAX_OPACITY = 0.999
-"""Largest opacity that `moments` returns: a Gaussian is never fully opaque."""
+"""Largest opacity: a Gaussian is never fully opaque."""
 _MIN_WEIGHT = 1e-8
 
 
@@ -23,8 +23,9 @@ def merge(gaussians: Gaussians, below: float, *, form: MergeForm = "moments") ->
     Any number may merge into one survivor; the result is that of merging them one after
     the other. With opacities as weights both forms keep the mean of survivor and
     absorbed; `moments` also keeps their covariance, adding the spread of the means that
-    Eq. 27 leaves out, averages their colours, and limits the opacity below 1. `paper` is
-    Eq. 27 as printed: opacities add up, beyond 1 too, and the survivor keeps its colour.
+    Eq. 27 leaves out, and averages their colours. `paper` is Eq. 27, and the survivor
+    keeps its colour. Opacities add up, to less than 1: beyond it, as Eq. 27 allows,
+    nothing could be rendered.
     A survivor that absorbs nothing keeps its numbers and its gradients untouched. If no
     Gaussian would survive, all stay.
 
@@ -73,7 +74,7 @@ def _join(members: Gaussians, group: Tensor, count: int, form: MergeForm) -> dic
         "means": means,
         "quats": quats,
         "scales": scales,
-        "opacities": mass.clamp_max(MAX_OPACITY) if form == "moments" else mass,
+        "opacities": mass.clamp_max(MAX_OPACITY),
         "sh": average(members.sh) if form == "moments" else members.sh[:count],
     }
 

@@ -1,4 +1,4 @@
-"""Split elongated Gaussians in two along their longest axis (PLOP, Eq. 28)."""
+"""Split elongated Gaussians in two along their longest axis (PLOP, Eq. 28); the halves lie inside the parent."""
 
 from __future__ import annotations
 
@@ -32,9 +32,11 @@ def split(
     and the covariance of the parent, and opacities chosen so that the integral of
     opacity over space (hence over any ray bundle) stays, up to the limit below 1.
 
-    `paper` is Eq. 28 as printed: +-v e_max with v uniform in [-1, 1], in the scene's
-    unit of length, here the metre (so only for scenes scaled to unit size); the whole
-    covariance times (1 - v^2); half the opacity each.
+    `paper` is Eq. 28: +-v e_max with v uniform in [-1, 1], the whole covariance times
+    (1 - v^2), half the opacity each. v counts standard deviations of the parent along
+    e_max, as 1 - v^2 implies: the variance along e_max stays, and the halves' centres
+    lie inside the parent. Counted in units of the scene, as printed, the centres would
+    lie up to the size of the object away.
 
     Args:
         gaussians: N Gaussians.
@@ -97,13 +99,12 @@ def _halves(parents: Gaussians, v: Tensor, form: SplitForm) -> tuple[Gaussians, 
     longest = parents.scales.detach().argmax(1)
     axis = quat_to_matrix(parents.quats)[rows, :, longest]
     shrink = (1 - v.square()).clamp_min(1e-6).sqrt()
+    offset = (v * parents.scales[rows, longest])[:, None] * axis
     if form == "moments":
-        offset = (v * parents.scales[rows, longest])[:, None] * axis
         along = torch.nn.functional.one_hot(longest, 3).to(v)
         scales = parents.scales * (1 - along * (1 - shrink)[:, None])
         opacities = (parents.opacities / (2 * shrink)).clamp_max(MAX_OPACITY)
     else:
-        offset = v[:, None] * axis
         scales = parents.scales * shrink[:, None]
         opacities = parents.opacities / 2
     halves = parents.with_(scales=scales, opacities=opacities)

@@ -36,13 +36,12 @@ class RenderWeights(Settings):
     mask: Annotated[Weight, COMMON, Formerly("mask_weight")] = 0.1
     """Weight of the mean absolute error of alpha against the object's mask; 0 in the paper."""
     depth_unit_m: Annotated[float, Range(1e-6, 1e6), Unit("m"), Formerly("length_unit_m")] = 0.1
-    """Unit of depth errors and of other lengths in a loss; 1 in the paper. For a scene of 0.1 m depth and colour have
-    equal weight."""
+    """Unit of depth errors and of other lengths in a loss; with `fit-init.scene_size` that of the scene instead. For a
+    scene of 0.1 m depth and colour have equal weight."""
 
-    @classmethod
-    def paper(cls) -> RenderWeights:
-        """Return the paper's weights on simulated recordings."""
-        return cls(mask=0.0, depth_unit_m=1.0)
+    def in_scene_units(self, scale: float) -> RenderWeights:
+        """Return the same weights with lengths in scene units, of which there are `scale` in a metre."""
+        return replace(self, depth_unit_m=1 / scale)
 
 
 @dataclass(frozen=True)

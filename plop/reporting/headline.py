@@ -101,8 +101,8 @@ def _none(label: str, found: Diagnosis) -> str:
 
 
 def _nothing(label: str, found: Diagnosis) -> str:
-    tried, least = _laws(found), found.verdict.evidence.least_p
-    if least is None:
+    tried = _laws(found)
+    if not found.verdict.evidence.reference:
         return (
             f"what {label} is missing cannot be named without reference recordings, in which nothing is missing: its "
             "own error looks like a law, too"

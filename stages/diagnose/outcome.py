@@ -7,7 +7,6 @@ from typing import Any
 
 from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.finding import Finding, explained_text
-from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
 from plop.parameters import NOT_DETERMINED, Estimate, short_number, with_unit
@@ -47,7 +46,6 @@ def diagnosis_of(
         error=facts.error or 0.0,
         floor=facts.floor,
         next_step=next_step(found),
-        next_motion=next_motion(found),
         episodes=tuple(names[:count]),
         reference_episodes=tuple(names[count:]),
         dropped={**left_out, **found.dropped},

@@ -6,21 +6,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
-
-from plop.artifacts.layouts import Fits
-from plop.comparison.bases import predictions_of
 from plop.diagnosis.diagnose import check_enough, diagnose
+from plop.diagnosis.measured import engine_beside, read_measured, unseen
 from plop.diagnosis.result import SensorFault
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured
-from plop.dynamics.i2n.model_io import read_facts
-from plop.errors import PlopError
-from plop.models import effects_of, engine_of, innermost, judges_of, trained_on
-from plop.physics.adapters.filled import EngineBase
+from plop.models import effects_of, innermost, judges_of, trained_on
 from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary
 from plop.recordings.excluded import check_excluded
@@ -28,14 +21,10 @@ from plop.recordings.set import RecordingSet
 from plop.setting_kinds import ALL_CORES, SAME_RESULT, Jobs, Seed, Settings, Split
 from plop.tracking.episode import Episode
 from plop.tracking.same_object import check_same_object
-from plop.tracking.sets import tracked_episodes
 from stages import MODELS, RECORDINGS
 from stages.common_inputs import engine_input, init_input, optional, recordings_input, tracks_input
 from stages.diagnose.outcome import diagnosis_of, rows_of
 from stages.diagnose.sensors import sensor_findings
-
-LEAST_UNSEEN = 3
-"""Reference episodes that tell how far a learned model is off where nothing is missing."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +60,17 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     types = library(files)
     check_inputs(inputs, config)
     recordings = RecordingSet.load(inputs["recordings"].path)
-    engine, model = _engine(inputs), inputs["model"].path
-    measured, left_out = _measured(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
+    model = inputs["model"].path
+    engine = engine_beside(model, inputs["engine"].path if "engine" in inputs else None)
+    measured, left_out = _read(recordings, inputs, "", _names(recordings, config.split), model, config.seed)
     _same_object(model, recordings, measured.episodes)
     reference, warnings = None, list[str]()
     if "reference" in inputs:
         others = RecordingSet.load(inputs["reference"].path)
         judges = judges_of(model)
-        names, warnings = _unseen(others.names, trained_on(model) - set(judges))
+        names, warnings = unseen(others.names, trained_on(model) - set(judges))
         # what was added to the base was fitted to recordings that have it; the base's own have not
-        reference, more = _measured(others, inputs, "reference_", names, innermost(model), config.seed, judges=judges)
+        reference, more = _read(others, inputs, "reference_", names, innermost(model), config.seed, judges=judges)
         seen = dict.fromkeys(set(others.names) - set(names), "the model was trained on it")
         left_out |= {f"reference {name}": why for name, why in sorted((more | seen).items())}
     sensors = _sensors(recordings, measured, config, out)
@@ -118,26 +108,6 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
     return Summary(figures, rows_of(kept), warnings)
 
 
-def _unseen(names: list[str], trained: frozenset[str]) -> tuple[list[str], list[str]]:
-    """Choose the reference episodes on which no model was trained, or all with a warning where these are too few.
-
-    Where it has been trained it errs less than anywhere else, so that any other recording would seem to miss something.
-
-    Args:
-        names: The reference episodes.
-        trained: Those that whatever predicts them was trained on: a fold that has not seen an episode predicts it.
-    """
-    seen = trained & set(names)
-    unseen = [name for name in names if name not in seen]
-    if not seen or len(unseen) >= LEAST_UNSEEN:
-        return unseen, []
-    return names, [
-        f"the model was trained on {len(seen)} of {len(names)} reference episodes: its error there is too "
-        "low, and small errors may pass for missing physics; train it with `--folds 2`, or give a "
-        f"reference with {LEAST_UNSEEN} episodes or more that it has not seen"
-    ]
-
-
 def _sensors(
     recordings: RecordingSet, measured: Measured, config: DiagnoseConfig, out: Output
 ) -> tuple[SensorFault, ...] | None:
@@ -146,51 +116,16 @@ def _sensors(
     return sensor_findings(recordings, [e.name for e in measured.episodes], config.exclude, out, jobs=config.jobs)
 
 
+def _read(
+    recordings: RecordingSet, inputs: Inputs, prefix: str, names: list[str], model: Path, seed: int, **more: Any
+) -> tuple[Measured, dict[str, str]]:
+    """Read the episodes of one of the two sets."""
+    init, tracks = (inputs[f"{prefix}{part}"].path for part in ("init", "tracks"))
+    return read_measured(recordings, init, tracks, names, model, seed, **more)
+
+
 def _names(recordings: RecordingSet, split: str) -> list[str]:
     return recordings.names if split == "all" else list(getattr(recordings, split))
-
-
-def _measured(
-    recordings: RecordingSet,
-    inputs: Inputs,
-    prefix: str,
-    names: list[str],
-    model: Path,
-    seed: int,
-    *,
-    judges: Mapping[str, Path] = MappingProxyType({}),
-) -> tuple[Measured, dict[str, str]]:
-    """Read tracked episodes, with the prediction of a base that is not the bare engine.
-
-    An episode for which there is a judge is predicted by it instead.
-    """
-    init = inputs[f"{prefix}init"].path
-    episodes, left_out = tracked_episodes(recordings, init, inputs[f"{prefix}tracks"].path, names, seed=seed)
-    if read_facts(model)["kind"] == "engine":
-        return Measured(episodes), left_out
-
-    def predicted(episode: Episode) -> list[np.ndarray]:
-        own = judges.get(episode.name, model)
-        splat = Fits(init).episode(episode.name).object_splat
-        return predictions_of(own, recordings.path(episode.name), splat, episode)
-
-    return Measured(episodes, {e.name: predicted(e) for e in episodes}), left_out
-
-
-def _engine(inputs: Inputs) -> EngineBase:
-    """Find the engine that computes the responses: the model's own, or the one given beside it."""
-    engine = engine_of(inputs["model"].path)
-    if engine is None and "engine" in inputs:
-        engine = engine_of(inputs["engine"].path)
-    if engine is None:
-        raise PlopError(
-            "A learned model needs the engine beside it.",
-            where=inputs["model"].path,
-            expected="an artifact of identify",
-            found="none",
-            fix="Run `plop identify` on the recordings it was trained on.",
-        )
-    return engine
 
 
 def check(config: DiagnoseConfig, given: Mapping[str, str | Path]) -> None:
@@ -237,7 +172,7 @@ def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
 
 STAGE = Stage(
     name="diagnose",
-    version=36,
+    version=37,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

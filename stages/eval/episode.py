@@ -104,9 +104,21 @@ def score_episode(
                 jobs.append((row, pool.submit(score_frame, predicted, frame.measured, options)))
             material.add(frame.index, config.method, frame.rigid_pose, frame.rivals)
             progress(frame.index + 1, frames, name)
+        counts = _resampled(paths.rollout.states)
         rows = [row | job.result() | material.score(row["frame"], row["method"]) for row, job in jobs]
+        rows = [row | (counts.get(row["frame"], {}) if row["method"] == config.method else {}) for row in rows]
         _draw(recording, views, paths, config)
     return rows
+
+
+def _resampled(states: Path) -> dict[int, dict[str, int]]:
+    """Read the merges and splits of each frame of a rollout; empty without its states, or in those of before 0.2."""
+    try:
+        with Trajectory(states) as file:
+            frames = file.frames("states")
+            return {f: {key: int(file.extra("states", f, key)) for key in ("merges", "splits")} for f in frames}
+    except PlopError:
+        return {}
 
 
 def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: EvalConfig) -> None:

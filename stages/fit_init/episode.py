@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,6 +87,10 @@ def _fitted(
         warnings.append(f"{len(views)} cameras see the object: {len(held)} of {config.held_out} are held out")
     training += _scan_views(recording)
     surface = _surface(recording, cloud, training)
+    scene: dict[str, float] = {}
+    if config.scene_size > 0:
+        scene["scene_scale"] = scene_scale(surface.points, config.scene_size)
+        config = replace(config, render=config.render.in_scene_units(scene["scene_scale"]))
     shell, inner = fit_object(surface, training, recording.table_z_m, config, report)
     gaussians = concatenate([shell, inner])
     gaussians = gaussians.with_(ids=torch.arange(len(gaussians)))
@@ -111,9 +115,15 @@ def _fitted(
         "tool_gaussians": len(tool),
         "tool_seen": round(tool_seen, 3),
         "warnings": warnings,
+        **scene,
     }
     pictures = {f"view_{name}": picture for name, (_, picture) in scores.items()}
     return EpisodeFit(gaussians, tool, facts, pictures)
+
+
+def scene_scale(points: np.ndarray, size: float) -> float:
+    """Return the scene units per metre for which the longest side of a cloud, [N, 3] [m], is `size` of them."""
+    return size / float(np.ptp(points, axis=0).max())
 
 
 def _tool_views(recording: Recording, training_episode: Recording | None, training: list[View]) -> list[ToolViews]:

@@ -35,7 +35,7 @@ def fit(
     fill: Fill | None = None,
     report: Report | None = None,
 ) -> tuple[Gaussians, Gaussians]:
-    """Optimise the shell, one view per step; the inside is made once, then rendered but not optimised.
+    """Optimise the shell, one view per step; the inside is made once, and then only rendered, or optimised as well.
 
     Args:
         seeds: Gaussians to start from.
@@ -54,13 +54,19 @@ def fit(
     generator = torch.Generator("cpu").manual_seed(config.seed)
     parameters = Parameters(seeds, config, spacing_m)
     inner = seeds.select(seeds.ids.new_zeros(0))
+    inside = seeds.ids.new_zeros(len(parameters), dtype=torch.bool)
     growth, fill_step = _growth_steps(config), int(config.fill_at * config.steps)
     pull, order = seeds.means.new_zeros(len(parameters)), torch.zeros(0, dtype=torch.int64, device="cpu")
     for step in range(config.steps):
         if step == fill_step and fill is not None:
             inner = fill(parameters.gaussians().detach().to("cpu")).to(seeds.means.device)
+            if config.optimise_inside and len(inner):
+                parameters.append(inner)
+                inside = torch.cat([inside, torch.ones_like(inner.ids, dtype=torch.bool)])
+                pull = torch.cat([pull, pull.new_zeros(len(inner))])
+                inner = inner.select(inner.ids.new_zeros(0))
         if step in growth:
-            _grow_and_prune(parameters, pull, max_count, len(growth) - growth.index(step), config)
+            inside = inside[_grow_and_prune(parameters, pull, max_count, len(growth) - growth.index(step), config)]
             pull = seeds.means.new_zeros(len(parameters))
         if len(order) == 0:
             order = torch.randperm(len(targets), generator=generator, device="cpu")
@@ -75,7 +81,8 @@ def fit(
         parameters.step(step / config.steps)
         if report is not None and (step % 20 == 19 or step + 1 == config.steps):
             report(step + 1, {"loss": float(loss.detach()), "l1": float(terms["l1"])})
-    return parameters.gaussians().detach(), inner
+    fitted = parameters.gaussians().detach()
+    return (fitted.select(~inside), fitted.select(inside)) if inside.any() else (fitted, inner)
 
 
 def _growth_steps(config: FitInitConfig) -> list[int]:
@@ -88,15 +95,20 @@ def _growth_steps(config: FitInitConfig) -> list[int]:
 
 def _grow_and_prune(
     parameters: Parameters, pull: Tensor, max_count: int, rounds_left: int, config: FitInitConfig
-) -> None:
-    """Remove invisible Gaussians and split those with the largest gradients of their means."""
+) -> Tensor:
+    """Remove invisible Gaussians and split those with the largest gradients of their means.
+
+    Returns:
+        The row, among those before, that each descends from, int64.
+    """
     shell = parameters.gaussians().detach()
     parents = torch.nonzero(shell.opacities > config.prune_opacity).squeeze(1)
     if len(parents) == 0:
-        return
+        return torch.arange(len(shell), device=parents.device)
     room = max(max_count - len(parents), 0) // rounds_left
     # A large Gaussian with a large gradient covers more detail than one Gaussian can represent.
     size = shell.scales.prod(1).pow(1 / 3)
     split_rows = (pull * size)[parents].argsort(descending=True, stable=True)[:room]
     grown, origin = split_at(shell.select(parents), split_rows, pull.new_full((len(split_rows),), _DISPLACEMENT))
     parameters.replace(grown, parents[origin])
+    return parents[origin]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from plop.gaussians.state import Gaussians
+from plop.gaussians.state import Gaussians, concatenate
 
 if TYPE_CHECKING:
     from stages.fit_init.stage import FitInitConfig
@@ -77,6 +77,17 @@ class Parameters:
             if state:
                 moments = {key: state[key][parents].clone() for key in ("exp_avg", "exp_avg_sq")}
                 self.adam.state[self._free[name]] = {"step": state["step"].clone(), **moments}
+
+    def append(self, gaussians: Gaussians) -> None:
+        """Add Gaussians, without moments."""
+        count = len(self)
+        old = torch.arange(count, device=self.ids.device)
+        self.replace(
+            concatenate([self.gaussians().detach(), gaussians]), torch.cat([old, old.new_zeros(len(gaussians))])
+        )
+        for state in self.adam.state.values():
+            state["exp_avg"][count:] = 0
+            state["exp_avg_sq"][count:] = 0
 
 
 def _to_free(gaussians: Gaussians) -> dict[str, Tensor]:

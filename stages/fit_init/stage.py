@@ -50,6 +50,8 @@ class FitInitConfig(Settings):
     """Filling happens after this share of the steps (10k of 20k in the paper)."""
     fill_cells: Annotated[int, Range(4, 256), Unit("cells")] = 32
     """Cells of the opacity grid along the object's longest side (16 in the paper, used for "paper" always)."""
+    optimise_inside: bool = False
+    """Whether inner Gaussians are optimised like those of the surface from then on, as in the paper."""
     inner_opacity: Share = 0.9
     """Opacity of the inner Gaussians."""
     overlap: Annotated[float, Range(0.05, 5)] = 0.6
@@ -70,6 +72,9 @@ class FitInitConfig(Settings):
     """Degree of the spherical harmonics; 0 is the same colour from everywhere."""
     render: RenderWeights = RenderWeights()
     """Weights of the rendering loss."""
+    scene_size: Annotated[float, Range(0, 1e6), Unit("scene units")] = 0.0
+    """Longest side of the object's cloud in scene units, in which `fit-init` and `train` then count depths and lengths
+    of losses; 1 in the paper; 0 counts them in `render.depth_unit_m`."""
     anisotropy_weight: Weight = 0.1
     """Weight of the hinge on elongation."""
     anisotropy_ratio: Annotated[float, Range(1)] = 10.0
@@ -166,6 +171,9 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
         known = [score[key] for score in scores.values() if score[key] is not None]
         if known:
             figures[key] = round(float(np.mean(known)), 3)
+    scales = [score["scene_scale"] for score in scores.values() if "scene_scale" in score]
+    if scales:
+        figures["scene_scale"] = float(np.median(scales))
     warnings = [f"{name}: {text}" for name, score in scores.items() for text in score["warnings"]]
     warnings += [f"{name} was skipped: {error.first_cause().one_line()}" for name, error in skipped.items()]
     return Summary(figures, table, warnings)

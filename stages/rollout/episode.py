@@ -13,7 +13,7 @@ import numpy as np
 from plop.artifacts.layouts import Fit, Rollout, Rollouts
 from plop.dynamics.episodes import Actions
 from plop.dynamics.initial_surface import initial_surface
-from plop.dynamics.interface import DynamicsModel, at_rest
+from plop.dynamics.interface import DynamicsModel, ParticleState, at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
@@ -66,8 +66,11 @@ def roll_out(
         ):
             moves = Actions.of(recording, device).steps()
             initial = at_rest(start, initial_surface(recording, start))
+            merges, splits = 0, 0
             for frame, (state, ms) in enumerate(predict(model, initial, moves, name, config.seed)):
-                states.append("states", frame, state.gaussians, side=state.side)
+                done = resampled(state)
+                merges, splits = merges + int(done["merges"]), splits + int(done["splits"])
+                states.append("states", frame, state.gaussians, side=state.side, **done)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
                 placed = tool_above_table(tool, poses[frame], recording.table_z_m)
                 views = render_scene(state.gaussians, placed, cameras, backend=config.backend)
@@ -83,9 +86,17 @@ def roll_out(
         "frames": frames,
         "gaussians_first": len(start),
         "gaussians_last": len(state.gaussians),
+        "merges": merges,
+        "splits": splits,
         "step_ms": round(float(np.median(steps_ms)), 2),
     }
     return row, steps_ms
+
+
+def resampled(state: ParticleState) -> dict[str, np.ndarray]:
+    """Return the numbers of merges and splits of a state's last step."""
+    merges, splits = (0, 0) if state.resampling is None else (state.resampling.merges, state.resampling.splits)
+    return {"merges": np.asarray(merges), "splits": np.asarray(splits)}
 
 
 def _film(

@@ -130,7 +130,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
 
 STAGE = Stage(
     name="rollout",
-    version=11,
+    version=12,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

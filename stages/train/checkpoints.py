@@ -28,7 +28,8 @@ class Progressed:
     """Progress of a training run."""
 
     step: int
-    best_error_m: float
+    best_error: float
+    """Smallest error of rollouts so far: to the tracks [m], or the rendering loss."""
     best_step: int
 
 
@@ -41,7 +42,7 @@ def save_checkpoint(
     for index, entry in optimiser.state_dict()["state"].items():
         for key, value in entry.items():
             tensors[f"adam.{index}.{key}"] = torch.as_tensor(value).detach().clone()
-    facts = {"step": str(at.step), "best_error_m": repr(at.best_error_m), "best_step": str(at.best_step)}
+    facts = {"step": str(at.step), "best_error": repr(at.best_error), "best_step": str(at.best_step)}
     facts["dynamics"] = model.kind
     with whole(Model(folder).checkpoint) as scratch:
         save_file({k: v.contiguous() for k, v in tensors.items()}, scratch, metadata={"progress": json.dumps(facts)})
@@ -86,7 +87,7 @@ def load_checkpoint(
     whole = optimiser.state_dict()
     whole["state"] = state
     optimiser.load_state_dict(whole)
-    return Progressed(int(facts["step"]), float(facts["best_error_m"]), int(facts["best_step"]))
+    return Progressed(int(facts["step"]), float(facts["best_error"]), int(facts["best_step"]))
 
 
 def _below(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -1,12 +1,14 @@
-"""The loss of one optimisation step (PLOP, Eq. 14-15): rollouts from the filter's states.
+"""The loss of one optimisation step (PLOP, Eq. 14-15): rollouts from the filter's states, or from fitted Gaussians.
 
-Each window is rolled out for its horizon. Every predicted frame is compared with one measured view
-(rendering loss) and with the filter's track; the physical terms are added.
+Each window is rolled out for its horizon. Every predicted frame is compared with measured views (rendering loss),
+and with the filter's track where there is one; the physical terms are added.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
@@ -18,8 +20,8 @@ from plop.dynamics.losses.physical import Neighbourhood, isometry, rigidity, rot
 from plop.dynamics.resampling import effective_sample_size, resample
 from plop.gaussians.state import Gaussians
 from plop.recordings.recording import Recording
-from plop.render.losses import RenderWeights, render_loss
-from plop.render.rasterizer.rasterize import render
+from plop.render.losses import RenderWeights, Target, render_loss
+from plop.render.rasterizer.rasterize import render_many
 from stages.train.settings import LossWeights
 from stages.train.tracks import Track
 from stages.train.windows import Window, disturbed_start
@@ -43,6 +45,8 @@ class _Rollout:
     """Row of the track's Gaussians that each Gaussian descends from, shape [N]."""
     offset: Tensor
     """Perturbation of the start, by row of the track, shape [N0, 3] [m]."""
+    merges: int = 0
+    splits: int = 0
 
 
 class TrainingStep(nn.Module):
@@ -53,7 +57,13 @@ class TrainingStep(nn.Module):
         self.model = model
 
     def forward(
-        self, windows: list[Window], tracks: list[Track], weights: LossWeights, images: RenderWeights, noise_m: float
+        self,
+        windows: list[Window],
+        tracks: list[Track],
+        weights: LossWeights,
+        images: RenderWeights,
+        noise_m: float,
+        views: int = 1,
     ) -> tuple[Tensor, dict[str, float]]:
         """Roll out the windows and add up the loss.
 
@@ -63,6 +73,7 @@ class TrainingStep(nn.Module):
             weights: Weights of the terms.
             images: Weights of the rendering loss.
             noise_m: Perturbation of the start states [m].
+            views: Views in the rendering loss of a frame; 0 is all.
 
         Returns:
             Mean loss per window and step, and its terms and counts for the log.
@@ -78,7 +89,7 @@ class TrainingStep(nn.Module):
         for k in range(max(window.horizon for window in windows)):
             active = [r for r in rollouts if k < r.window.horizon]
             for rollout, predicted in zip(active, self._predict(active, k), strict=True):
-                terms = _advance(rollout, predicted, k, self.model, weights, images)
+                terms = _advance(rollout, predicted, k, self.model, weights, images, views)
                 total = total + sum(terms.values(), total.new_zeros(()))
                 for name, value in terms.items():
                     log[name] = log.get(name, 0.0) + float(value.detach()) / steps
@@ -87,8 +98,8 @@ class TrainingStep(nn.Module):
         log["effective_sample_size"] = sum(float(effective_sample_size(s.opacities.detach())) for s in states) / len(
             states
         )
-        log["splits"] = sum(_splits(r.rows) for r in rollouts) / steps
-        log["merges"] = sum(len(r.track.initial) - len(r.rows.unique()) for r in rollouts) / steps
+        log["splits"] = sum(r.splits for r in rollouts) / steps
+        log["merges"] = sum(r.merges for r in rollouts) / steps
         return total / steps, log
 
     def _predict(self, active: list[_Rollout], k: int) -> list[ParticleState]:
@@ -98,10 +109,6 @@ class TrainingStep(nn.Module):
         return self.model.predict([r.state for r in active], actions, frames)
 
 
-def _splits(rows: Tensor) -> int:
-    return len(rows) - len(rows.unique())
-
-
 def _advance(
     rollout: _Rollout,
     predicted: ParticleState,
@@ -109,23 +116,25 @@ def _advance(
     model: LearnedModel,
     weights: LossWeights,
     images: RenderWeights,
+    views: int,
 ) -> dict[str, Tensor]:
     """Score one predicted frame, then resample it in place; return the weighted terms."""
     frame = rollout.window.start + k + 1
     before = rollout.state.gaussians
     terms = _physical_terms(rollout.pairs, before, predicted, weights, images.depth_unit_m)
-    terms["track"] = weights.track * _track_error(rollout, predicted, frame) / images.depth_unit_m
+    if weights.track > 0:
+        terms["track"] = weights.track * _track_error(rollout, predicted, frame) / images.depth_unit_m
     generator = torch.Generator("cpu").manual_seed(rollout.window.noise_seed + k)
     state = predicted
     if weights.image > 0:
-        everyone = torch.arange(len(before), device=before.ids.device)
-        tagged = replace(predicted, gaussians=predicted.gaussians.with_(ids=everyone))
-        resampled = resample(tagged, model.config.resampling, generator=generator)
-        parents = resampled.gaussians.ids
-        state = replace(resampled, gaussians=resampled.gaussians.with_(ids=before.ids[parents]))
-        if len(parents) != len(before) or not torch.equal(parents, everyone):
+        state = resample(predicted, model.config.resampling, generator=generator)
+        if state.resampling is not None:
+            parents = state.resampling.parents
             rollout.pairs, rollout.rows = rollout.pairs.following(parents), rollout.rows[parents]
-        terms["image"] = weights.image * _image_loss(rollout, state.gaussians, frame, k, images)
+            rollout.merges += state.resampling.merges
+            rollout.splits += state.resampling.splits
+        first = rollout.window.cameras[k]
+        terms["image"] = weights.image * image_loss(rollout.track, state.gaussians, frame, images, views, first)
     rollout.state = state
     return terms
 
@@ -161,14 +170,40 @@ def _track_error(rollout: _Rollout, predicted: ParticleState, frame: int) -> Ten
     return sum(((error.square().sum(-1) + SMOOTH_M**2).sqrt().mean() for error in errors), shift.new_zeros(()))
 
 
-def _image_loss(rollout: _Rollout, gaussians: Gaussians, frame: int, k: int, weights: RenderWeights) -> Tensor:
-    if rollout.track.recording_path is None:  # simulated episodes have no images
+def image_loss(
+    track: Track, gaussians: Gaussians, frame: int, weights: RenderWeights, views: int = 0, first: int = 0
+) -> Tensor:
+    """Compare Gaussians with measured views of a frame (PLOP, Eq. 9): the mean over the views, a scalar.
+
+    Args:
+        track: The episode; a simulated one has no images, and a loss of 0.
+        gaussians: The object.
+        frame: The frame.
+        weights: Weights of the terms.
+        views: Views to compare; 0 is all.
+        first: Number of the first of them, modulo the count of cameras.
+    """
+    if track.recording_path is None:
         return gaussians.means.new_zeros(())
-    with Recording.open(rollout.track.recording_path) as recording:
-        names = recording.camera_names
-        views = measured_views(
-            recording, frame, [names[rollout.window.cameras[k] % len(names)]], gaussians.means.device
-        )
-    if not views:
+    names = _camera_names(track.recording_path)
+    chosen = [names[(first + j) % len(names)] for j in range(views or len(names))]
+    device = str(gaussians.means.device)
+    targets = [view for name in chosen for view in _targets(track.recording_path, frame, name, device)]
+    if not targets:
         return gaussians.means.new_zeros(())
-    return render_loss(render(gaussians, views[0].camera), views[0], weights)[0]
+    drawn = render_many(gaussians, [target.camera for target in targets])
+    losses = [render_loss(rendering, target, weights)[0] for rendering, target in zip(drawn, targets, strict=True)]
+    return sum(losses[1:], losses[0]) / len(losses)
+
+
+@lru_cache(maxsize=64)
+def _camera_names(path: Path) -> tuple[str, ...]:
+    with Recording.open(path) as recording:
+        return tuple(recording.camera_names)
+
+
+@lru_cache(maxsize=1024)
+def _targets(path: Path, frame: int, camera: str, device: str) -> list[Target]:
+    """Read a view, once: an epoch meets each again. None where the view does not show the object."""
+    with Recording.open(path) as recording:
+        return measured_views(recording, frame, [camera], device)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, Self
 
 import numpy as np
 
@@ -66,15 +66,24 @@ class Schedule(Settings):
     track_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 700
     """Optimisation steps on the filter's tracks only."""
     image_steps: Annotated[int, Range(0), Unit("steps"), COMMON] = 100
-    """Optimisation steps after those, with the rendering loss."""
+    """Optimisation steps after those, with the rendering loss, on windows that start from the tracks."""
+    epochs: Annotated[int, Range(0), Unit("epochs")] = 0
+    """Instead of `image_steps`, the paper's: passes over the training episodes, each from its fitted Gaussians over all
+    its frames (`horizon` at most). Without `track_steps` and `weights.track` there are no tracks then."""
+    views: Annotated[int, Range(0), Unit("views")] = 1
+    """Views in the rendering loss of a frame, in turn; 0 is all."""
+    validation: Annotated[int, Range(0), Unit("episodes")] = 0
+    """Training episodes that only select the weights; 0 selects on those that train."""
     batch: Annotated[int, Range(1), Unit("windows")] = 2
     """Windows per step, over all processes."""
     horizon: Annotated[int, Range(1), Unit("frames"), COMMON] = 4
     """Longest horizon of a window; the curriculum starts at 1 and doubles."""
     learning_rate: Annotated[float, Range(0, 1), COMMON] = 3e-3
-    """Largest learning rate of Adam; rises over the first tenth, then falls by a cosine."""
+    """Largest learning rate of Adam; see `schedule`."""
+    schedule: Literal["cosine", "constant"] = "cosine"
+    """"cosine" rises over the first tenth of the steps, then falls by a cosine; "constant" never changes."""
     averaging: Share = 0.98
-    """Decay of the averaged weights."""
+    """Decay of the averaged weights; 0 averages none."""
     noise_m: Annotated[float, Range(0, 1), Unit("m")] = 0.001
     """Perturbation of a window's start."""
     mirror: bool = True
@@ -86,8 +95,12 @@ class Schedule(Settings):
 
     @property
     def steps(self) -> int:
-        """Steps of both phases."""
+        """Steps of both phases; see `counted`."""
         return self.track_steps + self.image_steps
+
+    def counted(self, episodes: int) -> Self:
+        """Return the schedule with its epochs over a number of episodes counted as `image_steps`."""
+        return replace(self, image_steps=-(-self.epochs * episodes // self.batch)) if self.epochs else self
 
     def horizon_at(self, step: int) -> int:
         """Horizon of the curriculum: 1, 2, 4, ... each for the same time, so longer horizons have fewer steps."""
@@ -98,7 +111,9 @@ class Schedule(Settings):
         return horizons[min(level, len(horizons) - 1)]
 
     def rate_at(self, step: int) -> float:
-        """Learning rate: linear rise over a tenth of the steps, then a cosine to a hundredth."""
+        """Learning rate: constant, or a linear rise over a tenth of the steps and a cosine to a hundredth."""
+        if self.schedule == "constant":
+            return self.learning_rate
         rise = max(1, self.steps // 10)
         if step < rise:
             return self.learning_rate * (step + 1) / rise
@@ -145,13 +160,26 @@ class TrainConfig(Schedule):
     jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Number of parallel processes for tracks and simulated episodes; -1 is one per core. Sequential on a GPU."""
 
+    @property
+    def follows_tracks(self) -> bool:
+        """Whether tracks are made: they are targets, or windows start from them."""
+        return self.track_steps > 0 or self.weights.track > 0 or self.epochs == 0
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.steps < 1:
+        if self.steps + self.epochs < 1:
             raise PlopError(
                 "There is nothing to train.",
-                where="track_steps, image_steps",
+                where="track_steps, image_steps, epochs",
                 expected="at least one step",
-                found="0 and 0",
+                found="0, 0 and 0",
                 fix="Set one of them to a number of steps.",
+            )
+        if not self.follows_tracks and self.cohesion:
+            raise PlopError(
+                "Cohesion is measured on tracks, and there are none.",
+                where="train.cohesion, train.weights.track",
+                expected="no cohesion, or tracks as targets",
+                found="cohesion, with images alone as targets",
+                fix="Set train.cohesion=false, or train.weights.track=1.",
             )

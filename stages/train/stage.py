@@ -4,6 +4,8 @@
 2. Optimise the model: first on the tracks only, then with the rendering loss, with growing horizons.
 3. Keep the averaged weights with the smallest rollout error on the training episodes.
 
+The paper's form has no tracks: epochs over whole episodes, from their fitted Gaussians, on images alone.
+
 With an engine, simulated episodes are used as well (`stages.train.simulated_episodes`).
 
 With `folds`, further models are trained first, each without its share of the episodes.
@@ -34,12 +36,12 @@ from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summar
 from plop.recordings.set import RecordingSet
 from plop.tracking.same_object import check_same_object
 from stages.common_inputs import init_input, recordings_input
-from stages.train.form import model_config
+from stages.train.form import model_config, scene_scale
 from stages.train.optimise import optimise
 from stages.train.processes import Processes
 from stages.train.settings import TrainConfig
 from stages.train.simulated_episodes import SimulatedEpisode, engine_model, simulate_episodes
-from stages.train.tracks import Track, track_episode
+from stages.train.tracks import Track, track_episode, write_start
 from stages.train.training_set import TrainingSet
 
 
@@ -83,6 +85,14 @@ def run(inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
             found=str(config.folds),
             fix="Choose another number; each fold is trained without its share of the episodes.",
         )
+    if config.validation >= len(recordings.train):
+        raise PlopError(
+            "No episode is left to train on.",
+            where="train.validation",
+            expected=f"less than {len(recordings.train)}, the number of training episodes",
+            found=str(config.validation),
+            fix="Set it to a smaller number.",
+        )
     with Processes.join(chosen_device(config.device)) as processes:
         if processes.first:
             _make_tracks(recordings, inputs["init"].path, config, out)
@@ -111,17 +121,28 @@ def _check_engine_is_clean(engine: Path, recordings: RecordingSet, content: list
 def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConfig, out: Output) -> Summary:
     tracked = _make_tracks(recordings, inputs["init"].path, config, out)
     followed, warnings = _make_up(recordings, inputs, config, out)
-    training_set = TrainingSet(recordings, out.path, chosen_device(config.device), list(recordings.train), followed)
+    scale = scene_scale(inputs["init"].path, recordings.train)
+    if scale is not None:
+        config = replace(config, render=config.render.in_scene_units(scale))
+    training_set = TrainingSet(
+        recordings, out.path, chosen_device(config.device), list(recordings.train), followed, 1 / (scale or 1.0)
+    )
+    judges = training_set
+    if config.validation:
+        left_out = training_set.recorded[-config.validation :]
+        judges = replace(training_set, recorded=left_out, made_up=[])
+        training_set = training_set.without(left_out)
     sizes = [_size_m(training_set.track(i)) for i in range(len(training_set.recorded))]
     about = {
         "environment": recordings.environment,
         "size_m": np.median(sizes, axis=0).tolist(),
         "made_up": len(followed),
+        **({} if scale is None else {"scene_scale": scale}),
     }
     for k in range(config.folds):
         _train_fold(k, training_set, config, out, about)
     model, chosen = train_on(
-        training_set.track, len(training_set), config, out, about=about, judged=len(training_set.recorded)
+        training_set.track, len(training_set), config, out, about=about, judged=len(judges.recorded), judge=judges.track
     )
     return Summary(
         figures={
@@ -132,6 +153,7 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
             "motion_mm": model.motion_m * 1e3,
             "length_mm": model.length_m * 1e3,
             **({} if isinstance(model, PeerConfig) or model.stray_m is None else {"stray_mm": model.stray_m * 1e3}),
+            **({} if scale is None else {"scene_scale": scale}),
         },
         warnings=warnings,
     )
@@ -168,6 +190,7 @@ def train_on(
     *,
     about: Mapping[str, Any],
     judged: int | None = None,
+    judge: Callable[[int], Track] | None = None,
 ) -> tuple[LearnedConfig, dict[str, float]]:
     """Optimise a model on tracks.
 
@@ -178,13 +201,22 @@ def train_on(
         out: Receives model.safetensors, model.json, log.jsonl and tensorboard/.
         about: Facts about the modelled object; stored with the weights.
         judged: Number of first episodes whose rollouts select the weights; all when absent.
+        judge: Returns these episodes by number; those of training when absent.
 
     Returns:
         The model's configuration and units, and the figures of the chosen weights.
     """
     model = model_config(config, [track(i) for i in range(episodes)])
     chosen = optimise(
-        model, track, episodes, config, out, judged=judged, about=about, device=chosen_device(config.device)
+        model,
+        track,
+        episodes,
+        config,
+        out,
+        judged=judged,
+        judge=judge,
+        about=about,
+        device=chosen_device(config.device),
     )
     return model, chosen
 
@@ -199,7 +231,8 @@ def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out:
     work = partial(_make_track, recordings, init, config)
     done = out.map(recordings.train, work, jobs=jobs_on(config.device, config.jobs), of="track")
     errors = done.values.values()
-    return {f"track_{key}": sum(e[key] for e in errors) / len(errors) for key in ("depth_mm", "l1")}
+    named = ("depth_mm", "l1") if config.follows_tracks else ()
+    return {f"track_{key}": sum(e[key] for e in errors) / len(errors) for key in named}
 
 
 @deterministic()
@@ -213,6 +246,9 @@ def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name:
             found="no file",
             fix="Run `plop fit-init` on the same recordings.",
         )
+    if not config.follows_tracks:
+        write_start(splat, Model(out.path).tracks.states(name))
+        return {}
     error = track_episode(
         recordings.path(name),
         splat,
@@ -237,7 +273,7 @@ def _make_up(
 
 STAGE = Stage(
     name="train",
-    version=11,
+    version=12,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={

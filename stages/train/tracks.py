@@ -66,6 +66,12 @@ def track_episode(
     }
 
 
+def write_start(splat_path: Path, track_path: Path) -> None:
+    """Write a track of the first frame alone: the fitted Gaussians, from which epochs on images start."""
+    with TrajectoryWriter(track_path) as writer:
+        append_state(writer, 0, at_rest(read_splat(splat_path)))
+
+
 def append_state(writer: TrajectoryWriter, frame: int, state: ParticleState, **extra: Tensor | np.ndarray) -> None:
     """Add a state to a track's file, with further arrays of the frame."""
     writer.append(
@@ -81,7 +87,10 @@ def append_state(writer: TrajectoryWriter, frame: int, state: ParticleState, **e
 
 @dataclass(frozen=True)
 class Track:
-    """States of one episode, in memory: the filter's or the engine's; the same Gaussians in every frame."""
+    """States of one episode, in memory: the filter's or the engine's; the same Gaussians in every frame.
+
+    Where nothing was tracked, T is 1: the fitted Gaussians of the first frame.
+    """
 
     name: str
     recording_path: Path | None
@@ -117,7 +126,13 @@ class Track:
 
 @lru_cache(maxsize=32)
 def load_track(
-    name: str, recording_path: Path, track_path: Path, device: torch.device | str = "cpu", *, made_up: bool = False
+    name: str,
+    recording_path: Path,
+    track_path: Path,
+    device: torch.device | str = "cpu",
+    *,
+    made_up: bool = False,
+    unit_m: float = 1.0,
 ) -> Track:
     """Read a track to a device; a limited number of episodes is cached in memory.
 
@@ -127,6 +142,7 @@ def load_track(
         track_path: The track's file.
         device: Device of its tensors.
         made_up: Whether the file has its own tool motion (see `stages.train.simulated_episodes`).
+        unit_m: Unit of length of the weights between neighbours [m].
     """
     with Trajectory(track_path) as track, Recording.open(recording_path) as recording:
         frames = track.frames("updated")
@@ -150,5 +166,5 @@ def load_track(
             rotations=extra("last_rotation"),
             sides=extra("side"),
             actions=actions,
-            pairs=Neighbourhood.of(states[0].means),
+            pairs=Neighbourhood.of(states[0].means, unit_m=unit_m),
         )

@@ -25,6 +25,8 @@ class TrainingSet:
     device: torch.device
     recorded: list[str]
     made_up: list[SimulatedEpisode]
+    unit_m: float = 1.0
+    """Unit of length of the weights between neighbours [m]."""
 
     @cached_property
     def _order(self) -> list[str | SimulatedEpisode]:
@@ -39,8 +41,9 @@ class TrainingSet:
         episode, files = self._order[number], Model(self.folder)
         if isinstance(episode, SimulatedEpisode):
             path, states = self.recordings.path(episode.recorded), files.made_up.states(episode.name)
-            return load_track(episode.name, path, states, self.device, made_up=True)
-        return load_track(episode, self.recordings.path(episode), files.tracks.states(episode), self.device)
+            return load_track(episode.name, path, states, self.device, made_up=True, unit_m=self.unit_m)
+        path, states = self.recordings.path(episode), files.tracks.states(episode)
+        return load_track(episode, path, states, self.device, unit_m=self.unit_m)
 
     def without(self, names: Collection[str]) -> TrainingSet:
         """Leave out recorded episodes and the simulated ones derived from them."""

@@ -28,7 +28,7 @@ class Window:
     """Whether the step is mirrored across the frame's x and y axes."""
     noise_seed: int
     cameras: tuple[int, ...]
-    """Camera to compare with, as a number modulo the count, one for each step."""
+    """First camera to compare with, as a number modulo the count, one for each step."""
 
 
 def draw_windows(
@@ -60,6 +60,30 @@ def draw_windows(
         flips = (bool(rng.random() < 0.5), bool(rng.random() < 0.5)) if mirror else (False, False)
         cameras = tuple(int(c) for c in rng.integers(2**31, size=steps))
         windows.append(Window(episode, start, steps, flips, int(rng.integers(2**31)), cameras))
+    return windows
+
+
+def whole_episodes(lengths: list[int], count: int, horizon: int, views: int, *, seed: int, step: int) -> list[Window]:
+    """Return the windows of one optimisation step of the epochs: each pass has every episode once, in random order.
+
+    Every window starts at the first frame. Views follow one another from frame to frame and from pass to pass.
+
+    Args:
+        lengths: Steps of each episode.
+        count: Windows in a step.
+        horizon: Largest number of predicted frames.
+        views: Views compared in each frame; 0 is all.
+        seed: The run's seed.
+        step: Number of the optimisation step within the epochs.
+    """
+    windows = []
+    for number in range(step * count, (step + 1) * count):
+        epoch, place = divmod(number, len(lengths))
+        rng = np.random.default_rng([seed, 1, epoch])
+        episode = int(rng.permutation(len(lengths))[place])
+        steps = min(horizon, lengths[episode])
+        cameras = tuple((epoch + k) * max(views, 1) for k in range(steps))
+        windows.append(Window(episode, 0, steps, (False, False), number, cameras))
     return windows
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from plop.comparison.bases import predictions_of
 from plop.comparison.discretisations import discretised
+from plop.diagnosis import measured as reading
 from plop.diagnosis.diagnose import diagnose
 from plop.errors import PlopError
 from plop.physics.effects.library import effect_type, library
@@ -85,7 +86,6 @@ def test_the_hidden_effect_is_named_with_everything_that_speaks_for_it(facts):
         "error",
         "floor",
         "next_step",
-        "next_motion",
         "episodes",
         "reference_episodes",
         "dropped",
@@ -170,7 +170,7 @@ def test_a_fold_predicts_what_the_model_was_trained_on(inputs, tmp_path, monkeyp
         return predictions_of(inputs["model"].path, recording_path, splat_path, episode)
 
     predicted: dict[Path, list[str]] = {}
-    monkeypatch.setattr(stage, "predictions_of", noted)
+    monkeypatch.setattr(reading, "predictions_of", noted)
     names = RecordingSet.load(inputs["recordings"].path).names
     model = tmp_path / "model"
     (model / "tracks").mkdir(parents=True)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plop.diagnosis.calibration import LEAST
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.next_motion import next_motion
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.table import Measured
@@ -48,7 +48,7 @@ def test_a_hidden_law_is_named_with_an_interval_that_holds_it():
     assert value.value == pytest.approx(0.06, rel=0.05) and value.low < 0.06 < value.high and value.bounded
     facts = found.verdict.evidence
     assert facts.change_p <= 0.01 and facts.closed > 0.9 and facts.rest_p > 0.01
-    assert finding(found, "swelling").score.p == pytest.approx(1 / len(found.search.ways))
+    assert finding(found, "swelling").score.p == LEAST
 
 
 def test_nothing_hidden_nothing_named_in_many_worlds():
@@ -145,12 +145,10 @@ class Alike(Fields):
         return [both, found[1], 0.02 * found[2], *found[3:]]
 
 
-def test_laws_that_do_the_same_come_with_the_motion_that_distinguishes_them():
+def test_laws_that_do_the_same_are_confounded_and_a_plan_is_advised():
     found = Alike().diagnosed({"swelling": 0.06}, ["swelling", "viscosity"])
     assert found.verdict.kind == "CONFOUNDED" and {*found.verdict.named} == {"swelling", "viscosity"}, found.verdict
-    following = next_motion(found)
-    assert following is not None and next_step(found) == following.text and following.episode in following.text
-    assert set(following.separation) == {*found.verdict.evidence.alternatives}
+    assert "plop plan --diagnosis" in next_step(found) and "viscosity" in next_step(found)
 
 
 class Once(Fields):
@@ -221,12 +219,11 @@ def test_without_reference_nothing_is_named_and_a_reference_is_asked_for():
     assert found.verdict.kind == "NOTHING DETECTABLE" and "--reference" in next_step(found)
 
 
-def test_so_few_episodes_that_chance_does_as_much_are_said_to_be_few():
+def test_four_and_four_episodes_name_what_is_strong_and_three_are_refused():
     world = Fields()
     few = [Measured(m.episodes[:4]) for m in (world.measured(1, {"swelling": 0.06}), world.measured(2, {}))]
     found = diagnose(few[0], BASE, library(), world.run, reference=few[1], effects=LAWS)
-    assert found.verdict.named == () and found.verdict.evidence.least_p == pytest.approx(1 / 70)
-    assert "so few episodes" in found.verdict.text
+    assert found.verdict.named[:1] == ("swelling",)
     with pytest.raises(PlopError, match="too few episodes"):
         diagnose(Measured(few[0].episodes[:3]), BASE, library(), world.run, effects=LAWS)
 

@@ -9,6 +9,7 @@ import torch
 
 from plop.dynamics.baselines import ConstantVelocity, Persistence
 from plop.dynamics.filter.particle_filter import UpdateConfig, run_filter
+from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.gaussians.covariance import scales_quats_from_covariance
 from plop.recordings.recording import Recording
 from tests.support.small_episode import PUSH_M, write_episode
@@ -56,6 +57,23 @@ def test_lineage_is_kept(episode):
     path, states = episode
     steps = filtered(path, states[0], Persistence())
     assert torch.equal(steps[-1].updated.gaussians.ids, states[0].ids)
+
+
+class Splitting(Persistence):
+    """Persistence that splits three Gaussians in every step."""
+
+    def step(self, state, action, *, generator=None):
+        config = ResamplingConfig(split_above=1.0, merge_below=0.0, max_count=len(state.side) + 3)
+        return resample(Persistence().step(state, action), config, generator=generator)
+
+
+def test_the_update_follows_gaussians_that_split(episode):
+    path, states = episode
+    initial = states[0].with_(scales=states[0].scales * (1 + 0.1 * torch.rand(len(states[0]), 3)))
+    steps = filtered(path, initial, Splitting())
+    assert [len(s.updated.side) for s in steps] == [len(initial) + 3 * s.frame for s in steps]
+    last = steps[-1].updated.gaussians
+    assert (last.means - initial.means[last.ids]).norm(dim=-1).max() < 0.02
 
 
 class Rewritten:

@@ -156,6 +156,18 @@ def test_motion_and_side_follow_merging_and_splitting(block):
     assert (after.gaussians.ids == 5).sum() == 2
     assert_close(after.last_translation[after.gaussians.ids == 5], state.last_translation[[5, 5]])
     assert_close(after.side, state.side[after.gaussians.ids])
+    assert (after.resampling.merges, after.resampling.splits) == (1, 1)
+    assert torch.equal(block.ids[after.resampling.parents], after.gaussians.ids)
+    assert after.select(torch.arange(3)).resampling is None, "a selection is of other Gaussians"
+
+
+def test_a_step_says_what_it_did_to_the_set_and_the_next_one_forgets(block, model, cut_step):
+    splitting = replace(model.config, resampling=ResamplingConfig(split_above=2.0, max_count=len(block) + 9))
+    model.config = splitting
+    with torch.no_grad():
+        after = model.step(at_rest(block), cut_step, generator=torch.Generator().manual_seed(0))
+        assert after.resampling.splits == 9 and len(after.side) == len(block) + 9
+        assert model.step(after, cut_step).resampling is None, "there is no room for more, and nothing merges"
 
 
 def test_resampling_can_be_switched_off(block):

@@ -73,12 +73,15 @@ def reproduce_small(shared_data: Path, folder: Path) -> tuple[list[str], Path]:
 
 def test_the_papers_own_forms_run_from_recordings_to_scores(shared_data: Path, tmp_path: Path):
     command, docs = reproduce_small(shared_data, tmp_path)
-    assert main([*command, "-q", "--profile", "paper", *options(["train.track_steps=0"])]) == 0
+    own = ["train.track_steps=0", "train.epochs=2", "train.validation=0", "train.resampling.split_share=0.1"]
+    assert main([*command, "-q", "--profile", "paper", *options(own)]) == 0
     results = json.loads((docs / "results" / "disect-paper.json").read_text())
     assert results["seeds"] == [0, 1, 2] and "--profile paper --env prism-jelly --set " in results["command"]
     trained = Store(tmp_path / "work").find("train@latest").manifest.config
     forms = trained["network"]["kernel"], trained["network"]["features"], trained["resampling"]["form"]
     assert forms == ("paper", "paper", "paper")
+    rolled = Store(tmp_path / "work").find("rollout@latest").manifest.summary
+    assert rolled["table"][0]["splits"] > 0
 
 
 def test_reproduce_writes_the_results(

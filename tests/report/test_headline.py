@@ -31,7 +31,7 @@ def diagnosed(kind: str, *named: str, sensors: tuple = (), base: float = -2.0, *
         "viscosity": Limit(90.0, "Pa s", "viscosity_pa_s", 1.3e-3),
     }
     return diagnosis(
-        verdict(kind, *named, **{"least_p": 0.001, **evidence}),
+        verdict(kind, *named, **evidence),
         row("adhesion"),
         row("viscosity", 0.7, 0.015),
         row("tilt", -2.0, 1.0),
@@ -85,7 +85,7 @@ CASES = [
     ),
     (replace(diagnosed("NONE OF THESE", decoys=("drag",)), floor=None), "best is drag"),
     (diagnosed("NOTHING DETECTABLE"), "found about nine times in ten, except for 1 of 3"),
-    (diagnosed("NOTHING DETECTABLE", least_p=None), "cannot be named without reference recordings"),
+    (diagnosed("NOTHING DETECTABLE", reference=False), "cannot be named without reference recordings"),
     (replace(diagnosed("NOTHING DETECTABLE"), limits={}), "could not have shown any"),
     (
         diagnosed("SENSOR", "x", sensors=(clock(),)),

@@ -1,6 +1,7 @@
 """The rollout stage with a model whose prediction is known."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,7 @@ import torch
 
 import stages.rollout.stage as stage
 from plop.dynamics.baselines import Persistence
+from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
 from plop.gaussians.trajectory import Trajectory
@@ -56,6 +58,24 @@ def test_states_and_views_are_those_of_the_model(run, inputs, tmp_path):
     assert summary.figures["episodes"] == 2
     assert {row["episode"] for row in summary.table} == {"a", "b"}
     assert summary.figures["step_ms_median"] > 0
+
+
+class Splitting(Persistence):
+    """Persistence that splits two Gaussians in every step."""
+
+    def step(self, state, action, *, generator=None):
+        config = ResamplingConfig(split_above=1.0, merge_below=0.0, max_count=len(state.side) + 2)
+        after = Persistence().step(state, action)
+        stretched = after.gaussians.scales * torch.tensor([1.3, 1.0, 1.0])
+        return resample(replace(after, gaussians=after.gaussians.with_(scales=stretched)), config, generator=generator)
+
+
+def test_merges_and_splits_are_counted_by_frame_and_episode(run, tmp_path):
+    table = run(model=Splitting(), episodes="a").table
+    assert (table[0]["splits"], table[0]["merges"]) == (6, 0)
+    assert table[0]["gaussians_last"] == table[0]["gaussians_first"] + 6
+    with Trajectory(tmp_path / "out" / "a" / "states.h5") as states:
+        assert [int(states.extra("states", frame, "splits")) for frame in range(4)] == [0, 2, 2, 2]
 
 
 def test_the_video_has_every_frame_side_by_side(run, tmp_path):

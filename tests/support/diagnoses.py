@@ -48,7 +48,6 @@ def diagnosis(said: Verdict, *ranking: Ranked, **changes: Any) -> Diagnosis:
         "error": 6.0,
         "floor": 1.1,
         "next_step": "",
-        "next_motion": None,
         "episodes": ("box_000",),
         "reference_episodes": (),
         "dropped": {},

@@ -103,34 +103,15 @@ def run_filter(
     for frame in range(1, len(actions)):
         with torch.no_grad():
             predicted = model.step(state, actions.step(frame - 1), generator=generator)
-        lineage = _first_ancestors(state.gaussians, predicted.gaussians)
-        if lineage is not None:
-            pairs, state = pairs.following(lineage), state.select(lineage)
+        if predicted.resampling is not None:
+            parents = predicted.resampling.parents
+            pairs, state = pairs.following(parents), state.select(parents)
         views = measured_views(recording, frame, cameras, initial.means.device)
         tool = SolidTool.of(actions.tool, actions.world_from_tool[frame])
         updated = update(predicted, state.gaussians, views, pairs, length, config, tool, weights)
         innovation = _innovation(predicted, updated, views) if score else {}
         yield FilterStep(frame, predicted, updated, innovation)
         state = updated
-
-
-def _first_ancestors(before: Gaussians, after: Gaussians) -> Tensor | None:
-    """Row of `before` that each row of `after` descends from, by lineage and place; None if nothing changed."""
-    if len(before) == len(after) and torch.equal(before.ids, after.ids):
-        return None
-    # Several Gaussians may share an ancestor at frame 0: of those, take the nearest.
-    order = torch.argsort(before.ids, stable=True)
-    sorted_ids = before.ids[order]
-    low = torch.searchsorted(sorted_ids, after.ids)
-    high = torch.searchsorted(sorted_ids, after.ids, right=True)
-    best = order[low.clamp_max(len(order) - 1)]
-    distance = (before.means[best] - after.means).norm(dim=-1)
-    for step in range(1, int((high - low).max())):
-        other = order[(low + step).clamp_max(len(order) - 1)]
-        far = (before.means[other] - after.means).norm(dim=-1)
-        nearer = (low + step < high) & (far < distance)
-        best, distance = torch.where(nearer, other, best), torch.where(nearer, far, distance)
-    return best
 
 
 def settled(

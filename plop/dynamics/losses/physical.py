@@ -30,20 +30,21 @@ class Neighbourhood:
     rest_m: Tensor
     """Distance at frame 0, shape [E] [m]."""
     weight: Tensor
-    """exp(-2000 d^2) with d in metres, shape [E]."""
+    """exp(-2000 d^2) with d in a unit of length, shape [E]."""
 
     @classmethod
-    def of(cls, means: Tensor, count: int = 20) -> Neighbourhood:
+    def of(cls, means: Tensor, count: int = 20, *, unit_m: float = 1.0) -> Neighbourhood:
         """Find the neighbours at frame 0.
 
         Args:
             means: Shape [N, 3] [m].
             count: Neighbours of each Gaussian.
+            unit_m: Unit of length of the weights [m]: the metre, or that of the scene.
         """
         distance, index = nearest(means, count)
         first = torch.arange(len(means), device=means.device)[:, None].expand_as(index).reshape(-1)
         rest = distance.reshape(-1)
-        return cls(first, index.reshape(-1), rest, torch.exp(-2000 * rest.square()))
+        return cls(first, index.reshape(-1), rest, torch.exp(-2000 * (rest / unit_m).square()))
 
     def severed(self, side: Tensor) -> Neighbourhood:
         """Leave out the pairs that lie on different sides of the cut; `side` has shape [N]."""

@@ -6,10 +6,16 @@ at the same position in a cell.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from plop.errors import PlopError
+
+MOST_NODES = 128**3
+"""Largest number of nodes of one grid: a single stray particle would otherwise need any amount of memory."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +49,24 @@ def fit_grid(
 
     Returns:
         Grids of a common shape, origins at integer multiples of the spacing.
+
+    Raises:
+        PlopError: The particles need more than `MOST_NODES` nodes, or a position is not finite.
     """
     least, most = _bounds(positions.detach(), batch, batches)
     low = (least / spacing_m).floor() - room
     high = (most / spacing_m).floor() + room + 1
     extent = (high - low).amax(0) + 1
-    padded = [int(-(-int(n) // stride) * stride) for n in extent]
+    cells = extent.tolist()
+    if not math.prod(cells) <= MOST_NODES:  # also where one is not a number
+        raise PlopError(
+            "The particles have flown apart.",
+            where="grid around the particles",
+            expected=f"at most {MOST_NODES} nodes {spacing_m:.3g} m apart",
+            found=" x ".join(f"{n:.0f}" for n in cells),
+            fix="The model diverged: train longer, or with a smaller learning rate.",
+        )
+    padded = [-(-int(n) // stride) * stride for n in cells]
     return GridBox(low * spacing_m, spacing_m, (padded[0], padded[1], padded[2]))
 
 

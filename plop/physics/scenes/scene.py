@@ -16,6 +16,7 @@ from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.solver import simulate
+from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes import shipped_scenes
 from plop.physics.scenes.as_sequence import as_sequence
 from plop.physics.scenes.motions import CUTS, MOTIONS, MotionPlan, MotionRanges, draw_motion, tool_motion
@@ -161,12 +162,27 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
         PlopError: The tool never touches the object, the cut is outside it, or the run is unstable.
     """
     plan = scene.motion_plan(k)
+    motion = tool_motion(plan, scene.shape, scene.frame_rate_hz)
+    return simulate_motion(scene, scene.episode_name(k), plan, motion, effects)
+
+
+def simulate_motion(
+    scene: Scene, name: str, plan: MotionPlan, motion: ToolMotion, effects: Sequence[Effect] = ()
+) -> MeshSequence:
+    """Simulate any motion of a tool; see `simulate_episode`.
+
+    Args:
+        scene: The scene.
+        name: Name of the episode.
+        plan: What kind of motion it is; a cut is where it says.
+        motion: The tool's path.
+        effects: Laws in addition to the base material.
+    """
     body = (
         halved_body(scene.shape, scene.spacing_m, plan.x_m, plan.yaw_rad)
         if plan.kind in CUTS
         else whole_body(scene.shape, scene.spacing_m)
     )
-    motion = tool_motion(plan, scene.shape, scene.frame_rate_hz)
     config = EngineConfig(dx_m=scene.dx_m)
     try:
         start = settled(body.particles, scene.material, config, effects) if scene.settle else body.particles
@@ -174,7 +190,7 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
     except PlopError as error:
         raise PlopError(
             error.problem,
-            where=f"{scene.episode_name(k)} ({plan.kind}): {error.where}",
+            where=f"{name} ({plan.kind}): {error.where}",
             expected=error.expected,
             found=error.found,
             fix=error.fix,
@@ -182,8 +198,8 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
     weight_n = 9.81 * scene.material.density_kg_m3 * float(body.particles.volumes.sum())
     if np.abs(run.tool_force).max() < _TOUCH * weight_n:
         heights = np.ptp(body.particles.positions[:, 2]), np.ptp(run.positions[..., 2], axis=1).min()
-        raise _untouched(scene, plan, *map(float, heights), where=f"{scene.episode_name(k)} ({plan.kind})")
-    return as_sequence(scene.episode_name(k), scene.name, body, motion, run, _facts(scene, plan))
+        raise _untouched(scene, plan, *map(float, heights), where=f"{name} ({plan.kind})")
+    return as_sequence(name, scene.name, body, motion, run, _facts(scene, plan))
 
 
 def _untouched(scene: Scene, plan: MotionPlan, height_m: float, left_m: float, *, where: str) -> PlopError:

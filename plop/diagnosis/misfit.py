@@ -1,0 +1,58 @@
+"""Is the base further off in the recordings than in the reference, whatever is missing?
+
+A law that the library lacks may displace the object in another direction in every motion: no field of displacements is
+common to the recordings, and yet all of them are explained less well than the reference. Compared is the logarithm of
+the misfit of each episode, which a part that breaks loose does not decide, in units of what is expected: noise, and an
+error in proportion to the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+_LEAST = 2
+"""Episodes of a kind of motion in each of the two sets that tell how much such episodes scatter."""
+
+
+def misfits(squares: Sequence[np.ndarray], seen: Sequence[np.ndarray], freedom: float) -> np.ndarray:
+    """Give the mean negative log density (Student's t, but for a constant) of each episode, [E].
+
+    Args:
+        squares: Squared residual over its expectation, of every patch and frame, [F K] for each episode.
+        seen: Whether it could be seen, bool.
+        freedom: Degrees of freedom.
+    """
+    each = zip(squares, seen, strict=True)
+    return np.array([((freedom + 3) / 2 * np.log1p(q[s] / freedom)).mean() for q, s in each])
+
+
+def chance_of_difference(found: np.ndarray, here: np.ndarray, kinds: Sequence[str]) -> float:
+    """Give the chance that the recordings' misfits exceed the reference's by as much where nothing is hidden.
+
+    A t test within kinds of motion (Welch and Satterthwaite's degrees of freedom), one-sided; over all episodes at once
+    where a kind has too few of either.
+
+    Args:
+        found: Misfit of every episode, [E].
+        here: Which episodes are to be explained, bool [E].
+        kinds: Kind of motion of every episode.
+    """
+    groups = [np.array([k == kind for k in kinds]) for kind in dict.fromkeys(kinds)]
+    if any(min((here & g).sum(), (~here & g).sum()) < _LEAST for g in groups):
+        groups = [np.ones(len(found), bool)]
+    apart, variances, freedoms = 0.0, [], []
+    for group in groups:
+        own, other = found[here & group], found[~here & group]
+        freedom = len(own) + len(other) - 2
+        if freedom < 1 or not len(own) or not len(other):
+            return 1.0
+        pooled = (((own - own.mean()) ** 2).sum() + ((other - other.mean()) ** 2).sum()) / freedom
+        apart += len(own) * float(own.mean() - other.mean())
+        variances.append(max(pooled, 1e-12) * len(own) ** 2 * (1 / len(own) + 1 / len(other)))
+        freedoms.append(freedom)
+    variance = np.array(variances)
+    freedom = variance.sum() ** 2 / (variance**2 / np.array(freedoms)).sum()
+    return float(student.sf(apart / np.sqrt(variance.sum()), freedom))

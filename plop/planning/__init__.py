@@ -1,0 +1,1 @@
+"""Which motions to record, and how often, before they are recorded."""

@@ -1,0 +1,94 @@
+"""Recordings that are not made yet, as a diagnosis would see them: motions, how often, and draws of the evidence.
+
+Under the discrepancy model the products onto = R' P r of responses and residuals (see `contrast`) are Gaussian with
+covariance G = R' P R, for all hypotheses and episodes together; a law that is there adds G z times its amount. So that
+a whole diagnosis, with every way of dealing the episodes out, can be drawn many times over without an engine run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from plop.diagnosis.calibration import critical_strength, strongest, ways_to_deal
+from plop.diagnosis.contrast import Products
+from plop.diagnosis.discrepancy import Field
+from plop.diagnosis.rule import DecisionRule
+from plop.diagnosis.search import ENOUGH_WAYS
+from plop.planning.motions import Motion
+
+DRAWS = 40
+"""Draws of the evidence: nine in ten is then known to 5 %."""
+WAYS = 500
+"""Ways of dealing the episodes out by which a draw says what chance finds, at most."""
+_JITTER = 1e-9
+
+
+class Design:
+    """Motions to record in an object to explain, and in the reference."""
+
+    def __init__(self, here: Sequence[Motion], reference: Sequence[Motion], seed: int = 0) -> None:
+        """Multiply all responses over the covariance that these recordings would have.
+
+        Args:
+            here: Motions of the recordings to explain; one that is repeated is listed as often. E with the reference.
+            reference: Those in which nothing is missing.
+            seed: Of the draws.
+        """
+        motions = [*here, *reference]
+        self.here = np.arange(len(motions)) < len(here)
+        self.kinds = [motion.kind for motion in motions]
+        self._seed = seed
+        field = Field([m.evidence for m in motions], [m.base for m in motions])
+        columns = [np.stack([r.reshape(-1) for r in m.responses], 1) for m in motions]
+        self.gram = field.multiplied(columns, [m.evidence.residual for m in motions])[0]
+        """Of all hypotheses, [E, H, E, H]."""
+
+    @cached_property
+    def ways(self) -> np.ndarray:
+        """Ways of dealing the episodes out, as the diagnosis would, [N, E]."""
+        return ways_to_deal(self.here, self.kinds, ENOUGH_WAYS)
+
+    @cached_property
+    def draws(self) -> np.ndarray:
+        """Products with residuals in which nothing is hidden, [DRAWS, E, H]."""
+        count, wide = self.gram.shape[:2]
+        square = self.gram.reshape(count * wide, count * wide)
+        square = (square + square.T) / 2
+        values, vectors = np.linalg.eigh(square + _JITTER * np.trace(square) / len(square) * np.eye(len(square)))
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        drawn = np.random.default_rng(self._seed).normal(size=(DRAWS, len(square)))
+        return np.asarray((drawn @ root.T).reshape(DRAWS, count, wide))
+
+    def products(self, draw: int, hypothesis: int, hidden: int | None = None, amount: float = 0.0) -> Products:
+        """Give what a draw says of a hypothesis.
+
+        Args:
+            draw: Which.
+            hypothesis: Its column.
+            hidden: Column of a law that is there in the recordings to explain; None: nothing is.
+            amount: How much of it.
+        """
+        onto = self.draws[draw][:, hypothesis]
+        if hidden is not None:
+            onto = onto + amount * self.gram[:, hypothesis, :, hidden] @ self.here.astype(float)
+        return Products(self.gram[:, hypothesis, :, hypothesis], onto)
+
+    @cached_property
+    def by_chance(self) -> list[np.ndarray]:
+        """What chance finds in each draw, for ways of dealing the episodes out."""
+        few = self.ways[np.unique(np.linspace(0, len(self.ways) - 1, WAYS).round().astype(int))]
+        laws = range(self.gram.shape[1])
+        return [strongest([self.products(draw, h) for h in laws], few) for draw in range(DRAWS)]
+
+    def critical(self, hypothesis: int, rule: DecisionRule) -> np.ndarray:
+        """Strength of a hypothesis that chance exceeds as rarely as it may, in each draw, [DRAWS]."""
+        freedom = self.products(0, hypothesis).freedom
+        return np.array([critical_strength(rule.alarm, ways, freedom) for ways in self.by_chance])
+
+    def factors(self, rule: DecisionRule) -> np.ndarray:
+        """How much more strongly an object responds than the engine says, in each draw, [DRAWS] [-]."""
+        drawn = np.random.default_rng(self._seed + 1).normal(1.0, rule.response_error, DRAWS)
+        return np.asarray(np.maximum(drawn, 0.0))
