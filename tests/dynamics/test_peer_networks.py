@@ -194,7 +194,8 @@ def test_the_gradient_of_a_fitted_rotation_is_exact():
     start = after.clone().requires_grad_()
     (grad,) = torch.autograd.grad(loss(start), start)
     slope = (loss(after + 1e-6 * way) - loss(after - 1e-6 * way)) / 2e-6
-    assert float((grad * way).sum().detach()) == pytest.approx(float(slope.detach()), rel=5e-3)  # regularised by a thousandth
+    # The gradient is regularised by a thousandth.
+    assert float((grad * way).sum().detach()) == pytest.approx(float(slope.detach()), rel=5e-3)
 
 
 def test_points_on_a_line_and_few_points_have_finite_rotations():
