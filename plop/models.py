@@ -3,6 +3,7 @@
 model.json states the kind:
     plop        {"config"}; weights beside it (plop.dynamics.i2n.model_io); folds/<k>/ may hold models of that kind that
                 were trained without some of the episodes, {"training": {"left_out": [names]}}
+    gs-dynamics, dpi-net, transformer    as plop (plop.dynamics.peers.model_io)
     engine      {"engine": settings}; see plop.physics.adapters.base_io
     augmented   {"engine", "effects": [{"effect", "parameters": {name: {"value", ...}}}], "effect_files": [names]};
                 the base's own files are in base/, a user's effect files in effects/
@@ -21,6 +22,7 @@ from plop.artifacts.layouts import Model
 from plop.dynamics.i2n.model_io import load_model as load_learned
 from plop.dynamics.i2n.model_io import read_facts
 from plop.dynamics.interface import DynamicsModel
+from plop.dynamics.peers.model_io import PEERS, load_peer
 from plop.errors import PlopError
 from plop.physics.adapters.augmented import AugmentedModel
 from plop.physics.adapters.base_io import base_from_dict
@@ -30,7 +32,7 @@ from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library
 from plop.physics.effects.trust import trusted_copies
 
-KINDS = ("plop", "engine", "augmented")
+KINDS = ("plop", *PEERS, "engine", "augmented")
 
 
 def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu") -> DynamicsModel:
@@ -48,6 +50,8 @@ def load_model(folder: str | os.PathLike[str], device: torch.device | str = "cpu
     kind = facts.get("kind")
     if kind == "plop":
         return load_learned(folder, device)
+    if kind in PEERS:
+        return load_peer(folder, device)
     if kind == "engine":
         return FilledEngineModel(base_from_dict(facts["engine"]), cut_faces=True)
     if kind == "augmented":

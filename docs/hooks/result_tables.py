@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import tables_parts
+import tables_peers
 import tables_physics
 import tables_prediction
 from result_files import Table, provenance
 
-TABLES: dict[str, Table] = {**tables_prediction.TABLES, **tables_physics.TABLES, **tables_parts.TABLES}
+TABLES: dict[str, Table] = {
+    **tables_prediction.TABLES,
+    **tables_peers.TABLES,
+    **tables_physics.TABLES,
+    **tables_parts.TABLES,
+}
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""
 
 

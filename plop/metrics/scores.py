@@ -19,6 +19,13 @@ BASELINES = {
     "persistence": "frame 0's Gaussians, nothing moves but the tool",
     "rigid": "frame 0's Gaussians moved as one body, fitted to the measured cloud of each frame: an oracle",
 }
+RIVALS = {
+    "engine": "the fitted engine alone, from frame 0",
+    "replay": "the tracked motion of the training episode whose tool moved most alike, repeated",
+    "velocity": "the motion of the last observed frame continues; sees the first frames",
+    "residual": "the engine, shifted by its error in the last observed frame; sees the first frames",
+}
+"""Scored on request: `plop eval --engine`, `--tracks`, `--observed-frames`."""
 
 
 @dataclass(frozen=True, kw_only=True)

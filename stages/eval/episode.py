@@ -32,6 +32,7 @@ from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile
 from stages.eval.baselines import RigidFit
 from stages.eval.material import MaterialPoints
+from stages.eval.rivals import Rivals
 
 if TYPE_CHECKING:
     from stages.eval.stage import EvalConfig
@@ -59,6 +60,8 @@ class Frame:
     """Views by method."""
     rigid_pose: np.ndarray
     """Motion of the rigid baseline since frame 0, shape [4, 4]."""
+    rivals: dict[str, Gaussians]
+    """The rivals' Gaussians."""
 
 
 def score_episode(
@@ -67,6 +70,7 @@ def score_episode(
     paths: EpisodePaths,
     config: EvalConfig,
     lpips: Lpips | Unavailable,
+    rivals: Rivals,
     progress: Progress,
 ) -> list[dict]:
     """Score one episode and draw its picture.
@@ -77,6 +81,7 @@ def score_episode(
         paths: Its inputs.
         config: Settings.
         lpips: The loaded score, or why there is none.
+        rivals: Further predictions to score.
         progress: Called after every frame.
 
     Returns:
@@ -91,13 +96,13 @@ def score_episode(
         _check_match(views, recording)
         check_camera(recording, config.picture_camera)
         frames, times = len(recording), recording.time_s
-        for frame in _frames(recording, views, paths.init, config):
+        for frame in _frames(recording, views, paths.init, rivals, config):
             with_emd = config.emd_every > 0 and (frame.index % config.emd_every == 0 or frame.index == frames - 1)
             options = FrameOptions(config.seed, with_emd, lpips.score if isinstance(lpips, Lpips) else None)
             for method, predicted in frame.predictions.items():
                 row = {"episode": name, "method": method, "frame": frame.index, "time_s": float(times[frame.index])}
                 jobs.append((row, pool.submit(score_frame, predicted, frame.measured, options)))
-            material.add(frame.index, config.method, frame.rigid_pose)
+            material.add(frame.index, config.method, frame.rigid_pose, frame.rivals)
             progress(frame.index + 1, frames, name)
         counts = _resampled(paths.rollout.states)
         rows = [row | job.result() | material.score(row["frame"], row["method"]) for row, job in jobs]
@@ -127,11 +132,12 @@ def _draw(recording: Recording, views: ViewFile, paths: EpisodePaths, config: Ev
         write_png(paths.picture, sheet([drawn.picture(frame) for frame in frames]))
 
 
-def _frames(recording: Recording, views: ViewFile, init: Fit, config: EvalConfig) -> Iterator[Frame]:
+def _frames(recording: Recording, views: ViewFile, init: Fit, rivals: Rivals, config: EvalConfig) -> Iterator[Frame]:
     """Read measurement and prediction, and render the baselines."""
     start, tool = _read_init(init)
     names, poses = recording.camera_names, recording.world_from_tool
     pose, fit = np.eye(4), None
+    others = rivals.roll_out(recording, start)
     for index in range(len(recording)):
         measured = [recording.view(name, index) for name in names]
         cameras = [view.camera for view in measured]
@@ -141,11 +147,14 @@ def _frames(recording: Recording, views: ViewFile, init: Fit, config: EvalConfig
         elif fit is not None and len(cloud):
             pose = fit.best(cloud.points, [pose, np.eye(4)])
         placed = tool_above_table(tool, poses[index], recording.table_z_m)
+        mine = {name: frames[index] for name, frames in others.items()}
+        objects = {"persistence": moved_rigidly(start, np.eye(4)), "rigid": moved_rigidly(start, pose), **mine}
         drawn = {
-            method: render_scene(moved_rigidly(start, motion), placed, cameras, backend=config.backend)
-            for method, motion in (("persistence", np.eye(4)), ("rigid", pose))
+            method: render_scene(gaussians, placed, cameras, backend=config.backend)
+            for method, gaussians in objects.items()
         }
-        yield Frame(index, measured, {config.method: [views.view(camera, index) for camera in cameras], **drawn}, pose)
+        predicted = {config.method: [views.view(camera, index) for camera in cameras]}
+        yield Frame(index, measured, predicted | drawn, pose, mine)
 
 
 def _read_init(init: Fit) -> tuple[Gaussians, Gaussians]:

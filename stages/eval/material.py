@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -9,6 +10,7 @@ from typing import Self
 
 import numpy as np
 
+from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
 from plop.geometry.rigid import transform_points
 from plop.metrics.frame import Scores
@@ -37,7 +39,7 @@ class MaterialPoints:
         if self._truth is not None:
             self._start = self._truth.nodes_m(0)
         if self._states is not None:
-            self._ancestors = ancestor_means(*_arrays(self._states, 0))
+            self._ancestors = ancestor_means(*_arrays(self._states.read("states", 0)))
 
     def __enter__(self) -> Self:
         return self
@@ -47,31 +49,33 @@ class MaterialPoints:
     ) -> None:
         self._files.close()
 
-    def add(self, frame: int, method: str, rigid_pose: np.ndarray) -> None:
+    def add(self, frame: int, method: str, rigid_pose: np.ndarray, rivals: Mapping[str, Gaussians]) -> None:
         """Score one frame.
 
         Args:
             frame: Index of the frame.
             method: Name of the prediction in `states`.
             rigid_pose: Motion of the rigid baseline since frame 0, shape [4, 4].
+            rivals: Gaussians of further predictions.
         """
         if self._truth is None:
             return
         true = self._truth.nodes_m(frame)
         self._scores[frame, "persistence"] = rms_mm(self._start, true)
         self._scores[frame, "rigid"] = rms_mm(transform_points(rigid_pose, self._start), true)
-        if self._states is not None:
-            names, after = ancestor_means(*_arrays(self._states, frame))
-            known, before = self._ancestors
+        if self._states is None:
+            return
+        known, before = self._ancestors
+        for name, gaussians in {method: self._states.read("states", frame), **rivals}.items():
+            names, after = ancestor_means(*_arrays(gaussians))
             kept = np.isin(names, known)
             start = before[np.searchsorted(known, names[kept])]
-            self._scores[frame, method] = rms_mm(move_nodes(self._start, start, after[kept]), true)
+            self._scores[frame, name] = rms_mm(move_nodes(self._start, start, after[kept]), true)
 
     def score(self, frame: int, method: str) -> Scores:
         """Return {"truth_rms_mm": ...} of one frame, or nothing without ground truth."""
         return {"truth_rms_mm": self._scores.get((frame, method))} if self._truth is not None else {}
 
 
-def _arrays(states: Trajectory, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    gaussians = states.read("states", frame)
+def _arrays(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return gaussians.ids.numpy(), gaussians.means.double().numpy(), gaussians.opacities.numpy()

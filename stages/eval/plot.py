@@ -17,7 +17,9 @@ TITLES = {
     "ssim": "SSIM [-]",
     "j_score": "J [-]",
 }
-_STYLES = (("tab:blue", "-", 3), ("tab:gray", "--", 2), ("tab:orange", ":", 1))
+_STYLES = (("tab:blue", "-", 3), ("tab:gray", "--", 2), ("tab:orange", ":", 1)) + tuple(
+    (colour, "-.", 0) for colour in ("tab:green", "tab:red", "tab:purple", "tab:brown")
+)
 
 
 def plot_over_time(path: Path, rows: list[dict[str, Any]], environment: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from plop.artifacts.atomic_file import whole
 from plop.metrics.frame import CONVENTIONS, HIGHER_IS_BETTER, mean_defined
-from plop.metrics.scores import PARTS, Scores
+from plop.metrics.scores import BASELINES, PARTS, RIVALS, Scores
 from plop.statistics.bootstrap import Interval, bootstrap_interval
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def scores_of(rows: Rows, environment: str, config: EvalConfig, unavailable: dic
         method=config.method,
         seed=config.seed,
         conventions={metric: CONVENTIONS[metric] for metric in metrics},
+        baselines=BASELINES | {name: RIVALS[name] for name in RIVALS if name in methods},
         unavailable=unavailable,
         notes=tuple(_notes(rows, metrics, len(episodes))),
         methods=table,

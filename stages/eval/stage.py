@@ -1,4 +1,7 @@
-"""eval: score rollouts and two baselines against measurements, per frame, episode and environment."""
+"""eval: score rollouts, two baselines and, on request, cheap rivals against measurements.
+
+Scores are given per frame, episode and environment.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,7 @@ from stages.common_inputs import init_input, recordings_input
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import scores_of, summary_table, write_csv
+from stages.eval.rivals import Rivals
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,9 @@ class EvalConfig(Settings):
     """Seed of the EMD samples and of the bootstrap."""
     emd_every: Annotated[int, Range(0), Unit("frames")] = 1
     """Interval of the frames scored by EMD, besides the first and the last; 0 disables EMD."""
+    observed_frames: Annotated[int, Range(0), Unit("frames")] = 0
+    """Measured frames after frame 0 that the rivals "velocity" and, with an engine, "residual" see; 0: no such
+    rivals."""
     truth: bool = True
     """Also score material points where the recording has a simulator's ground truth."""
     lpips_net: Backbone = "alex"
@@ -55,13 +62,17 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     """Write scores.json, scores.csv, episodes/, pictures/ and over_time.png.
 
     Raises:
-        PlopError: The rollouts do not belong to these recordings or fits, or are empty.
+        PlopError: The rollouts do not belong to these recordings or fits, or are empty; a rival's input is of another
+            kind.
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     rollouts, init = inputs["rollouts"].path, inputs["init"].path
     names = _episodes(recordings, rollouts)
+    given = {name: inputs[name].path if name in inputs else None for name in ("engine", "tracks")}
+    rivals = Rivals(recordings, given["engine"], given["tracks"], config.observed_frames)
+    rivals.check()
     lpips = _lpips(config)
-    done = out.map(names, partial(_score, recordings, rollouts, init, config), jobs=config.jobs)
+    done = out.map(names, partial(_score, recordings, rollouts, init, rivals, config), jobs=config.jobs)
     rows = [row for scored in done.values.values() for row in scored]
     unavailable = {"lpips": lpips.reason} if isinstance(lpips, Unavailable) else {}
     scores = scores_of(rows, recordings.environment, config, unavailable)
@@ -76,10 +87,10 @@ def _lpips(config: EvalConfig) -> Lpips | Unavailable:
 
 
 def _score(
-    recordings: RecordingSet, rollouts: Path, init: Path, config: EvalConfig, name: str, out: Output
+    recordings: RecordingSet, rollouts: Path, init: Path, rivals: Rivals, config: EvalConfig, name: str, out: Output
 ) -> list[dict]:
     paths = EpisodePaths(Fits(init).episode(name), Rollouts(rollouts).episode(name), ScoreFiles(out.path).picture(name))
-    scored = score_episode(recordings, name, paths, config, _lpips(config), out.progress)
+    scored = score_episode(recordings, name, paths, config, _lpips(config), rivals, out.progress)
     write_json(ScoreFiles(out.path).rows(name), scored, sort_keys=False)
     return scored
 
@@ -138,6 +149,10 @@ STAGE = Stage(
         ),
         "model": InputSpec(
             MODELS, "Instead of rollouts: the model to roll out first.", choice=Choice.ANY_LINE, read=False
+        ),
+        "engine": InputSpec(("identify", "augment"), "engine to score as a rival", optional=True, choice=Choice.NAMED),
+        "tracks": InputSpec(
+            ("train",), "model whose training motions a rival replays", optional=True, choice=Choice.NAMED
         ),
     },
     run=run,

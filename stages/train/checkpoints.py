@@ -13,11 +13,14 @@ from pathlib import Path
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
 from plop.artifacts.atomic_file import whole
 from plop.artifacts.layouts import Model
+from plop.dynamics.i2n.model import PlopModel
+from plop.dynamics.learned import LearnedModel
+from plop.errors import PlopError
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Progressed:
 
 
 def save_checkpoint(
-    folder: Path, model: nn.Module, averaged: AveragedModel, optimiser: torch.optim.Optimizer, at: Progressed
+    folder: Path, model: LearnedModel, averaged: AveragedModel, optimiser: torch.optim.Optimizer, at: Progressed
 ) -> None:
     """Write a checkpoint over the last one."""
     tensors = {f"model.{k}": v.detach().clone() for k, v in model.state_dict().items()}
@@ -40,17 +43,21 @@ def save_checkpoint(
         for key, value in entry.items():
             tensors[f"adam.{index}.{key}"] = torch.as_tensor(value).detach().clone()
     facts = {"step": str(at.step), "best_error": repr(at.best_error), "best_step": str(at.best_step)}
+    facts["dynamics"] = model.kind
     with whole(Model(folder).checkpoint) as scratch:
         save_file({k: v.contiguous() for k, v in tensors.items()}, scratch, metadata={"progress": json.dumps(facts)})
 
 
 def load_checkpoint(
-    folder: Path, model: nn.Module, averaged: AveragedModel, optimiser: torch.optim.Optimizer
+    folder: Path, model: LearnedModel, averaged: AveragedModel, optimiser: torch.optim.Optimizer
 ) -> Progressed | None:
     """Restore a checkpoint into model, averaged weights and optimiser.
 
     Returns:
         Its progress; None when there is no checkpoint, or none that matches.
+
+    Raises:
+        PlopError: It is of another dynamics.
     """
     path = Model(folder).checkpoint
     if not path.is_file():
@@ -61,6 +68,14 @@ def load_checkpoint(
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, KeyError, ValueError):
         return None
+    if facts.get("dynamics", PlopModel.kind) != model.kind:
+        raise PlopError(
+            "The checkpoint is of another dynamics.",
+            where=path,
+            expected=model.kind,
+            found=str(facts["dynamics"]),
+            fix="Remove it, or train these dynamics in another folder.",
+        )
     if _below(tensors, "averaged.").keys() != averaged.state_dict().keys():
         return None
     model.load_state_dict(_below(tensors, "model."))

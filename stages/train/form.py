@@ -12,6 +12,8 @@ import torch
 from plop.artifacts.layouts import Fits
 from plop.dynamics.cohesion import natural_strays_m
 from plop.dynamics.i2n.model import PlopConfig
+from plop.dynamics.learned import LearnedConfig
+from plop.dynamics.peers.model import PeerConfig
 from plop.dynamics.resampling import ResamplingConfig
 from plop.dynamics.rest import RestPlaces
 from stages.train.settings import TrainConfig
@@ -23,17 +25,21 @@ _KEPT = 0.9
 """Quantile of the cohesion limit over episodes: a press deforms more than a cut and must not be restricted."""
 
 
-def model_config(config: TrainConfig, tracks: list[Track]) -> PlopConfig:
+def model_config(config: TrainConfig, tracks: list[Track]) -> LearnedConfig:
     """Measure the units of the model's inputs and outputs on the training set."""
     length = max(float((t.means[0].amax(0) - t.means[0].amin(0)).max()) for t in tracks)
     square = sum(_mean_square_motion(t) for t in tracks) / len(tracks)
+    motion = max(square**0.5, 1e-4 * length)
+    if config.dynamics != "i2n":
+        size = config.peers.of(config.dynamics)
+        return PeerConfig(config.dynamics, size, frame=config.frame, length_m=length, motion_m=motion)
     return PlopConfig(
         network=config.network,
         resampling=thresholds(config.resampling, tracks),
         frame=config.frame,
         coupled=config.coupled,
         length_m=length,
-        motion_m=max(square**0.5, 1e-4 * length),
+        motion_m=motion,
         stray_m=stray_m(tracks) if config.cohesion else None,
         cut_faces=config.cut_faces,
     )

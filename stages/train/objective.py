@@ -14,8 +14,8 @@ import torch
 from torch import Tensor, nn
 
 from plop.dynamics.episodes import measured_views
-from plop.dynamics.i2n.model import PlopModel
 from plop.dynamics.interface import ParticleState
+from plop.dynamics.learned import LearnedModel
 from plop.dynamics.losses.physical import Neighbourhood, isometry, rigidity, rotation_similarity
 from plop.dynamics.resampling import effective_sample_size, resample
 from plop.gaussians.state import Gaussians
@@ -52,7 +52,7 @@ class _Rollout:
 class TrainingStep(nn.Module):
     """A module whose forward is the loss, so that PyTorch's data parallelism can wrap it."""
 
-    def __init__(self, model: PlopModel) -> None:
+    def __init__(self, model: LearnedModel) -> None:
         super().__init__()
         self.model = model
 
@@ -113,7 +113,7 @@ def _advance(
     rollout: _Rollout,
     predicted: ParticleState,
     k: int,
-    model: PlopModel,
+    model: LearnedModel,
     weights: LossWeights,
     images: RenderWeights,
     views: int,

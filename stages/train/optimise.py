@@ -18,9 +18,9 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from plop.artifacts.layouts import Model
-from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.i2n.model_io import save_model
 from plop.dynamics.interface import at_rest
+from plop.dynamics.learned import LearnedConfig, LearnedModel, untrained
 from plop.pipeline.stage import Output
 from plop.render.losses import RenderWeights
 from stages.train.checkpoints import Progressed, load_checkpoint, save_checkpoint
@@ -33,7 +33,7 @@ from stages.train.windows import draw_windows, whole_episodes
 
 
 def optimise(
-    config: PlopConfig,
+    config: LearnedConfig,
     track: Callable[[int], Track],
     episodes: int,
     plan: TrainConfig,
@@ -64,7 +64,7 @@ def optimise(
     score = _Score(judge or track, judged or episodes, plan)
     torch.manual_seed(plan.seed)
     with Processes.join(device) as processes:
-        model = PlopModel(config).to(device)
+        model = untrained(config).to(device)
         optimiser = torch.optim.AdamW(model.parameters(), lr=plan.learning_rate, weight_decay=1e-4)
         averaged = averaged_model(model, plan.averaging)
         at = load_checkpoint(out.path, model, averaged, optimiser) or Progressed(0, math.inf, 0)
@@ -143,11 +143,11 @@ class _Score:
     count: int
     plan: TrainConfig
 
-    def of(self, model: PlopModel) -> float:
+    def of(self, model: LearnedModel) -> float:
         """Return the mean over the episodes."""
         return sum(self._one(model, self.episode(i)) for i in range(self.count)) / self.count
 
-    def _one(self, model: PlopModel, track: Track) -> float:
+    def _one(self, model: LearnedModel, track: Track) -> float:
         if self.plan.follows_tracks:
             return rollout_error_m(model, track)
         return rollout_image_loss(model, track, self.plan.render)
@@ -161,7 +161,7 @@ def _validate(
     averaged: AveragedModel, score: _Score, at: Progressed, step: int, out: Output, about: Mapping[str, Any]
 ) -> Progressed:
     """Roll out the judging episodes with the averaged model; write its weights if they are the best so far."""
-    model = cast(PlopModel, averaged.module)
+    model = cast(LearnedModel, averaged.module)
     error = score.of(model)
     if error <= at.best_error or not Model(out.path).facts.exists():
         save_model(out.path, model, training={**about, "step": step, **score.figure(error)})
@@ -170,7 +170,7 @@ def _validate(
 
 
 @torch.no_grad()
-def rollout_error_m(model: PlopModel, track: Track) -> float:
+def rollout_error_m(model: LearnedModel, track: Track) -> float:
     """Mean distance of an open-loop rollout (without resampling) to the track, over frames and Gaussians [m]."""
     state = at_rest(track.initial)
     total = 0.0
@@ -181,7 +181,7 @@ def rollout_error_m(model: PlopModel, track: Track) -> float:
 
 
 @torch.no_grad()
-def rollout_image_loss(model: PlopModel, track: Track, weights: RenderWeights) -> float:
+def rollout_image_loss(model: LearnedModel, track: Track, weights: RenderWeights) -> float:
     """Mean rendering loss of an open-loop rollout, with resampling, over frames and views."""
     state, generator = at_rest(track.initial), torch.Generator("cpu").manual_seed(0)
     total = 0.0

@@ -10,6 +10,8 @@ import numpy as np
 
 from plop.dynamics.filter.particle_filter import UpdateConfig
 from plop.dynamics.i2n.network import I2NConfig
+from plop.dynamics.learned import DynamicsName
+from plop.dynamics.peers.settings import PeerSettings
 from plop.dynamics.resampling import ResamplingConfig
 from plop.errors import PlopError
 from plop.physics.scenes.varied_motion import VariationRanges
@@ -123,6 +125,9 @@ class Schedule(Settings):
 class TrainConfig(Schedule):
     """Settings of `train`; their defaults are defined only here."""
 
+    dynamics: Annotated[DynamicsName, COMMON] = "i2n"
+    """The model: "i2n", PLOP's; "gs-dynamics", "dpi-net", "transformer": peers, trained the same way, which ignore the
+    settings `coupled`, `cohesion`, `cut_faces`, `network` and `resampling`."""
     frame: Literal["tool", "world"] = "tool"
     """Frame of the network: turns with the tool, or the world (the paper's)."""
     coupled: bool = True
@@ -138,6 +143,8 @@ class TrainConfig(Schedule):
     none), from which `diagnose` estimates the error of the model in unseen episodes."""
     network: I2NConfig = I2NConfig()
     """Size and type of the network."""
+    peers: PeerSettings = PeerSettings()
+    """Networks of the peers."""
     resampling: ResamplingConfig = ResamplingConfig()
     """When Gaussians merge and split."""
     weights: LossWeights = LossWeights()

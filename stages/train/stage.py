@@ -26,7 +26,8 @@ from plop.artifacts.layouts import Fits, Model
 from plop.artifacts.lineage import recordings_content
 from plop.compute.determinism import deterministic
 from plop.compute.device import chosen_device, jobs_on
-from plop.dynamics.i2n.model import PlopConfig
+from plop.dynamics.learned import LearnedConfig
+from plop.dynamics.peers.model import PeerConfig
 from plop.errors import PlopError
 from plop.geometry.meshes.convex import convex_surface
 from plop.geometry.meshes.extent import box_edges_m
@@ -151,7 +152,7 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
             "made_up_episodes": len(followed),
             "motion_mm": model.motion_m * 1e3,
             "length_mm": model.length_m * 1e3,
-            **({} if model.stray_m is None else {"stray_mm": model.stray_m * 1e3}),
+            **({} if isinstance(model, PeerConfig) or model.stray_m is None else {"stray_mm": model.stray_m * 1e3}),
             **({} if scale is None else {"scene_scale": scale}),
         },
         warnings=warnings,
@@ -190,7 +191,7 @@ def train_on(
     about: Mapping[str, Any],
     judged: int | None = None,
     judge: Callable[[int], Track] | None = None,
-) -> tuple[PlopConfig, dict[str, float]]:
+) -> tuple[LearnedConfig, dict[str, float]]:
     """Optimise a model on tracks.
 
     Args:

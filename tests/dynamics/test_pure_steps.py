@@ -12,6 +12,8 @@ from plop.dynamics.baselines import ConstantVelocity, Persistence
 from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.initial_scene import InitialScene
 from plop.dynamics.interface import DynamicsModel, ParticleState
+from plop.dynamics.peers.model import PeerConfig, PeerModel
+from plop.dynamics.peers.settings import PeerName, PeerSettings
 from plop.dynamics.rollout import rollout
 from plop.models import augment
 from plop.physics.adapters.filled_model import EngineState, FilledEngineModel
@@ -28,10 +30,18 @@ def learned() -> PlopModel:
     return PlopModel(PlopConfig())
 
 
+def peer(name: PeerName) -> PeerModel:
+    torch.manual_seed(0)
+    return PeerModel(PeerConfig(name, PeerSettings().of(name)))
+
+
 MODELS: dict[str, Callable[[], DynamicsModel]] = {
     "persistence": Persistence,
     "constant velocity": ConstantVelocity,
     "learned": learned,
+    "gs-dynamics": lambda: peer("gs-dynamics"),
+    "dpi-net": lambda: peer("dpi-net"),
+    "transformer": lambda: peer("transformer"),
     "engine": lambda: FilledEngineModel(BASE, cut_faces=True),
     "engine with an effect that remembers": lambda: augment(
         FilledEngineModel(BASE), effect_type("plasticity")(softness_per_kpa=2.0)

@@ -47,6 +47,9 @@ class PlopConfig:
 class PlopModel(nn.Module, DynamicsModel):
     """Dynamics D_theta and resampling R_psi."""
 
+    kind = "plop"
+    """Name of the dynamics in model files."""
+
     def __init__(self, config: PlopConfig) -> None:
         super().__init__()
         self.config = config

@@ -1,6 +1,6 @@
 """Model files: weights in safetensors, everything else in JSON beside them.
 
-model.safetensors    weights
+model.safetensors    weights; of another kind than "plop", the kind in the header
 model.json           {"schema", "kind": "plop", "config": {...}, "training": {...}}
 """
 
@@ -10,11 +10,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
+from torch import Tensor
 
 from plop.artifacts.atomic_file import whole, write_json
 from plop.artifacts.layouts import Model
@@ -26,7 +27,24 @@ from plop.errors import PlopError
 MODEL_SCHEMA = 1
 
 
-def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | None = None) -> None:
+class Learned(Protocol):
+    """A model that can be written: its kind, its configuration and its weights."""
+
+    config: Any
+    """Its configuration, a dataclass."""
+
+    @property
+    def kind(self) -> str:
+        """Name of the dynamics."""
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Return the weights."""
+
+    def load_state_dict(self, state_dict: Mapping[str, Tensor]) -> object:
+        """Set the weights."""
+
+
+def save_model(folder: Path, model: Learned, *, training: Mapping[str, Any] | None = None) -> None:
     """Write a model's two files, each atomically.
 
     Args:
@@ -36,8 +54,13 @@ def save_model(folder: Path, model: PlopModel, *, training: Mapping[str, Any] | 
     """
     weights = {name: value.detach().cpu().contiguous() for name, value in model.state_dict().items()}
     with whole(Model(folder).weights) as scratch:
-        save_file(weights, scratch)
-    facts = {"schema": MODEL_SCHEMA, "kind": "plop", "config": asdict(model.config), "training": dict(training or {})}
+        save_file(weights, scratch, metadata=None if model.kind == PlopModel.kind else {"kind": model.kind})
+    facts = {
+        "schema": MODEL_SCHEMA,
+        "kind": model.kind,
+        "config": asdict(model.config),
+        "training": dict(training or {}),
+    }
     write_json(Model(folder).facts, facts)
 
 
@@ -56,8 +79,28 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
     """
     facts = read_facts(folder)
     model = PlopModel(config_from_dict(facts["config"]))
+    load_weights(folder, model)
+    return model.to(device).eval()
+
+
+def load_weights(folder: Path, model: Learned) -> None:
+    """Read the weights of a folder into a model.
+
+    Raises:
+        PlopError: They are missing, damaged, of another kind or of another size.
+    """
     path = Model(folder).weights
     try:
+        with safe_open(path, framework="pt") as file:
+            kind = (file.metadata() or {}).get("kind", PlopModel.kind)
+        if kind != model.kind:
+            raise PlopError(
+                "The weights are of another dynamics than model.json.",
+                where=path,
+                expected=model.kind,
+                found=kind,
+                fix="Keep the two files of a model together; run `plop train` again.",
+            )
         model.load_state_dict(load_file(path))
     except (OSError, SafetensorError, RuntimeError) as error:
         raise PlopError(
@@ -67,7 +110,6 @@ def load_model(folder: Path, device: torch.device | str = "cpu") -> PlopModel:
             found=str(error).splitlines()[0],
             fix="Run `plop train` again.",
         ) from error
-    return model.to(device).eval()
 
 
 def read_facts(folder: Path) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""The model beside its peers: `python -m benchmarks.peers`."""

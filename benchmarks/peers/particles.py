@@ -1,0 +1,180 @@
+"""Table IV: dynamics of bare particles, one rollout left out.
+
+For each fold k: rollout k tests, rollout k + 1 chooses the checkpoint, the others train. Every network trains for the
+same CPU time with the same objective: one step from two true frames that random noise has moved.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from benchmarks.peers.particle_data import SAME_SCENE, ParticleRollout, read_rollouts
+from benchmarks.peers.particle_models import MODELS, Units, open_loop
+from benchmarks.peers.particle_rivals import rivals
+from plop.artifacts.atomic_file import write_json
+from stages.train.optimise import averaged_model
+
+
+@dataclass(frozen=True)
+class ParticlePlan:
+    """What is trained and tested."""
+
+    data: Path
+    environment: str
+    folds: tuple[int, ...]
+    seeds: tuple[int, ...]
+    cpu_seconds: float
+    """CPU time of one training, without the validation rollouts."""
+    batch: int = 4
+    learning_rate: float = 1e-3
+    noise: float = 0.5
+    """Standard deviation of the noise on the earlier displacement, in units of its typical change."""
+    validations: int = 5
+    """Rollouts that choose the checkpoint, in equal shares of the time from the middle on."""
+
+
+def errors(predicted: Tensor, true: Tensor) -> dict[str, float]:
+    """Compare an open-loop rollout with the truth, from frame 2 on.
+
+    Returns:
+        Mean L2 and final L2 [mm], and the squared error per coordinate [10^-3 m^2], which the paper's Table IV is
+        nearest to.
+    """
+    off = (predicted - true)[2:]
+    lengths = off.norm(dim=-1)
+    return {
+        "mean_l2_mm": 1e3 * float(lengths.mean()),
+        "final_l2_mm": 1e3 * float(lengths[-1].mean()),
+        "mse_1e3_m2": 1e3 * float(off.square().mean()),
+    }
+
+
+def carry_out(plan: ParticlePlan, work: Path) -> None:
+    """Train and test what is lacking; one row a file."""
+    rollouts = read_rollouts(plan.data, plan.environment)
+    for fold in plan.folds:
+        test, chooser, training = split(rollouts, fold, SAME_SCENE.get(plan.environment, ()))
+        for name in rivals(test, training) if not _row(work, plan, "rigid", fold, 0).is_file() else ():
+            found = errors(rivals(test, training)[name], test.positions)
+            write_json(_row(work, plan, name, fold, 0), {"errors": found, **_facts(plan, name, fold, 0, test)})
+        for seed in plan.seeds:
+            for name in MODELS:
+                path = _row(work, plan, name, fold, seed)
+                if not path.is_file():
+                    found = trained(plan, name, training, chooser, test, seed)
+                    write_json(path, found | _facts(plan, name, fold, seed, test))
+
+
+def split(
+    rollouts: list[ParticleRollout], fold: int, same_scene: tuple[str, ...]
+) -> tuple[ParticleRollout, ParticleRollout, list[ParticleRollout]]:
+    """Leave one rollout out.
+
+    Args:
+        rollouts: All of them.
+        fold: Number of the one that tests.
+        same_scene: Names of rollouts of one scene, which stay on one side of the split: others of the test's are not
+            used, nor are others of the choosing one's.
+
+    Returns:
+        The test rollout, the one that chooses the checkpoint (the next), and the others, which train.
+    """
+    number = fold % len(rollouts)
+    test, kept = rollouts[number], [*rollouts[number + 1 :], *rollouts[:number]]
+    if test.name in same_scene:
+        kept = [each for each in kept if each.name not in same_scene]
+    chooser, *training = kept
+    if chooser.name in same_scene:
+        training = [each for each in training if each.name not in same_scene]
+    return test, chooser, training
+
+
+def _row(work: Path, plan: ParticlePlan, name: str, fold: int, seed: int) -> Path:
+    folder = work / "rows"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / f"{plan.environment}-{plan.cpu_seconds:g}s-{name}-{fold}-{seed}.json"
+
+
+def _facts(plan: ParticlePlan, name: str, fold: int, seed: int, test: ParticleRollout) -> dict[str, Any]:
+    return {
+        "environment": plan.environment,
+        "model": name,
+        "fold": fold,
+        "seed": seed,
+        "test": test.name,
+        "cpu_seconds": plan.cpu_seconds,
+    }
+
+
+def trained(
+    plan: ParticlePlan,
+    name: str,
+    training: list[ParticleRollout],
+    chooser: ParticleRollout,
+    test: ParticleRollout,
+    seed: int,
+) -> dict[str, Any]:
+    """Train one network for the plan's CPU time, choose its weights on one rollout, test it on another."""
+    torch.manual_seed(seed)
+    units, random = Units.of(training), np.random.default_rng(seed)
+    network = MODELS[name](units)
+    optimiser = torch.optim.Adam(network.parameters(), lr=plan.learning_rate)
+    averaged = averaged_model(network, 0.99)
+    best, chosen, steps, spent, judged = math.inf, dict[str, Tensor](), 0, 0.0, 0
+    checks = np.linspace(0.5, 1, plan.validations) * plan.cpu_seconds
+    while judged < plan.validations:
+        if spent >= checks[judged]:
+            error = errors(open_loop(averaged.module, units, chooser), chooser.positions)["mean_l2_mm"]
+            if error < best:
+                best = error
+                chosen = {key: value.clone() for key, value in averaged.module.state_dict().items()}
+            judged += 1
+            continue
+        began = time.process_time()
+        share = min(1.0, spent / plan.cpu_seconds)
+        for group in optimiser.param_groups:
+            group["lr"] = plan.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
+        loss = one_step_loss(network, units, training, plan, random)
+        optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimiser.step()
+        averaged.update_parameters(network)
+        steps, spent = steps + 1, spent + time.process_time() - began
+    network.load_state_dict(chosen)
+    began = time.process_time()
+    predicted = open_loop(network.eval(), units, test)
+    return {
+        "errors": errors(predicted, test.positions),
+        "validation_mean_l2_mm": best,
+        "steps": steps,
+        "parameters": sum(weight.numel() for weight in network.parameters()),
+        "step_ms": 1e3 * (time.process_time() - began) / max(1, len(test) - 2),
+    }
+
+
+def one_step_loss(
+    network: nn.Module, units: Units, training: list[ParticleRollout], plan: ParticlePlan, random: np.random.Generator
+) -> Tensor:
+    """Squared error of predicted changes of displacement, in units of the typical change, over a few frames."""
+    positions, features, wanted = [], [], []
+    for _ in range(plan.batch):
+        rollout = training[int(random.integers(len(training)))]
+        frame = int(random.integers(1, len(rollout) - 1))
+        before, now, after = rollout.positions[frame - 1 : frame + 2]
+        noise = torch.from_numpy(random.normal(size=now.shape).astype(np.float32)) * (plan.noise * units.change_m)
+        # The noise is on the past: the network learns to return to the true next position.
+        now = now + noise
+        positions.append(now)
+        features.append(rollout.features(frame, now, before, units.motion_m))
+        wanted.append((after - 2 * now + before) / units.change_m)
+    parts = zip(network(positions, features), wanted, strict=True)
+    return torch.stack([(one - other).square().mean() for one, other in parts]).mean()
