@@ -158,6 +158,19 @@ def _cuts() -> str:
     return rows(["motion", "law", *keys.values()], lines)
 
 
+def _paper_step() -> str:
+    lines = []
+    for device, facts in read("paper_step").items():
+        if not isinstance(facts, dict):
+            continue
+        for count, found in facts["gaussians"].items():
+            parts = ("without_images", "whole")
+            cells = [f"{found[p][key]:{form}}" for p in parts for key, form in (("step_s", ".2f"), ("peak_mb", ".0f"))]
+            lines.append([device, count, *cells, f"{found['whole']['splits']:.0f}, {found['whole']['merges']:.0f}"])
+    head = ["without images [s]", "[MB]", "whole [s]", "[MB]", "splits, merges a frame"]
+    return rows(["device", "Gaussians", *head], lines)
+
+
 TABLES: dict[str, Table] = {
     "speed": (_speed, ("bench",)),
     "diagnose-time": (_diagnose_time, ("diagnose_time",)),
@@ -170,5 +183,6 @@ TABLES: dict[str, Table] = {
     "effects": (_effects, ("effects",)),
     "chances": (_chances, ("verdict_chances",)),
     "cuts": (_cuts, ("cohesive_motions",)),
+    "paper-step": (_paper_step, ("paper_step",)),
 }
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""
