@@ -51,7 +51,8 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
         missing = facts.change_p is not None and facts.change_p <= rule.alarm
         decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
         kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
-        verdict = Verdict(kind, (), "", replace(facts, decoys=decoys))
+        shown = search.described() if missing else None
+        verdict = Verdict(kind, (), "", replace(facts, decoys=decoys, description=shown))
     if sensors:
         facts = replace(verdict.evidence, physics=verdict.kind, physics_named=verdict.named)
         verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)

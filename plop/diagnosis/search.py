@@ -10,6 +10,7 @@ import numpy as np
 
 from plop.diagnosis.calibration import chance, critical_strength, predictive_chance, strongest, ways_to_deal
 from plop.diagnosis.contrast import Products, roots
+from plop.diagnosis.description import Description, describe
 from plop.diagnosis.discrepancy import FREEDOM, SPREAD, Field, Spread
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
@@ -137,8 +138,7 @@ class Search:
         """Ways of dealing the episodes out, the real one first, [N, E]; without a reference only that one."""
         if self.here.all():
             return np.ones((1, len(self.here)))
-        kinds = [kind for table in self.tables for kind in table.kinds]
-        return ways_to_deal(self.here, kinds, ENOUGH_WAYS)
+        return ways_to_deal(self.here, self.kinds, ENOUGH_WAYS)
 
     def beside(self, score: Score) -> Search:
         """Search what a law leaves that has been found: it is taken off the episodes to explain."""
@@ -235,7 +235,7 @@ class Search:
         left = [((f - known).reshape(-1, 3) ** 2).sum(1) for f, known in zip(self.fitted, self.known, strict=True)]
         squares = [q / self.field.expected(k) for k, q in enumerate(left)]
         found = misfits(squares, [e.seen.reshape(-1) for e in self.evidence], FREEDOM)
-        return chance_of_difference(found, self.here, [kind for table in self.tables for kind in table.kinds])
+        return chance_of_difference(found, self.here, self.kinds)
 
     @cached_property
     def field_p(self) -> float:
@@ -351,6 +351,16 @@ class Search:
         if score is not None:
             plain[: int(self.here.sum())] -= score.removed
         return plain
+
+    def described(self) -> Description:
+        """Describe what is in the recordings beyond the reference."""
+        left = [f - known for f, known in zip(self.fitted, self.known, strict=True)]
+        return describe(left, self.evidence, self.kinds, self.here)
+
+    @property
+    def kinds(self) -> list[str]:
+        """Kind of motion of every episode."""
+        return [kind for table in self.tables for kind in table.kinds]
 
     @property
     def excess(self) -> float:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from plop.diagnosis.description import Description
+
 
 class VerdictKind(StrEnum):
     """What a diagnosis ends with."""
@@ -69,6 +71,8 @@ class Grounds:
     """Share of the held-out squared error that goes away with what is named."""
     reference: bool = True
     """There are recordings in which nothing is missing."""
+    description: Description | None = None
+    """What the recordings show, where nothing of the library explains it."""
     physics: VerdictKind | None = None
     """With a sensor fault: what the tracks say as they are."""
     physics_named: tuple[str, ...] = ()

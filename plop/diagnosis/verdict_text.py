@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from plop.diagnosis.description import description_text
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
 from plop.parameters import estimate_text, is_log_change, short_number
@@ -98,7 +99,8 @@ def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | No
         if tried is None
         else f"none of the laws that were tried explains ({', '.join(tried)})"
     )
-    return f"Something is missing that {what}: the recordings differ from the reference{p}.{near}"
+    shown = "" if facts.description is None else description_text(facts.description)
+    return f"Something is missing that {what}: the recordings differ from the reference{p}.{near}{shown}"
 
 
 def parameters_text(finding: Finding) -> str:
