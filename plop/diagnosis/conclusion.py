@@ -44,11 +44,13 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     scores = search.scores()
     findings = _findings(search, scores, rule)
     facts = _grounds(search, sensors)
+    missing = facts.change_p is not None and facts.change_p <= rule.alarm
     first = next((f for f in findings if f.stands), None)
+    if first is None and missing:
+        first, scores = _likely(search, scores, facts, rule)
     rivals = [] if first is None else _rivals(first, scores, rule)
     chosen, verdict = ([], None) if first is None else _named(search, first, findings, scores, rivals, facts, rule)
     if verdict is None:
-        missing = facts.change_p is not None and facts.change_p <= rule.alarm
         decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
         kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
         shown = search.described() if missing else None
@@ -64,6 +66,33 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     limits = detection_limits(search, one_per_law(scores), rule)
     limits |= {c.effect: unseen(c.columns[0]) for c in search.candidates if c.effect not in limits}
     return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores))
+
+
+def _likely(
+    search: Search, scores: list[Score], facts: Grounds, rule: DecisionRule
+) -> tuple[Finding | None, list[Score]]:
+    """Find the law of a difference that is certain, though none of the laws is by itself.
+
+    That something is there is known, with the chance of the difference; the strongest law is what it is if it takes
+    most of the difference away, so that nothing is left that stands out.
+    """
+    given = [replace(s, p=min(s.p, facts.change_p or 1.0)) for s in scores]
+    first = next((f for f in _findings(search, given, rule) if f.stands and f.kind != "decoy"), None)
+    if first is None or not _explains(search, first.score, given, rule):
+        return None, scores
+    alike = [s for s in _rivals(first, given, rule) if s.hypothesis.effect != first.name]
+    others = {s.hypothesis.effect for s in alike if _explains(search, s, given, rule)}
+    kept = {first.name, *others}
+    return first, [s if s.hypothesis.effect in kept else old for s, old in zip(given, scores, strict=True)]
+
+
+def _explains(search: Search, score: Score, scores: Sequence[Score], rule: DecisionRule) -> bool:
+    """Tell whether a law takes most of the difference away, and nothing is left that stands out."""
+    sizes = search.sizes()[: int(search.here.sum())]
+    settled, found = _settled(search, finding_of(score, [], sizes, rule), scores, rule)
+    rest = settled.beside(found.score)
+    closed = closed_by(settled, rest)
+    return closed is not None and closed >= rule.part and not stands_out(rest, rule)
 
 
 def _findings(search: Search, scores: list[Score], rule: DecisionRule) -> list[Finding]:

@@ -60,11 +60,8 @@ def diagnose(
     _check_laws(search, candidates)
     announce("amplitudes of the best")
     for _ in range(ROUNDS):
-        found = [
-            s
-            for s in one_per_law(search.scores())
-            if s.strength > 0 and s.p <= (1 if search.here.all() else rule.alarm)
-        ]
+        known = search.unknown_p is None or search.unknown_p <= rule.alarm  # something is missing, or none can tell
+        found = [s for s in one_per_law(search.scores()) if s.strength > 0 and (known or s.p <= rule.alarm)]
         if not search.refine([score.hypothesis.effect for score in found[:REFINED]]):
             break
     return conclude(search, sensors, rule, whole={*types} <= {c.effect for c in candidates})

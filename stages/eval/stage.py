@@ -20,7 +20,7 @@ from plop.metrics.scores import Scores
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary
 from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import Backend
-from plop.setting_kinds import ALL_CORES, SAME_RESULT, Jobs, Range, Seed, Settings, Unit
+from plop.setting_kinds import ALL_CORES, COMMON, SAME_RESULT, Jobs, Range, Seed, Settings, Unit
 from stages import MODELS
 from stages.common_inputs import init_input, recordings_input
 from stages.eval.episode import EpisodePaths, score_episode
@@ -33,13 +33,13 @@ from stages.eval.rivals import Rivals
 class EvalConfig(Settings):
     """Settings of `eval`; their defaults are defined only here."""
 
-    method: str = "plop"
+    method: Annotated[str, COMMON] = "plop"
     """Name of the scored rollouts in tables."""
-    seed: Seed = 0
+    seed: Annotated[Seed, COMMON] = 0
     """Seed of the EMD samples and of the bootstrap."""
-    emd_every: Annotated[int, Range(0), Unit("frames")] = 1
+    emd_every: Annotated[int, Range(0), Unit("frames"), COMMON] = 1
     """Interval of the frames scored by EMD, besides the first and the last; 0 disables EMD."""
-    observed_frames: Annotated[int, Range(0), Unit("frames")] = 0
+    observed_frames: Annotated[int, Range(0), Unit("frames"), COMMON] = 0
     """Measured frames after frame 0 that the rivals "velocity" and, with an engine, "residual" see; 0: no such
     rivals."""
     truth: bool = True
@@ -54,7 +54,7 @@ class EvalConfig(Settings):
     """Camera of the pictures; when empty, the one whose measured image changes most."""
     threads: Annotated[int, Range(0, 4096), SAME_RESULT] = 0
     """Frames of an episode that are scored in parallel; 0 is one per core."""
-    jobs: Jobs = ALL_CORES
+    jobs: Annotated[Jobs, COMMON] = ALL_CORES
     """Number of parallel processes, one episode each; -1 is one per core."""
 
 

@@ -78,7 +78,7 @@ class Schedule(Settings):
     """Windows per step, over all processes."""
     horizon: Annotated[int, Range(1), Unit("frames"), COMMON] = 4
     """Longest horizon of a window; the curriculum starts at 1 and doubles."""
-    learning_rate: Annotated[float, Range(0, 1), COMMON] = 3e-3
+    learning_rate: Annotated[float, Range(0, 1)] = 3e-3
     """Largest learning rate of Adam; see `schedule`."""
     schedule: Literal["cosine", "constant"] = "cosine"
     """"cosine" rises over the first tenth of the steps, then falls by a cosine; "constant" never changes."""

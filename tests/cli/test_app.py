@@ -128,7 +128,7 @@ def test_what_is_on_can_be_turned_off(workspace: Path, capsys: pytest.CaptureFix
         (["export", "train@latest", "out"], 1, ["no workspace here yet", "plop ingest"]),
         (["why", "a", "b"], 1, ["no workspace here yet"]),
         (["reproduce", "nowhere"], 1, ["no such folder"]),
-        (["reproduce", "nowhere", "--profile", "demo"], 1, ["expected: cpu, cpu-recordings, paper\n"]),
+        (["reproduce", "nowhere", "--profile", "demo"], 1, ["expected: cpu, cpu-recordings, droid, paper\n"]),
         (["ingest", "mesh", "nowhere", "--pieces", "abc"], 1, ["ingest.mesh.pieces", "integer", "'abc'"]),
         (["ingest", "mesh", "nowhere", "--pause-s", "nan"], 1, ["ingest.mesh.pause_s", "finite"]),
         (["ingest", "mesh", "nowhere", "--seed", "-1"], 1, ["ingest.mesh.seed", "0 or more"]),

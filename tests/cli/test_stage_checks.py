@@ -99,7 +99,7 @@ def test_only_settings_of_speed_and_programs_are_no_part_of_the_fingerprint() ->
 @pytest.mark.parametrize(("command", "old", "new"), RENAMED)
 def test_a_renamed_setting_points_to_its_new_name(command: str, old: str, new: str) -> None:
     error = unknown_setting(old, settings(STAGES[command]), where="plop.toml", stage=command)
-    assert error.fix == f"Did you mean {new}?"
+    assert error.fix.startswith(f"Did you mean {new}")
 
 
 def test_a_group_is_no_setting() -> None:

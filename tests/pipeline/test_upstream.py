@@ -189,9 +189,10 @@ def test_scores_are_of_the_latest_rollouts_unless_a_model_is_named(store):
     base = made(store, "train", recordings=plain, init=fit)
     rollouts = made(store, "rollout", recordings=plain, init=fit, model=base)
     found = told(planned(store, unchecked("eval")))
-    assert found == {"recordings": plain.address, "init": fit.address, "rollouts": rollouts.address}
+    others = {"engine": None, "tracks": None}
+    assert found == {"recordings": plain.address, "init": fit.address, "rollouts": rollouts.address, **others}
     named = planned(store, unchecked("eval"), model=base, recordings=mystery)
-    assert told(named) == {"recordings": mystery.address, "init": "fit-init", "rollouts": "rollout"}
+    assert told(named) == {"recordings": mystery.address, "init": "fit-init", "rollouts": "rollout", **others}
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ class SampledConfig(Settings):
     tool_points: Annotated[int, Range(1), Unit("points")] = 64
     """Most points of the tool near the object that are particles, too."""
     tool_reach: Annotated[float, Range(0, 100, above=True)] = 0.4
-    """Distance from the object up to which points of the tool count, in lengths of the object [-]."""
+    """Distance from the object up to which points of the tool count, in lengths of the object."""
     bones: Annotated[int, Range(0), Unit("particles")] = 0
     """Nearest particles that move a Gaussian, weighted by the inverse of their distance; 0: all, as published."""
 
@@ -36,7 +36,7 @@ class GraphConfig(SampledConfig):
     neighbours: Annotated[int, Range(0), Unit("edges")] = 6
     """Most edges into a particle from the object, and as many from the tool; 0: all within the radius."""
     radius: Annotated[float, Range(0, 100, above=True)] = 0.4
-    """Longest edge, in lengths of the object [-]."""
+    """Longest edge, in lengths of the object."""
 
 
 @dataclass(frozen=True)
