@@ -73,12 +73,15 @@ def _likely(
 ) -> tuple[Finding | None, list[Score]]:
     """Find the law of a difference that is certain, though none of the laws is by itself.
 
-    That something is there is known, with the chance of the difference; the strongest law is what it is if it takes
-    most of the difference away, so that nothing is left that stands out.
+    That something is there is known, with the chance of the difference. The strongest law is what it is if it is
+    unlikely to be as strong by chance, or if it takes most of the difference away and nothing is left that stands out.
     """
     given = [replace(s, p=min(s.p, facts.change_p or 1.0)) for s in scores]
     first = next((f for f in _findings(search, given, rule) if f.stands and f.kind != "decoy"), None)
-    if first is None or not _explains(search, first.score, given, rule):
+    if first is None:
+        return None, scores
+    own = next(s.p for s in scores if s.hypothesis == first.score.hypothesis)
+    if own > rule.alike and not _explains(search, first.score, given, rule):
         return None, scores
     alike = [s for s in _rivals(first, given, rule) if s.hypothesis.effect != first.name]
     others = {s.hypothesis.effect for s in alike if _explains(search, s, given, rule)}

@@ -15,7 +15,8 @@ class DecisionRule:
     """Chance of a false alarm by each of the two ways to raise one: a law that is found, and a difference to the
     reference whatever it is."""
     alike: float = 0.05
-    """Chance with which a law that does as well as the best one is called worse."""
+    """Chance with which a law that does as well as the best one is called worse, and below which the strongest law is
+    taken for what it is where something is there for certain."""
     part: float = 0.6
     """Share of the difference to the reference below which a law is named only as a part, if what is left still stands
     out: most of what a law outside the library does, a neighbour can do as well."""
