@@ -53,7 +53,11 @@ class Finding:
 
 
 def finding_of(
-    score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE, saturated: float = 1.0
+    score: Score,
+    as_good: Sequence[Score],
+    sizes: np.ndarray,
+    rule: DecisionRule = RULE,
+    saturated: tuple[float, float] = (1.0, 1.0),
 ) -> Finding:
     """Judge the best score of a law.
 
@@ -62,7 +66,7 @@ def finding_of(
         as_good: The same law's other settings that do as well.
         sizes: Squared error of each episode to explain without it, [H].
         rule: Margins.
-        saturated: How many times larger the amplitude may be with the same response.
+        saturated: How many times smaller, and larger, the amplitude may be with the same response.
     """
     columns = score.hypothesis.candidate.columns
     parameters = amplitudes_of(score, rule, saturated)
@@ -88,7 +92,9 @@ def finding_of(
     )
 
 
-def amplitudes_of(score: Score, rule: DecisionRule = RULE, saturated: float = 1.0) -> dict[str, Estimate]:
+def amplitudes_of(
+    score: Score, rule: DecisionRule = RULE, saturated: tuple[float, float] = (1.0, 1.0)
+) -> dict[str, Estimate]:
     """Give amplitudes with their 95 % intervals, kept inside their ranges."""
     found = {}
     at_bound = score.amount >= score.hypothesis.most * (1 - 1e-9)
@@ -96,7 +102,7 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, saturated: float = 1.
         chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
         width = float(np.hypot(chance, rule.response_width)) * max(abs(value), 1e-12)
         outward = np.copysign(width, value)
-        ends = sorted((value - outward, saturated * value + outward))
+        ends = sorted((saturated[0] * (value - outward), saturated[1] * value + outward))
         low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
         found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
     return found

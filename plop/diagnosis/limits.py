@@ -42,13 +42,14 @@ def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule
     """
     if search.here.all():
         return {score.hypothesis.effect: unseen(score.hypothesis.candidate.columns[0]) for score in scores}
-    found = {}
+    certain = search.unknown_p is not None and search.unknown_p <= rule.alarm
+    level, found = rule.alike if certain else rule.alarm, {}  # as the decision is made
     for score in scores:
         hypothesis = score.hypothesis
         column, value = max(
             zip(hypothesis.candidate.columns, hypothesis.values, strict=True), key=lambda pair: abs(pair[1])
         )
-        critical = search.critical(rule.alarm, hypothesis.effect)
+        critical = search.critical(level, hypothesis.effect)
         without = score.products.with_amount(-score.amount, search.here)
         multiple = least_seen(without, search.here, critical, hypothesis.most)
         multiple += float(norm.ppf(rule.seen)) * score.error

@@ -194,26 +194,29 @@ class Search:
             found = trial.score_of(moved, score.p)
         return search, found
 
-    def saturated(self, score: Score) -> float:
-        """Find how many times larger an amplitude may be with the same response: a bond that holds holds no more.
+    def saturated(self, score: Score) -> tuple[float, float]:
+        """Find how many times smaller or larger an amplitude may be with the same response: a bond that holds, holds.
 
         Args:
             score: A law at the amplitude where its response was computed.
 
         Returns:
-            1, or a power of two at which the engine responds within `NEAR` of the response there.
+            Powers of two, 1 or less and 1 or more, up to which the engine responds within `NEAR` of the response there.
         """
+        return self._alike_to(score, 0.5), self._alike_to(score, 2.0)
+
+    def _alike_to(self, score: Score, factor: float) -> float:
         multiple = 1.0
-        while multiple < _FLATTEST and 2 * multiple <= score.hypothesis.most:
-            larger = score.hypothesis.at(2 * multiple)
-            self.add([larger])
-            if larger not in self.hypotheses:
+        while 1 / _FLATTEST < multiple < _FLATTEST and factor * multiple <= score.hypothesis.most:
+            other = score.hypothesis.at(factor * multiple)
+            self.add([other])
+            if other not in self.hypotheses:
                 break
-            pairs = zip(self.tables[0].response(score.hypothesis), self.tables[0].response(larger), strict=True)
+            pairs = zip(self.tables[0].response(score.hypothesis), self.tables[0].response(other), strict=True)
             own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)
             if apart > NEAR**2 * own:
                 break
-            multiple *= 2
+            multiple *= factor
         return multiple
 
     @cached_property

@@ -133,7 +133,7 @@ def test_the_interval_of_a_law_that_saturates_goes_on_where_its_response_does_no
     found = Holding().diagnosed({"adhesion": 3000.0}, LAWS)
     assert found.verdict.named == ("adhesion",)
     value = finding(found, "adhesion").parameters["traction_pa"]
-    assert value.low < 1000 and value.value <= 1500 and value.high > 3000, value
+    assert value.value < 1500 and value.low < 500 and value.high > 3000, value
 
 
 class Alike(Fields):
