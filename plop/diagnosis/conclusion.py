@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from plop.diagnosis.finding import Finding, finding_of, worse
 from plop.diagnosis.limits import Limit, detection_limits, unseen
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.search import Score, Search, one_per_law, one_per_setting
+from plop.diagnosis.score import Score, one_per_law, one_per_setting
+from plop.diagnosis.search import Search
 from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
 from plop.diagnosis.verdict_text import verdict_text
 

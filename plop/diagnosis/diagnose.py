@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from plop.diagnosis.conclusion import Conclusion, conclude
-from plop.diagnosis.hypotheses import Candidate, candidates_of
+from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.search import Search, base_hypotheses, one_per_law
+from plop.diagnosis.score import one_per_law
+from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase

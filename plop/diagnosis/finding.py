@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from plop.diagnosis.contrast import roots
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.search import Score
+from plop.diagnosis.score import Score
 from plop.diagnosis.verdict import Reason
 from plop.parameters import Estimate
 

@@ -18,6 +18,8 @@ from plop.physics.effects.library import EffectType
 
 LARGER = 5.0
 """A much larger amplitude, in typical ones."""
+REFITTED = {"stiffness": 0.3, "damping": 1.0, "table_friction": 0.2, "blade_friction": 0.2}
+"""The base's own parameters, and how far `plop identify` may be off: standard deviations in typical amplitudes."""
 DIRECTIONS = 16
 """Directions in which a law with two amplitudes is tried: 11 degrees off is 2 % of the response."""
 
@@ -179,3 +181,19 @@ def _around(candidate: Candidate) -> list[Hypothesis]:
                 runs.append((((column, way),), float(abs(share))))
         found.append(Hypothesis(candidate, tuple(values), tuple(runs)))
     return found
+
+
+def base_hypotheses(candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """Give the base's own parameters, each off by one standard deviation.
+
+    Args:
+        candidates: Of the whole library.
+    """
+    found = {}
+    for candidate in candidates:
+        if candidate.effect in REFITTED and candidate.effect not in found:
+            (column,) = candidate.columns
+            deviation = REFITTED[candidate.effect] * column.value
+            run = min((v for v in column.levels if v * deviation > 0), key=lambda v: abs(np.log(v / deviation)))
+            found[candidate.effect] = Hypothesis(candidate, (deviation,), ((((column, run),), deviation / run),))
+    return list(found.values())

@@ -14,7 +14,8 @@ from plop.diagnosis.rule import RULE, DecisionRule
 if TYPE_CHECKING:
     from plop.diagnosis.contrast import Products
     from plop.diagnosis.hypotheses import Column
-    from plop.diagnosis.search import Score, Search
+    from plop.diagnosis.score import Score
+    from plop.diagnosis.search import Search
 
 
 _STEPS = 24

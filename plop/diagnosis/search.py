@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,12 +15,11 @@ from plop.diagnosis.discrepancy import FREEDOM, SPREAD, Field, Spread
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.misfit import chance_of_difference, misfits
+from plop.diagnosis.score import Score, one_per_setting
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
 from plop.diagnosis.without_reference import chance_without_reference
 
-REFITTED = {"stiffness": 0.3, "damping": 1.0, "table_friction": 0.2, "blade_friction": 0.2}
-"""The base's own parameters, and how far `plop identify` may be off: standard deviations in typical amplitudes."""
 ENOUGH_WAYS = 100
 """Ways of dealing episodes out that are needed for a chance of 1 %."""
 NEAR = 0.15
@@ -30,45 +29,6 @@ _TURNS = 5
 """Rounds in which amplitude and weights are found from each other."""
 _FLATTEST = 16.0
 """How many times an amplitude is looked at beyond what was found."""
-_AS_GOOD = 0.02
-"""Share of its strength by which a law may differ between amplitudes at which it does as well."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """What the evidence says of one hypothesis."""
-
-    hypothesis: Hypothesis
-    products: Products
-    amount: float
-    """Fitted, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
-    error: float
-    """Its standard error."""
-    freedom: int
-    """Degrees of freedom with which that is known."""
-    p: float
-    """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
-    gains: np.ndarray
-    """Gain of log density of each episode to explain, held out, [H] [nats]."""
-    removed: np.ndarray
-    """Squared error of each that goes away, held out, [H], in units of its expectation."""
-    size_m: float
-    """RMS displacement that the law makes [m]."""
-
-    @property
-    def gain(self) -> float:
-        """Gain over all episodes [nats]."""
-        return float(self.gains.sum())
-
-    @property
-    def strength(self) -> float:
-        """Sum of the roots of the gains: what ranks."""
-        return float(roots(self.gains).sum())
-
-    @property
-    def values(self) -> tuple[float, ...]:
-        """Fitted amplitudes."""
-        return tuple(self.amount * value for value in self.hypothesis.values)
 
 
 class Search:
@@ -389,43 +349,3 @@ class Search:
         new = [h for h in wanted if h.key not in known]
         self.add(new)
         return bool(new)
-
-
-def base_hypotheses(candidates: Sequence[Candidate]) -> list[Hypothesis]:
-    """Give the base's own parameters, each off by one standard deviation.
-
-    Args:
-        candidates: Of the whole library.
-    """
-    found = {}
-    for candidate in candidates:
-        if candidate.effect in REFITTED and candidate.effect not in found:
-            (column,) = candidate.columns
-            deviation = REFITTED[candidate.effect] * column.value
-            run = min((v for v in column.levels if v * deviation > 0), key=lambda v: abs(np.log(v / deviation)))
-            found[candidate.effect] = Hypothesis(candidate, (deviation,), ((((column, run),), deviation / run),))
-    return list(found.values())
-
-
-def one_per_setting(scores: Sequence[Score]) -> list[Score]:
-    """Keep the best score of every law in every setting of its shape, the strongest first.
-
-    Of amplitudes that do as well, the one nearest to where the response was computed is kept: there the response is
-    known, elsewhere it is only taken to be in proportion.
-    """
-    found: dict[str, list[Score]] = {}
-    for score in scores:
-        found.setdefault(score.hypothesis.candidate.key, []).append(score)
-    kept = []
-    for own in found.values():
-        good = [s for s in own if s.amount > 0 and s.strength >= (1 - _AS_GOOD) * own[0].strength]
-        kept.append(min(good, key=lambda s: abs(np.log(s.amount)), default=own[0]))
-    return sorted(kept, key=lambda s: -s.strength)
-
-
-def one_per_law(scores: Sequence[Score]) -> list[Score]:
-    """Keep the best score of every law."""
-    best: dict[str, Score] = {}
-    for score in one_per_setting(scores):
-        best.setdefault(score.hypothesis.effect, score)
-    return list(best.values())

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plop.diagnosis.evidence import evidence_of
-from plop.diagnosis.hypotheses import Hypothesis, Settings, candidates_of, hypotheses_of
+from plop.diagnosis.hypotheses import Hypothesis, Settings, base_hypotheses, candidates_of, hypotheses_of
 from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.search import base_hypotheses
 from plop.diagnosis.table import Measured, RunJobs, Table
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase

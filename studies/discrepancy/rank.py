@@ -20,7 +20,8 @@ from plop.diagnosis.conclusion import conclude
 from plop.diagnosis.discrepancy import SPREAD, Spread
 from plop.diagnosis.hypotheses import candidates_of
 from plop.diagnosis.responses import Answer, Job
-from plop.diagnosis.search import Search, base_hypotheses
+from plop.diagnosis.hypotheses import base_hypotheses
+from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured, Table
 from plop.physics.effects.library import library
 from plop.tracking.episode import Episode

@@ -12,7 +12,7 @@ from plop.diagnosis.contrast import Products
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
 from plop.diagnosis.result import Diagnosis
-from plop.diagnosis.search import Score
+from plop.diagnosis.score import Score
 from plop.parameters import NOT_DETERMINED, Estimate
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import _row, rows_of

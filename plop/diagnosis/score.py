@@ -1,0 +1,75 @@
+"""What the evidence says of one hypothesis, and the best of several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plop.diagnosis.contrast import Products, roots
+from plop.diagnosis.hypotheses import Hypothesis
+
+_AS_GOOD = 0.02
+"""Share of its strength by which a law may differ between amplitudes at which it does as well."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What the evidence says of one hypothesis."""
+
+    hypothesis: Hypothesis
+    products: Products
+    amount: float
+    """Fitted, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
+    error: float
+    """Its standard error."""
+    freedom: int
+    """Degrees of freedom with which that is known."""
+    p: float
+    """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
+    gains: np.ndarray
+    """Gain of log density of each episode to explain, held out, [H] [nats]."""
+    removed: np.ndarray
+    """Squared error of each that goes away, held out, [H], in units of its expectation."""
+    size_m: float
+    """RMS displacement that the law makes [m]."""
+
+    @property
+    def gain(self) -> float:
+        """Gain over all episodes [nats]."""
+        return float(self.gains.sum())
+
+    @property
+    def strength(self) -> float:
+        """Sum of the roots of the gains: what ranks."""
+        return float(roots(self.gains).sum())
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Fitted amplitudes."""
+        return tuple(self.amount * value for value in self.hypothesis.values)
+
+
+def one_per_setting(scores: Sequence[Score]) -> list[Score]:
+    """Keep the best score of every law in every setting of its shape, the strongest first.
+
+    Of amplitudes that do as well, the one nearest to where the response was computed is kept: there the response is
+    known, elsewhere it is only taken to be in proportion.
+    """
+    found: dict[str, list[Score]] = {}
+    for score in scores:
+        found.setdefault(score.hypothesis.candidate.key, []).append(score)
+    kept = []
+    for own in found.values():
+        good = [s for s in own if s.amount > 0 and s.strength >= (1 - _AS_GOOD) * own[0].strength]
+        kept.append(min(good, key=lambda s: abs(np.log(s.amount)), default=own[0]))
+    return sorted(kept, key=lambda s: -s.strength)
+
+
+def one_per_law(scores: Sequence[Score]) -> list[Score]:
+    """Keep the best score of every law."""
+    best: dict[str, Score] = {}
+    for score in one_per_setting(scores):
+        best.setdefault(score.hypothesis.effect, score)
+    return list(best.values())
