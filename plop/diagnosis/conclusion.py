@@ -168,8 +168,9 @@ def _named(
         first, second, rest = _together(search, first, second, rule)
         chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()
         gain = 1 - float(left[search.here].sum() / search.sizes()[search.here].sum())
-    part = stands_out(rest, rule) and closed is not None and closed < rule.part
-    if part and closed is not None and closed < rule.nothing:
+    share = closed or 0.0  # a share that cannot be measured is none that could be claimed
+    part = stands_out(rest, rule) and share < rule.part
+    if part and share < rule.nothing:
         return [], None
     facts = replace(
         facts,
@@ -221,14 +222,14 @@ def stands_out(search: Search, rule: DecisionRule = RULE) -> bool:
     return search.unknown_p is not None and search.unknown_p <= rule.alarm
 
 
-def closed_by(before: Search, after: Search) -> float | None:
+def closed_by(before: Search, after: Search, rule: DecisionRule = RULE) -> float | None:
     """Share of the difference to the reference that goes away, held out; None where there is none to speak of.
 
-    The difference is measured as it shows most clearly: as a smooth field, or as the size of the error.
+    It is measured as a smooth field where one stands out, else as the size of the error.
     """
     if before.unknown_p is None:
         return None
-    in_field = before.field_p <= before.size_p
+    in_field = before.field_p <= rule.alarm
     was, left = ((s.unknown_gain if in_field else s.excess) for s in (before, after))
     return None if was <= 0 else float(1 - max(left, 0.0) / was)
 

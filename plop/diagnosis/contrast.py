@@ -16,6 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FREEDOM = 4.0
+"""Degrees of freedom of noise and of what an episode is off by: few enough for a part that breaks loose, and for one
+motion that goes wrong; the variance is finite."""
 _SINGULAR = 1e-9
 
 
@@ -35,12 +38,14 @@ class Products:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of what the fit leaves: episodes that tell something of the hypothesis, less s and a.
+        """Degrees of freedom with which the scale of a strength is known where nothing is hidden.
 
-        Episodes are counted by how much each of them tells (Kish's effective number).
+        Those are the episodes that tell something of the hypothesis, less s and a, and no fewer than those of the
+        scale that all episodes share. A strength is a sum of roots: episodes are counted (Kish's effective number) by
+        the root of how much each tells.
         """
-        told = np.diag(self.gram)
-        return max(float(told.sum() ** 2 / max((told**2).sum(), 1e-300)) - 2.0, 1.0)
+        told = np.sqrt(np.diag(self.gram))
+        return max(float(told.sum() ** 2 / max((told**2).sum(), 1e-300)) - 2.0, FREEDOM)
 
     def contrast(self, here: np.ndarray) -> Contrast:
         """Fit a and, where some episodes are a reference, s by generalised least squares.

@@ -24,11 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from plop.diagnosis.contrast import Products
+from plop.diagnosis.contrast import FREEDOM, Products
 from plop.diagnosis.evidence import Evidence
 
-FREEDOM = 4.0
-"""Degrees of freedom of the noise: few enough for a part that breaks loose, and its variance is finite."""
 FEATURES = 24
 """Inducing points of the field."""
 _PLACE, _TOOL, _PHASE = 0.6, 1.0, 0.4
@@ -83,7 +81,6 @@ class Field:
         kernel = spread.repeat * alike + (1 - spread.repeat) * np.eye(len(episodes))
         self._inverse_kernel = np.linalg.inv(kernel)
         scale2 = [(e.variance_m2 + (spread.rough * e.size_m) ** 2).reshape(-1) for e in episodes]
-        self._expected = [s + (spread.share * _motion(e)) ** 2 for e, s in zip(episodes, scale2, strict=True)]
         self._seen = [e.seen.reshape(-1) for e in episodes]
         self._weigh([np.where(seen, 1 / scale, 0.0) for seen, scale in zip(self._seen, scale2, strict=True)])
         for _ in range(_ROUNDS):
@@ -176,10 +173,6 @@ class Field:
             x.reshape(-1, 3) / np.where(w > 0, w, np.inf)[:, None] for x, w in zip(applied, self.weights, strict=True)
         ]
 
-    def expected(self, episode: int) -> np.ndarray:
-        """Squared scale of one coordinate of an episode's residuals, noise and field together, [F K] [m^2]."""
-        return self._expected[episode]
-
     def base_fitted(self) -> list[np.ndarray]:
         """Give the residuals with the base's own parameters refitted to all episodes together, [F, K, 3] [m] each."""
         left = self._without_field([e.residual.reshape(-1, 1) for e in self.episodes])
@@ -213,6 +206,11 @@ def _inputs(episode: Evidence) -> np.ndarray:
 def _kernel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     squares = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T
     return np.asarray(np.exp(-0.5 * np.maximum(squares, 0)))
+
+
+def missed2(episode: Evidence, spread: Spread) -> np.ndarray:
+    """Squared scale of what a base misses of one coordinate, whether the field follows it or not, [F K] [m^2]."""
+    return (spread.rough * episode.size_m) ** 2 + (spread.share * _motion(episode)) ** 2
 
 
 def _motion(episode: Evidence) -> np.ndarray:

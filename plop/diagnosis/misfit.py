@@ -2,8 +2,9 @@
 
 A law that the library lacks may displace the object in another direction in every motion: no field of displacements is
 common to the recordings, and yet all of them are explained less well than the reference. Compared is the logarithm of
-the misfit of each episode, which a part that breaks loose does not decide, in units of what is expected: noise, and an
-error in proportion to the motion.
+the misfit of each episode, which a part that breaks loose does not decide, in units of what is expected: noise, which
+is known, and an error in proportion to the motion, of which the share is fitted to all episodes. With a share that is
+too large, recordings with more noise than the reference would seem to be explained less well.
 """
 
 from __future__ import annotations
@@ -11,22 +12,37 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
+_LOG_FACTORS = -12.0, 6.0
+"""From nothing that is missed to all that is measured [-]."""
 _LEAST = 2
 """Episodes of a kind of motion in each of the two sets that tell how much such episodes scatter."""
 
 
-def misfits(squares: Sequence[np.ndarray], seen: Sequence[np.ndarray], freedom: float) -> np.ndarray:
+def misfits(
+    squares: Sequence[np.ndarray], noise: Sequence[np.ndarray], missed: Sequence[np.ndarray], freedom: float
+) -> np.ndarray:
     """Give the mean negative log density (Student's t, but for a constant) of each episode, [E].
 
     Args:
-        squares: Squared residual over its expectation, of every patch and frame, [F K] for each episode.
-        seen: Whether it could be seen, bool.
+        squares: Squared residual of every patch and frame that was seen, [N] [m^2] for each episode.
+        noise: Squared scale of its noise [m^2].
+        missed: Squared scale of what a base misses, but for a factor, the same in all [m^2].
         freedom: Degrees of freedom.
     """
-    each = zip(squares, seen, strict=True)
-    return np.array([((freedom + 3) / 2 * np.log1p(q[s] / freedom)).mean() for q, s in each])
+    each = list(zip(squares, noise, missed, strict=True))
+
+    def scaled(factor: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [((q / (n + factor * m)) / freedom, n + factor * m) for q, n, m in each]
+
+    def unlikely(log_factor: float) -> float:
+        terms = scaled(float(np.exp(log_factor)))
+        return float(sum(((freedom + 3) / 2 * np.log1p(q) + 1.5 * np.log(scale)).mean() for q, scale in terms))
+
+    factor = float(np.exp(minimize_scalar(unlikely, bounds=_LOG_FACTORS, method="bounded").x))
+    return np.array([((freedom + 3) / 2 * np.log1p(q)).mean() for q, _ in scaled(factor)])
 
 
 def chance_of_difference(found: np.ndarray, here: np.ndarray, kinds: Sequence[str]) -> float:

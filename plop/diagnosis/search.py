@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.calibration import chance, critical_strength, predictive_chance, strongest, ways_to_deal
-from plop.diagnosis.contrast import Products, roots
+from plop.diagnosis.calibration import ByChance, chance, strongest, ways_to_deal
+from plop.diagnosis.contrast import FREEDOM, Products, roots
 from plop.diagnosis.description import Description, describe
-from plop.diagnosis.discrepancy import FREEDOM, SPREAD, Field, Spread
+from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.misfit import chance_of_difference, misfits
@@ -110,7 +110,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = ("_null", "_tried", "unknown", "unknown_p", "unknown_gain", "size_p", "field_p")
+        computed = ("_by_chance", "_tried", "unknown", "unknown_p", "unknown_gain", "size_p", "field_p")
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -195,9 +195,12 @@ class Search:
     @cached_property
     def size_p(self) -> float:
         """Chance that the recordings are explained less well than the reference by as much, see `misfit`."""
+        seen = [e.seen.reshape(-1) for e in self.evidence]
         left = [((f - known).reshape(-1, 3) ** 2).sum(1) for f, known in zip(self.fitted, self.known, strict=True)]
-        squares = [q / self.field.expected(k) for k, q in enumerate(left)]
-        found = misfits(squares, [e.seen.reshape(-1) for e in self.evidence], FREEDOM)
+        noise = [e.variance_m2.reshape(-1) for e in self.evidence]
+        missed = [missed2(e, self.spread) for e in self.evidence]
+        left, noise, missed = ([part[s] for part, s in zip(each, seen, strict=True)] for each in (left, noise, missed))
+        found = misfits(left, noise, missed, FREEDOM)
         return chance_of_difference(found, self.here, self.kinds)
 
     @cached_property
@@ -222,19 +225,18 @@ class Search:
         return self.field.products([self.response(h) for h in hypotheses], self._residuals) if hypotheses else []
 
     @cached_property
-    def _null(self) -> np.ndarray:
-        """Strength that the search over the first hypotheses finds by chance, for each way of dealing out, [N].
+    def _by_chance(self) -> ByChance:
+        """Strength that the search over the first hypotheses finds for each way of dealing out.
 
-        Without what the strongest of them does, and as if all episodes that tell of it had been free.
+        Without the strongest of them, it is as if all episodes that tell of it had been free.
         """
-        if not self._tried:
-            return np.zeros(len(self.ways))
+        counted = strongest([p for _, p in self._tried], self.ways)
         best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
         amount = max(products.contrast(self.here).amount, 0.0)
         changes = zip(self._residuals, self.response(best), self.here, strict=True)
         left = [residual - amount * change * here for residual, change, here in changes]
-        by_chance = strongest(self.field.products([self.response(h) for h in self.first], left), self.ways)
-        return np.sqrt((products.freedom + 2) / products.freedom) * by_chance
+        without = strongest(self.field.products([self.response(h) for h in self.first], left), self.ways)
+        return ByChance(counted, np.sqrt((products.freedom + 2) / products.freedom) * without)
 
     def _found(self, products: Products) -> float:
         return float(products.strength(self.here[None].astype(float))[0])
@@ -246,7 +248,7 @@ class Search:
         episodes out would be searched more closely than all others.
         """
         own = self._strongest_of(effect)
-        return 1.0 if own is None else predictive_chance(self._found(own), self._null, own.freedom)
+        return 1.0 if own is None else self._by_chance.chance(self._found(own), own.freedom)
 
     def _strongest_of(self, effect: str) -> Products | None:
         return max((p for h, p in self._tried if h.effect == effect), key=self._found, default=None)
@@ -271,7 +273,7 @@ class Search:
     def critical(self, p: float, effect: str) -> float:
         """Strength of a law that has so small a chance."""
         own = self._strongest_of(effect)
-        return np.inf if own is None else critical_strength(p, self._null, own.freedom)
+        return np.inf if own is None else self._by_chance.critical(p, own.freedom)
 
     def scores(self) -> list[Score]:
         """Score all hypotheses, best first."""

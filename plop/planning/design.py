@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.calibration import critical_strength, strongest, ways_to_deal
+from plop.diagnosis.calibration import ByChance, strongest, ways_to_deal
 from plop.diagnosis.contrast import Products
 from plop.diagnosis.discrepancy import Field
 from plop.diagnosis.rule import DecisionRule
@@ -77,16 +77,17 @@ class Design:
         return Products(self.gram[:, hypothesis, :, hypothesis], onto)
 
     @cached_property
-    def by_chance(self) -> list[np.ndarray]:
-        """What chance finds in each draw, for ways of dealing the episodes out."""
+    def by_chance(self) -> list[ByChance]:
+        """What chance finds in each draw, for ways of dealing the episodes out; nothing is there to be taken off."""
         few = self.ways[np.unique(np.linspace(0, len(self.ways) - 1, WAYS).round().astype(int))]
         laws = range(self.gram.shape[1])
-        return [strongest([self.products(draw, h) for h in laws], few) for draw in range(DRAWS)]
+        found = [strongest([self.products(draw, h) for h in laws], few) for draw in range(DRAWS)]
+        return [ByChance(ways, ways) for ways in found]
 
     def critical(self, hypothesis: int, rule: DecisionRule) -> np.ndarray:
         """Strength of a hypothesis that chance exceeds as rarely as it may, in each draw, [DRAWS]."""
         freedom = self.products(0, hypothesis).freedom
-        return np.array([critical_strength(rule.alarm, ways, freedom) for ways in self.by_chance])
+        return np.array([found.critical(rule.alarm, freedom) for found in self.by_chance])
 
     def factors(self, rule: DecisionRule) -> np.ndarray:
         """How much more strongly an object responds than the engine says, in each draw, [DRAWS] [-]."""

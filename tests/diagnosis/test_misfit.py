@@ -1,0 +1,39 @@
+"""Laws of the test on the size of the error."""
+
+import numpy as np
+
+from plop.diagnosis.discrepancy import FREEDOM
+from plop.diagnosis.misfit import chance_of_difference, misfits
+
+HERE = np.repeat([True, False], 6)
+KINDS = ["push", "press"] * 6
+
+
+def chance(error: np.ndarray, noise: np.ndarray, seed: int) -> float:
+    """Episodes with an error in proportion to the motion and noise, each of its own scale [E]."""
+    random = np.random.default_rng(seed)
+    motion = random.uniform(0.2, 1.0, (12, 400))
+    residual = random.normal(size=(12, 400, 3)) * np.hypot(error[:, None] * motion, noise[:, None])[..., None]
+    squares = (residual**2).sum(-1)
+    found = misfits(list(squares), [np.full(400, n**2) for n in noise], list((3.0 * motion) ** 2), FREEDOM)
+    return chance_of_difference(found, HERE, KINDS)
+
+
+def scattered(mean: float, seed: int) -> np.ndarray:
+    return mean * np.exp(np.random.default_rng([seed, 1]).normal(0, 0.3, 12))
+
+
+def test_a_base_that_is_hardly_off_raises_no_alarm_by_noise():
+    """The recordings have 1.4 times the noise of the reference: every 20th chance may be below 5 %, not most."""
+    noise = np.where(HERE, 2**0.5, 1.0)
+    found = np.array([chance(scattered(0.05, seed), noise, seed) for seed in range(120)])
+    assert (found <= 0.05).mean() <= 0.12
+    assert np.median(found) > 0.35
+
+
+def test_an_error_twice_as_large_is_seen_nearly_as_often_as_if_scales_were_known():
+    larger = np.where(HERE, 2.0, 1.0)
+    errors = [scattered(3.0, seed) * larger for seed in range(60)]
+    found = np.mean([chance(error, np.ones(12), seed) <= 0.01 for seed, error in enumerate(errors)])
+    known = np.mean([chance_of_difference(np.log(error), HERE, KINDS) <= 0.01 for error in errors])
+    assert found >= 0.9 * known > 0.6
