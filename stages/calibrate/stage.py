@@ -238,7 +238,7 @@ def _summary(facts: dict, skipped: list[str], said: list[str]) -> Summary:
 
 STAGE = Stage(
     name="calibrate",
-    version=5,
+    version=6,
     help="Verify the cameras of recordings, correct what can be corrected, give a verdict per camera.",
     config=CalibrateConfig,
     inputs={

@@ -19,6 +19,8 @@ SAME_SURFACE = 0.8
 """Smallest cosine between normals of one surface in two cameras; noise and 8 mm of a bent object turn them by less."""
 PIECE_WINDOWS = 2
 """Width of a piece in windows of the coarser camera: noise, holes and frayed outlines of neighbours are independent."""
+MUTUAL = 0.5
+"""Share of a distance by which it may differ when the other camera looks back: one motion makes both alike."""
 CHANCE = 1e-3
 """Chance that a right pair of cameras seems to disagree."""
 
@@ -98,9 +100,10 @@ def disagreement(frames: Sequence[tuple[DepthView, DepthView]], *, gate_m: float
     """Find how much of the differences between two cameras' surfaces a motion of one of them would take away.
 
     Points of either are projected into the other, and their distances from its plane there are fitted by a small rigid
-    motion (point to plane, Huber). Noise, frayed outlines, and points that are hidden by another surface do not fit one
-    motion: the surface is cut into pieces, and the motion is found again without each of them (jackknife), which
-    corrects the bias of the difference and gives its standard error, whatever the errors of the pieces are.
+    motion (point to plane, Huber). A point that is hidden by another surface is left out: the first camera sees that
+    surface where it is, so that the way back gives another distance (left-right check). Noise and frayed outlines do
+    not fit one motion: the surface is cut into pieces, and the motion is found again without each of them (jackknife),
+    which corrects the bias of the difference and gives its standard error, whatever the errors of the pieces are.
 
     Args:
         frames: The two cameras at one or more instants.
@@ -109,8 +112,8 @@ def disagreement(frames: Sequence[tuple[DepthView, DepthView]], *, gate_m: float
     Returns:
         Millimetres. Nothing is compared where chance alone could give differences up to the gate.
 
-    Source: point to plane, Chen and Medioni, Image and Vision Computing 10, 1992; jackknife, Efron and Stein,
-    Annals of Statistics 9, 1981.
+    Source: point to plane, Chen and Medioni, Image and Vision Computing 10, 1992; left-right check, Fua, Machine Vision
+    and Applications 6, 1993; jackknife, Efron and Stein, Annals of Statistics 9, 1981.
     """
     there = [_matches(a, b, gate_m) for a, b in frames]
     back = [_matches(b, a, gate_m) for a, b in frames]
@@ -137,21 +140,62 @@ def disagreement(frames: Sequence[tuple[DepthView, DepthView]], *, gate_m: float
 
 def _matches(source: DepthView, target: DepthView, gate_m: float) -> _Matches:
     points, own_normals, focus = source.surface
+    there = _sight(points, target)
+    facing = (there.normals * (points - target.camera.world_from_cam[:3, 3])).sum(1) > FACING * there.away_m
+    seen = facing & ((there.normals * own_normals).sum(1) > SAME_SURFACE)
+    near = seen & (np.abs(there.distances) < gate_m)
+    pixel_m = float(np.median(there.depths[near])) / target.camera.intrinsics[0, 0] if near.any() else 0.0
+    back = _sight(there.feet[near], source).distances
+    # what lies before or behind must do so seen from the other camera, too; else it is hidden by another surface
+    mutual = np.abs(there.distances[near] + back) <= np.maximum(MUTUAL * np.abs(there.distances[near]), pixel_m)
+    kept = np.flatnonzero(near)[mutual]
+    piece_m = PIECE_WINDOWS * target.planes.window_px * pixel_m
+    return _Matches(
+        points[kept],
+        there.normals[kept],
+        there.distances[kept],
+        there.slants[kept],
+        there.ratios[seen],
+        focus[kept],
+        piece_m,
+    )
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """Points beside the planes of the surface that a camera measured in their direction, NaN where there is none."""
+
+    normals: np.ndarray
+    """[N, 3] in the world"""
+    distances: np.ndarray
+    """From point to plane along the normal, [N] [m]"""
+    feet: np.ndarray
+    """Where the plane lies on the camera's ray to the point, [N, 3] [m]"""
+    depths: np.ndarray
+    """Of the feet, [N] [m]"""
+    slants: np.ndarray
+    """Depth difference / distance, [N]"""
+    ratios: np.ndarray
+    """Depth of the plane / depth of the point, [N]"""
+    away_m: np.ndarray
+    """From camera to point, [N]"""
+
+
+def _sight(points: np.ndarray, target: DepthView) -> _Sight:
     inside, rows, columns, depth = target.camera.pixels_of(points)
     vectors = np.where(inside[:, None], target.planes.at(rows, columns), np.nan)
     local = transform_points(target.camera.cam_from_world, points)
-    length = np.linalg.norm(vectors, axis=1)
-    normals = vectors / length[:, None]
-    across = (vectors * local).sum(1)
-    facing = (normals * local).sum(1) > FACING * np.linalg.norm(local, axis=1)
-    normals = normals @ target.camera.world_from_cam[:3, :3].T
-    seen = facing & ((normals * own_normals).sum(1) > SAME_SURFACE)
-    distances = (1 - across) / length
-    near = seen & (np.abs(distances) < gate_m)
-    slants = (depth * length / across)[near]
-    pixel_m = float(np.median(depth[near] * slants)) / target.camera.intrinsics[0, 0] if near.any() else 0.0
-    piece_m = PIECE_WINDOWS * target.planes.window_px * pixel_m
-    return _Matches(points[near], normals[near], distances[near], slants, 1 / across[seen], focus[near], piece_m)
+    length, across = np.linalg.norm(vectors, axis=1), (vectors * local).sum(1)
+    pose = target.camera.world_from_cam
+    return _Sight(
+        (vectors / length[:, None]) @ pose[:3, :3].T,
+        (1 - across) / length,
+        transform_points(pose, local / across[:, None]),
+        depth / across,
+        depth * length / across,
+        1 / across,
+        np.linalg.norm(local, axis=1),
+    )
 
 
 def _pieces(points: np.ndarray, width_m: float) -> np.ndarray:
