@@ -70,9 +70,8 @@ bench: setup
 	$(BIN)/python -m benchmarks.speed
 
 bench-physics: setup
-	@$(call install,-e ".[bench]")
-	$(BIN)/python -m benchmarks.missing_physics run cameras --minutes 150
-	$(BIN)/python -m benchmarks.missing_physics run points --minutes 90
+	@$(call install,-e ".[worlds]")
+	$(BIN)/python -m benchmarks.missing_physics run --minutes 240 --worlds own,mujoco,drake,cameras
 	$(BIN)/python -m benchmarks.missing_physics score
 
 reproduce: $(STAMP)-disect

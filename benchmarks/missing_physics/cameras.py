@@ -1,95 +1,83 @@
 """Missing physics through cameras: what a user types.
 
-`plop simulate` hides something and films it with six noisy depth cameras, `plop diagnose` fits Gaussians, follows them
-and judges, against an engine of another discretisation and another elastic law that `plop identify` fitted to
-recordings in which nothing is hidden. Settings are those of `make demo-physics` (six episodes), but for the engine,
-which is as fine as `identify` makes it by itself.
+`plop simulate` hides something and films it with six depth cameras; `plop diagnose` fits Gaussians, follows them and
+judges, against an engine of another discretisation and another elastic law that `plop identify` fitted to recordings
+in which nothing is hidden. Settings are those of `make demo-physics`, but for the engine, which is as fine as
+`identify` makes it by itself. The answer is opened only after the verdict.
 """
 
 from __future__ import annotations
 
 import importlib.resources
 import json
-from collections.abc import Sequence
+import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.missing_physics.plan import Run, cameras_plan
-from benchmarks.missing_physics.row import Group, Row, judged
-from benchmarks.missing_physics.runner import unreachable
+from benchmarks.missing_physics.plan import Set
+from benchmarks.missing_physics.points import LEAST_SNR
 from benchmarks.workspace import Typed
 from plop.errors import SignalTooWeakError
 from plop.physics.effects.library import library
 from plop.physics.scenes.sealed import open_answer
 from plop_cli.demo_physics import PROFILE
+from stages.diagnose.stage import STAGE
 
 FINER = ("--spacing-m", "0", "--iterations", "5")
 """The defaults of `identify`, which the demo's settings replace by half as many particles."""
-ROUGH = ("--depth-noise-m", "0.002", "--arm-m", "0.02")
-"""Bad cameras: four times the noise of depth, and an arm that holds the tool and hides part of every view."""
-_SHARES = (1.0, 0.5)
-"""Of the wanted signal that are tried, one after the other: many laws cannot move the block by 2 mm."""
+SNRS = ("4", "2")
+"""Wanted signals, tried one after the other: many laws cannot move the block by 2 mm."""
 
 
-class Cameras(Typed):
-    """The benchmark through cameras, in one workspace."""
+class Cameras:
+    """One workspace for each base."""
 
-    def __init__(self, work: Path, plan: Sequence[Run] | None = None, recorded: tuple[str, ...] = ()) -> None:
-        """Choose the workspace, the plan, and how recordings are made besides, as typed after `simulate`."""
-        super().__init__(work, (importlib.resources.files("plop.pipeline") / "profiles" / PROFILE).read_text())
-        self.work, self.recorded = work, recorded
-        self.plan: Sequence[Run] = cameras_plan() if plan is None else plan
+    def __init__(self, work: Path) -> None:
+        self.work = work
 
-    def prepare(self) -> None:
-        """Film recordings in which nothing is hidden and fit the engine to them."""
-        self.plop("simulate", "block.toml", "--seed", "100", "--name", "plain", *self.recorded)
-        self.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
+    def row(self, one: Set) -> dict[str, Any]:
+        """Hide, film, judge, and only then compare."""
+        started, loop = time.process_time(), workspace(self.work / f"cameras-{one.seed}")
+        loop.plop("simulate", "block.toml", "--seed", str(one.seed), "--name", "plain")
+        loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
+        if not film(loop, one):
+            verdict: dict[str, Any] = {"kind": "-", "named": [], "evidence": {}}
+            return {**one._asdict(), "group": "unreachable", "said": {"reference": {"verdict": verdict}}, "snr": 0.0}
+        left_out = [law for law in library() if one.group == "outside" and law != one.law]
+        kept = [word for law in left_out for word in ("--effects", law)]
+        loop.plop("diagnose", "--model", "base", "--recordings", one.name, "--name", f"verdict-{one.name}", *kept)
+        found = json.loads((loop.store.find(f"verdict-{one.name}").path / "diagnosis.json").read_text())
+        said = {key: found[key] for key in ("verdict", "searches", "error", "floor")}
+        answer = open_answer(loop.store.find(one.name).path)
+        weak = one.group in ("single", "pair", "outside") and answer["snr"] < LEAST_SNR
+        return {
+            **one._asdict(),
+            "group": f"{one.group} below" if weak else one.group,
+            "said": {"reference": {**said, "ranking": found["ranking"][:3]}},
+            "truth": answer["effects"],
+            "snr": answer["snr"],
+            "judged_by": STAGE.version,
+            "cpu_s": round(time.process_time() - started, 1),
+        }
 
-    def carry_out(self, run: Run, earlier: Row | None) -> Row:
-        """See `Benchmark`; the answer is opened only after the verdict."""
-        if not any(self.filmed(run, share) for share in _SHARES):
-            return unreachable(run)
-        found = self.diagnosed(run, "base", run.name)
-        later: dict[str, Any] = self.next_round(run, found) if run.group is Group.PAIR else {}
-        answer = open_answer(self.store.find(run.name).path)
-        base = json.loads((self.store.find("base").path / "model.json").read_text())["estimates"]
-        return Row(
-            run.name,
-            run.group,
-            run.seed,
-            answer["effects"],
-            answer["snr"],
-            wanted=run.snr,
-            fault=run.fault or None,
-            base={name: entry["value"] for name, entry in base.items()},
-            rms_mm=1000 * answer["rms_m"],
-            **judged(found, answer["effects"]),
-            **later,
-        )
 
-    def filmed(self, run: Run, share: float) -> bool:
-        """Make the recordings with a share of the signal; False where no amplitude in its range gives it."""
-        words = ["simulate", "block.toml", "--seed", str(run.seed), "--name", run.name, *self.recorded]
-        words += [word for text in run.typed() for word in ("--hide", text)]
-        words += ["--snr", f"{share * run.snr:g}"] if run.snr else []
-        words += ["--fault", run.fault] if run.fault else []
-        try:
-            self.plop(*words)
-        except SignalTooWeakError:
-            return False
+def workspace(folder: Path) -> Typed:
+    """Make a workspace with the settings of the demo."""
+    return Typed(folder, (importlib.resources.files("plop.pipeline") / "profiles" / PROFILE).read_text())
+
+
+def film(loop: Typed, one: Set) -> bool:
+    """Make the recordings; False where no amplitude in a law's range gives the signal."""
+    words = ["simulate", "block.toml", "--seed", str(one.seed + 500_000), "--name", one.name]
+    words += ["--motions-seed", str(one.seed)] if one.repeated else []
+    if one.group in ("null", "sensor"):
+        loop.plop(*words, *(("--fault", one.law) if one.law else ()))
         return True
-
-    def diagnosed(self, run: Run, model: str, name: str) -> dict[str, Any]:
-        """Give what `plop diagnose` wrote."""
-        kept = [word for law in library() if run.without and law != run.without for word in ("--effects", law)]
-        self.plop("diagnose", "--model", model, "--recordings", run.name, "--name", f"verdict-{name}", *kept)
-        return dict(json.loads((self.store.find(f"verdict-{name}").path / "diagnosis.json").read_text()))
-
-    def next_round(self, run: Run, found: dict[str, Any]) -> dict[str, Any]:
-        """Add what was named first, and diagnose again."""
-        if not found["verdict"]["named"]:
-            return {"next_named": []}
-        name, model = found["verdict"]["named"][0], f"better-{run.name}"
-        self.plop("augment", "--model", "base", "--effect", name, "--diagnosis", f"verdict-{run.name}", "--name", model)
-        verdict = self.diagnosed(run, model, model)["verdict"]
-        return {"next_verdict": verdict["kind"], "next_named": verdict["named"]}
+    words += [word for law in one.law.split("+") for word in ("--hide", law)]
+    for snr in SNRS:
+        try:
+            loop.plop(*words, "--snr", snr)
+        except SignalTooWeakError:
+            continue
+        return True
+    return False

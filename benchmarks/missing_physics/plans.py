@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.missing_physics.points import FITTED, NOISE_M, SCENE
-from benchmarks.missing_physics.score import wilson
+from benchmarks.missing_physics.makers import NOISE_M
+from benchmarks.missing_physics.rates import proportion
 from plop.artifacts.atomic_file import write_json
 from plop.diagnosis.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
@@ -40,8 +40,9 @@ from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library
 from plop.physics.engine.material import ElasticLaw
+from plop.physics.scenes import find_scene
 from plop.physics.scenes.motions import tool_motion
-from plop.physics.scenes.scene import simulate_motion
+from plop.physics.scenes.scene import Scene, simulate_motion
 from plop.planning.motions import Motion
 from plop.planning.plan import Planned, Wish, plan
 from plop.tracking.episode import Episode, episode_from_sequence
@@ -51,7 +52,9 @@ from stages.plan.stage import STAGE as PLAN
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "plans.json"
 COMMAND = "python -m benchmarks.missing_physics.plans"
-WORLD = replace(SCENE, spacing_m=0.0065, dx_m=0.013, motions=("hold", "push"), name="plans")
+WORLD = replace(
+    Scene.read(find_scene(Path("block.toml"))), spacing_m=0.0065, dx_m=0.013, motions=("hold", "push"), name="plans"
+)
 SPACING_M, EPISODES, POINTS = 0.010, 6, 200
 """Distance of the diagnosing engine's particles; recordings in each set; followed points."""
 LAWS = ("viscosity", "relaxation", "plasticity", "softening", "stiffening")
@@ -109,7 +112,7 @@ class Plans:
         if not path.is_file():
             material = replace(WORLD.material, law=ElasticLaw.NEO_HOOKEAN, youngs_modulus_pa=1.2e4, damping_per_s=5.0)
             start = EngineBase(material, SPACING_M)
-            base, _ = identify(self.recorded(0, [], 0)[:FITTED], start, NAMES, iterations=5, jobs=self.jobs)
+            base, _ = identify(self.recorded(0, [], 0), start, NAMES, iterations=5, jobs=self.jobs)
             write_json(path, base_to_dict(base))
         return base_from_dict(json.loads(path.read_text()))
 
@@ -225,7 +228,7 @@ def counted(rows: Sequence[dict[str, Any]], command: str) -> dict[str, Any]:
         "cases": len(rows),
         "confounded": len(confounded),
         "rates": {
-            f"{arm}_{what}": wilson(sum(row[arm][what] for row in confounded), len(confounded))
+            f"{arm}_{what}": proportion(sum(row[arm][what] for row in confounded), len(confounded))
             for arm in ("planned", "random")
             for what in ("unique", "right")
         },

@@ -17,30 +17,39 @@ GOALS: dict[str, tuple[str, float]] = {
     "base_parameter_named": (">=", 0.9),
     "outside_none_or_partly": (">=", 0.8),
     "pairs_both": (">=", 0.7),
+    "sensor_called_physics": ("<=", 0.05),
     "decoy_named": ("<=", 0.02),
     "interval_coverage": (">=", 0.9),
 }
 
 
+_PHYSICS = ("EFFECT", "CONFOUNDED", "PARTLY", "BASE PARAMETER")
+
+
+def proportion(hits: int, n: int) -> dict[str, Any]:
+    """Give a rate with its 95 % interval (Clopper & Pearson 1934)."""
+    if n == 0:
+        return {"rate": None, "low": None, "high": None, "n": 0}
+    interval = binomtest(hits, n).proportion_ci(0.95)
+    return {"rate": hits / n, "low": float(interval.low), "high": float(interval.high), "n": n}
+
+
 def rates_of(rows: Sequence[Mapping[str, Any]], scenario: str) -> dict[str, Any]:
-    """Count, with 95 % intervals (Clopper & Pearson 1934); a goal is shown only by its one-sided 95 % bound."""
+    """Count, with 95 % intervals; a goal is shown only by its one-sided 95 % bound."""
+    rows = [row for row in rows if scenario in row["said"]]
 
     def said(row: Mapping[str, Any]) -> Mapping[str, Any]:
         return dict(row["said"][scenario]["verdict"])
 
     def rate(name: str, group: Sequence[Mapping[str, Any]], test: Callable[[Mapping[str, Any]], bool]) -> None:
         hits, count = sum(map(test, group)), len(group)
-        if count == 0:
-            found[name] = {"rate": None, "n": 0, "shown": False}
-            return
-        two = binomtest(hits, count).proportion_ci(0.95)
-        one = binomtest(hits, count).proportion_ci(0.90)
-        sign, goal = GOALS.get(name, (">=", 2.0))
-        shown = one.high <= goal if sign == "<=" else one.low >= goal
-        found[name] = {"rate": hits / count, "low": two.low, "high": two.high, "n": count, "shown": bool(shown)}
+        found[name] = {**proportion(hits, count), "shown": False}
+        if count:
+            one_sided, (sign, goal) = binomtest(hits, count).proportion_ci(0.90), GOALS.get(name, (">=", 2.0))
+            found[name]["shown"] = bool(one_sided.high <= goal if sign == "<=" else one_sided.low >= goal)
 
     found: dict[str, Any] = {}
-    by = {g: [r for r in rows if r["group"] == g] for g in ("null", "single", "outside", "pair")}
+    by = {g: [r for r in rows if r["group"] == g] for g in ("null", "single", "outside", "pair", "sensor")}
     laws = [r for r in by["single"] if r["law"] not in ("stiffness", "damping", "density")]
     base = [r for r in by["single"] if r["law"] in ("stiffness", "damping", "density")]
     rate("null_false_alarm", by["null"], lambda r: said(r)["kind"] != "NOTHING DETECTABLE")
@@ -52,8 +61,10 @@ def rates_of(rows: Sequence[Mapping[str, Any]], scenario: str) -> dict[str, Any]
     rate("single_wrong_name", laws, lambda r: bool(said(r)["named"]) and r["law"] not in said(r)["named"])
     rate("base_parameter_named", base, lambda r: r["law"] in said(r)["named"])
     rate("outside_none_or_partly", by["outside"], lambda r: said(r)["kind"] in ("NONE OF THESE", "PARTLY"))
-    rate("outside_wrong_name", by["outside"], lambda r: said(r)["kind"] in ("EFFECT", "BASE PARAMETER", "CONFOUNDED"))
+    rate("outside_wrong_name", by["outside"], lambda r: said(r)["kind"] in {*_PHYSICS} - {"PARTLY"})
     rate("pairs_both", by["pair"], lambda r: {*r["law"].split("+")} <= {*said(r)["named"]})
+    rate("sensor_called_physics", by["sensor"], lambda r: said(r)["kind"] in _PHYSICS)
+    rate("sensor_found", by["sensor"], lambda r: said(r)["kind"] == "SENSOR")
     rate("decoy_named", list(rows), lambda r: bool({*said(r)["named"]} & {"drag", "inertia"}))
     held = [h for r in by["single"] if said(r)["named"][:1] == [r["law"]] for h in _held(r, scenario)]
     rate("interval_coverage", [{"held": h} for h in held], lambda r: bool(r["held"]))
@@ -94,9 +105,8 @@ def _errors(row: Mapping[str, Any], scenario: str) -> list[float]:
 def rivals_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Count what other methods name first, and how often they name something where nothing is hidden."""
     found = {}
+    single, null = ([r for r in rows if r["group"] == g and "rivals" in r] for g in ("single", "null"))
     for method in ("bic", "sparse", "correlation"):
-        single = [r for r in rows if r["group"] == "single"]
-        null = [r for r in rows if r["group"] == "null"]
         found[method] = {
             "single_named_first": {
                 "rate": sum(r["rivals"][method][:1] == [r["law"]] for r in single) / max(len(single), 1),

@@ -18,7 +18,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from benchmarks.missing_physics.score import wilson
+from benchmarks.missing_physics.rates import proportion
 from plop.artifacts.atomic_file import write_json
 from plop.geometry.pose_track import poses_at
 from plop.physics.scenes import find_scene
@@ -145,21 +145,21 @@ def scored(rows: Sequence[dict[str, Verdict]]) -> dict[str, Any]:
     right, cameras = [row["right"] for row in rows], [row["cameras"] for row in rows]
     accused = [any(v.said[c] for c in v.said if c not in v.hidden) for v in right + cameras]
     rates = {
-        "right_set_accused": wilson(sum(accused[: len(right)]), len(right)),
-        "right_camera_accused": wilson(
+        "right_set_accused": proportion(sum(accused[: len(right)]), len(right)),
+        "right_camera_accused": proportion(
             sum(bool(v.said[c]) for v in right + cameras for c in CAMERAS if c not in v.hidden),
             sum(c not in v.hidden for v in right + cameras for c in CAMERAS),
         ),
-        "tool_accused_without_fault": wilson(sum(bool(v.said["tool"]) for v in right + cameras), 2 * len(rows)),
-        "right_camera_not_judged": wilson(sum(len(v.unjudged) for v in right), len(CAMERAS) * len(right)),
+        "tool_accused_without_fault": proportion(sum(bool(v.said["tool"]) for v in right + cameras), 2 * len(rows)),
+        "right_camera_not_judged": proportion(sum(len(v.unjudged) for v in right), len(CAMERAS) * len(right)),
     }
     for kind, name in LIBRARY.items():
         pairs = [(v, c) for v in cameras for c, hidden in v.hidden.items() if hidden == kind]
-        rates[f"{kind}_found"] = wilson(sum(name in v.said[c] for v, c in pairs), len(pairs))
-        rates[f"{kind}_not_judged"] = wilson(sum(c in v.unjudged for v, c in pairs), len(pairs))
+        rates[f"{kind}_found"] = proportion(sum(name in v.said[c] for v, c in pairs), len(pairs))
+        rates[f"{kind}_not_judged"] = proportion(sum(c in v.unjudged for v, c in pairs), len(pairs))
     for name in TOOLS:
-        rates[f"{name}_found"] = wilson(sum(name in row[name].said["tool"] for row in rows), len(rows))
-        rates[f"{name}_noticed"] = wilson(sum(any(row[name].said.values()) for row in rows), len(rows))
+        rates[f"{name}_found"] = proportion(sum(name in row[name].said["tool"] for row in rows), len(rows))
+        rates[f"{name}_noticed"] = proportion(sum(any(row[name].said.values()) for row in rows), len(rows))
     return rates
 
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.facts import machine
-from benchmarks.missing_physics.cameras import FINER, Cameras
+from benchmarks.missing_physics.cameras import FINER, workspace
+from benchmarks.workspace import Typed
 from plop.artifacts.atomic_file import write_json
 from plop.physics.effects.library import library
 from plop.pipeline.execute import versions
@@ -36,7 +37,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-diagnose"), help="Workspace.")
     options = parser.parse_args()
-    loop = Cameras(options.work)
+    loop = workspace(options.work)
     loop.plop("simulate", "block.toml", "--seed", str(REFERENCE_SEED), *EPISODES, "--name", "plain")
     loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
     hide = ("--hide", HIDDEN, "--snr", str(SNR), "--name", "mystery")
@@ -70,7 +71,7 @@ def libraries() -> dict[str, list[str]]:
     }
 
 
-def diagnosed(loop: Cameras, laws: list[str]) -> dict[str, Any]:
+def diagnosed(loop: Typed, laws: list[str]) -> dict[str, Any]:
     """Diagnose with an empty cache of engine runs."""
     forget(loop)
     words = [word for law in laws for word in ("--effects", law)]
@@ -87,12 +88,12 @@ def diagnosed(loop: Cameras, laws: list[str]) -> dict[str, Any]:
     }
 
 
-def forget(loop: Cameras) -> None:
+def forget(loop: Typed) -> None:
     """Remove the cached engine runs of earlier diagnoses."""
     shutil.rmtree(loop.store.root / ".cache" / "diagnose", ignore_errors=True)
 
 
-def reported(loop: Cameras) -> dict[str, Any]:
+def reported(loop: Typed) -> dict[str, Any]:
     """Make the report of base and recordings; return its time and its size."""
     loop.plop("eval", "--model", "base", "--recordings", "mystery", "--name", "scores")
     loop.plop("report", "--models", "base", "--recordings", "mystery", "--name", "page", "--force")

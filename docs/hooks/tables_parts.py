@@ -129,20 +129,6 @@ def _effects() -> str:
     )
 
 
-def _chances() -> str:
-    lines = [
-        [
-            case["misfit"],
-            "yes" if case["reference"] else "no",
-            case["episodes"],
-            rate(case["shams_passed"]),
-            rate(case["named"]),
-        ]
-        for case in read("verdict_chances")["nothing"]
-    ]
-    return rows(["the base errs", "reference", "episodes", "permutation test passed", "something is named"], lines)
-
-
 def _cuts() -> str:
     keys = {
         "force_n": "force while cutting [N]",
@@ -181,7 +167,6 @@ TABLES: dict[str, Table] = {
     "known-laws": (_known_laws, ("known_laws",)),
     "discretisations": (_discretisations, ("discretisations",)),
     "effects": (_effects, ("effects",)),
-    "chances": (_chances, ("verdict_chances",)),
     "cuts": (_cuts, ("cohesive_motions",)),
     "paper-step": (_paper_step, ("paper_step",)),
 }

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.datasets.hidden_disect import RANKED, SETTINGS, Sets, collected
-from plop.pipeline.chain import read_profile
+from benchmarks.datasets.hidden_disect import OTHER, RANKED, REPEATED, SETS, SETTINGS, Sets, answer_of, collected
 from stages.filter.stage import FilterConfig
 from stages.identify.stage import IdentifyConfig
 
@@ -67,25 +66,27 @@ def test_settings_are_those_that_the_stages_know():
         assert set(tomllib.loads(SETTINGS)[stage]) <= set(config.__dataclass_fields__)
 
 
-def test_every_base_is_made_of_the_recordings_without_a_change(tmp_path, typed):
-    for base in ("engine", "made", "folds"):
-        loop(tmp_path, FACTS).base(base)
+def test_the_base_is_made_of_the_recordings_without_a_change(tmp_path, typed):
+    loop(tmp_path, FACTS).base()
+    assert [words[0] for words in typed] == ["ingest", "calibrate", "identify"]
     assert not any("disect_hidden" in word for words in typed for word in words)
-    trained = [words for words in typed if words[0] == "train"]
-    assert "--engine" in trained[0] and "--folds" not in trained[0]
-    assert "--folds" in trained[1] and "--engine" not in trained[1]
-    steps = [words[words.index("--track-steps") + 1] for words in trained]
-    assert steps == ["2000", str(read_profile("cpu").settings["train"]["track_steps"])]
 
 
-def test_what_is_named_is_added_and_compared_again(tmp_path, typed):
-    found = loop(tmp_path, FACTS).diagnosed("engine", 3)
-    assert [words[0] for words in typed] == ["ingest", "calibrate", "diagnose", "compare", "augment", "compare"]
-    assert typed[3][2] == "jelly-engine" and typed[5][2] == "engine3-better" == typed[4][-1]
-    assert (found["before_mm"], found["after_mm"]) == (1.25, 1.25)
-    nothing = {**FACTS, "verdict": {"kind": "NOTHING DETECTABLE", "named": [], "text": ""}}
-    alone = loop(tmp_path, nothing).diagnosed("engine", 2)
-    assert typed[-1][0] == "compare" and "after_mm" not in alone
+def test_a_set_is_diagnosed_against_a_reference_that_is_not_itself(tmp_path, typed):
+    found = [
+        loop(tmp_path, FACTS).diagnosed(name, folder, to) for name, (folder, others) in SETS.items() for to in others
+    ]
+    asked = [words for words in typed if words[0] == "diagnose"]
+    assert len(asked) == len(found) == 8
+    for words in asked:
+        reference, recordings = (words[words.index(f"--{option}") + 1] for option in ("reference", "recordings"))
+        assert reference != recordings and reference in (OTHER, REPEATED)
+    assert [each["reference"] for each in found[1:3]] == ["other motions", "repeated motions"]
+
+
+def test_answers_are_words():
+    answers = {"set_1": {"effect": "shrinkage", "amplitude": "5 %"}, "set_2": {"effect": None, "amplitude": None}}
+    assert [answer_of(answers, name) for name in ("set1", "set2", REPEATED)] == ["shrinkage, 5 %", "nothing", "nothing"]
 
 
 def test_a_diagnosis_is_kept_with_its_version_and_the_best_effects(tmp_path):

@@ -61,4 +61,5 @@ def test_singles_pairs_and_laws_outside_the_library():
 
 def test_without_a_set_nothing_is_a_rate():
     found = rates_of([], "reference")
-    assert found["null_false_alarm"] == {"rate": None, "n": 0, "shown": False} and found["dealt_false_alarm"]["n"] == 0
+    assert found["null_false_alarm"] == {"rate": None, "low": None, "high": None, "n": 0, "shown": False}
+    assert found["dealt_false_alarm"]["n"] == 0
