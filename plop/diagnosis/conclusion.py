@@ -55,7 +55,8 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
         decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
         kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
         shown = search.described() if missing else None
-        verdict = Verdict(kind, (), "", replace(facts, decoys=decoys, description=shown))
+        alone = () if missing or search.here.all() else tuple(search.alone(rule.alarm))
+        verdict = Verdict(kind, (), "", replace(facts, decoys=decoys, description=shown, alone=alone))
     if sensors:
         facts = replace(verdict.evidence, physics=verdict.kind, physics_named=verdict.named)
         verdict = Verdict(VerdictKind.SENSOR, tuple(sensors), "", facts)

@@ -72,3 +72,27 @@ def chance_of_difference(found: np.ndarray, here: np.ndarray, kinds: Sequence[st
     variance = np.array(variances)
     freedom = variance.sum() ** 2 / (variance**2 / np.array(freedoms)).sum()
     return float(student.sf(apart / np.sqrt(variance.sum()), freedom))
+
+
+def outlying(found: np.ndarray, here: np.ndarray, kinds: Sequence[str], chance: float) -> list[int]:
+    """Find recordings whose misfit no other explains: each against the others of its kind of motion (t prediction).
+
+    Args:
+        found: Misfit of every episode, [E].
+        here: Which episodes are to be explained, bool [E].
+        kinds: Kind of motion of every episode; where fewer than three others are of a kind, all others count.
+        chance: Of finding any by chance.
+
+    Returns:
+        Indices among all episodes.
+    """
+    same, count = np.array([[a == b for b in kinds] for a in kinds]), len(found)
+    alone = []
+    for k in np.flatnonzero(here):
+        others = np.arange(count) != k
+        group = others & same[k] if (others & same[k]).sum() > _LEAST else others
+        known = found[group]
+        error = max(float(known.std(ddof=1)), 1e-12) * np.sqrt(1 + 1 / len(known))
+        if student.sf((found[k] - known.mean()) / error, len(known) - 1) * here.sum() <= chance:
+            alone.append(int(k))
+    return alone

@@ -49,6 +49,12 @@ def _limits(found: Conclusion) -> str:
     """Say from where on laws would have been named, those that are seen most easily first."""
     if not found.verdict.evidence.reference:
         return f"Give reference recordings (--reference), in which nothing is missing; best {_REPEAT}."
+    if found.verdict.evidence.alone:
+        names = " and ".join(found.verdict.evidence.alone)
+        return (
+            f"Look at {names} (`plop compare`), and record that motion again, here and in the reference: one recording "
+            "is no proof, two that differ alike are."
+        )
     laws = {f.name for f in found.findings if f.kind == "physics"}
     known = [
         (limit.displacement_m, name, limit)

@@ -14,7 +14,7 @@ from plop.diagnosis.description import Description, describe
 from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
-from plop.diagnosis.misfit import chance_of_difference, misfits
+from plop.diagnosis.misfit import chance_of_difference, misfits, outlying
 from plop.diagnosis.score import Score, one_per_setting
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
@@ -110,7 +110,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = ("_by_chance", "_tried", "unknown", "unknown_p", "unknown_gain", "size_p", "field_p")
+        computed = ("_by_chance", "_tried", "unknown", "unknown_p", "unknown_gain", "_misfits", "size_p", "field_p")
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -193,15 +193,23 @@ class Search:
         return None if self.here.all() else min(1.0, 2 * min(self.field_p, self.size_p))
 
     @cached_property
-    def size_p(self) -> float:
-        """Chance that the recordings are explained less well than the reference by as much, see `misfit`."""
+    def _misfits(self) -> np.ndarray:
+        """Misfit of every episode, see `misfit`, [E]."""
         seen = [e.seen.reshape(-1) for e in self.evidence]
         left = [((f - known).reshape(-1, 3) ** 2).sum(1) for f, known in zip(self.fitted, self.known, strict=True)]
         noise = [e.variance_m2.reshape(-1) for e in self.evidence]
         missed = [missed2(e, self.spread) for e in self.evidence]
         left, noise, missed = ([part[s] for part, s in zip(each, seen, strict=True)] for each in (left, noise, missed))
-        found = misfits(left, noise, missed, FREEDOM)
-        return chance_of_difference(found, self.here, self.kinds)
+        return misfits(left, noise, missed, FREEDOM)
+
+    @cached_property
+    def size_p(self) -> float:
+        """Chance that the recordings are explained less well than the reference by as much."""
+        return chance_of_difference(self._misfits, self.here, self.kinds)
+
+    def alone(self, chance: float) -> list[str]:
+        """Name the recordings that are explained far less well than any other of their motion."""
+        return [self.evidence[k].name for k in outlying(self._misfits, self.here, self.kinds, chance)]
 
     @cached_property
     def field_p(self) -> float:

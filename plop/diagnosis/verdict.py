@@ -73,6 +73,8 @@ class Grounds:
     """There are recordings in which nothing is missing."""
     description: Description | None = None
     """What the recordings show, where nothing of the library explains it."""
+    alone: tuple[str, ...] = ()
+    """Where nothing is found: recordings that are explained far less well than the others of their motion."""
     physics: VerdictKind | None = None
     """With a sensor fault: what the tracks say as they are."""
     physics_named: tuple[str, ...] = ()

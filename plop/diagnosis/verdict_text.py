@@ -80,9 +80,10 @@ def _nothing(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] |
             "Nothing can be named without reference recordings: what the model misses anyway looks like a law, too."
             + near
         )
+    odd = f" Explained far less well than the others: {', '.join(facts.alone)}." if facts.alone else ""
     if tried is None:
-        return "No law of the library can be detected in these recordings."
-    return f"None of the laws that were tried can be detected in these recordings: {', '.join(tried)}."
+        return f"No law of the library can be detected in these recordings.{odd}"
+    return f"None of the laws that were tried can be detected in these recordings: {', '.join(tried)}.{odd}"
 
 
 def _none(facts: Grounds, findings: Sequence[Finding], tried: Sequence[str] | None) -> str:

@@ -170,6 +170,8 @@ def test_a_law_that_only_one_episode_shows_is_not_named():
     found = Once().diagnosed({"swelling": 0.2}, LAWS)
     assert "swelling" not in found.verdict.named
     assert {Reason.NO_HELP, Reason.ONE_EPISODE, Reason.CHANCE} & {*finding(found, "swelling").reasons}
+    (odd,) = found.verdict.evidence.alone
+    assert odd in found.verdict.text and odd in next_step(found)
 
 
 def test_an_amplitude_beyond_its_range_is_named_as_a_part():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from plop.diagnosis.discrepancy import FREEDOM
-from plop.diagnosis.misfit import chance_of_difference, misfits
+from plop.diagnosis.misfit import chance_of_difference, misfits, outlying
 
 HERE = np.repeat([True, False], 6)
 KINDS = ["push", "press"] * 6
@@ -37,3 +37,13 @@ def test_an_error_twice_as_large_is_seen_nearly_as_often_as_if_scales_were_known
     found = np.mean([chance(error, np.ones(12), seed) <= 0.01 for seed, error in enumerate(errors)])
     known = np.mean([chance_of_difference(np.log(error), HERE, KINDS) <= 0.01 for error in errors])
     assert found >= 0.9 * known > 0.6
+
+
+def test_one_recording_that_differs_is_named_and_seldom_another():
+    """1 % of sets may name one by chance; an episode ten times as far off is found among five others of its kind."""
+    right = [outlying(np.log(scattered(1.0, seed)), HERE, KINDS, 0.01) for seed in range(300)]
+    assert np.mean([bool(each) for each in right]) <= 0.03
+    strange = np.where(np.arange(12) == 2, 10.0, 1.0)
+    found = [outlying(np.log(scattered(1.0, seed) * strange), HERE, KINDS, 0.01) for seed in range(100)]
+    assert np.mean([each == [2] for each in found]) > 0.6
+    assert outlying(np.log(scattered(1.0, 0) * strange[::-1]), HERE, KINDS, 0.01) == []  # the reference is not judged
