@@ -112,7 +112,8 @@ def _nothing(label: str, found: Diagnosis) -> str:
     blind = sum(limit.amplitude is None for limit in limits)
     start = f"nothing that {label} is missing can be detected in these recordings"
     if alone := found.verdict.evidence.alone:
-        return f"{start}, but {label} is off far more in {' and '.join(alone)} than in all others: record that motion again"
+        where = " and ".join(alone)
+        return f"{start}, but {label} is off far more in {where} than in all others: record that motion again"
     if seen:
         but = f", except for {blind} of {len(tried)} laws that these motions cannot show" if blind else ""
         size = f"{short_number(max(seen))} mm"

@@ -85,7 +85,7 @@ CASES = [
     ),
     (replace(diagnosed("NONE OF THESE", decoys=("drag",)), floor=None), "best is drag"),
     (diagnosed("NOTHING DETECTABLE"), "found about nine times in ten, except for 1 of 3"),
-    (diagnosed("NOTHING DETECTABLE", alone=("block_2",)), "base is off far more in block_2 than in all others"),
+    (diagnosed("NOTHING DETECTABLE", alone=("cam_0",)), "base is off far more in cam_0 than in all others"),
     (diagnosed("NOTHING DETECTABLE", reference=False), "cannot be named without reference recordings"),
     (replace(diagnosed("NOTHING DETECTABLE"), limits={}), "could not have shown any"),
     (
