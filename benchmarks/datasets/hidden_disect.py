@@ -86,18 +86,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="Folder with disect, disect_hidden, disect_hidden_2.")
     parser.add_argument("--work", type=Path, default=Path("artifacts/.hidden-disect-cameras"), help="Workspace.")
+    parser.add_argument("--sets", default=",".join(SETS), help="some of them, with commas between")
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
+    if unknown := {*options.sets.split(",")} - {*SETS}:
+        parser.error(f"--sets: some of {', '.join(SETS)}; not {', '.join(sorted(unknown))}")
     loop, found = Sets(options.work, options.data), []
     loop.base()
-    for name, (folder, references) in SETS.items():
+    for name in options.sets.split(","):
+        folder, references = SETS[name]
         for reference in references:
             found.append(loop.diagnosed(name, folder, reference))
             sys.stdout.write(f"{name} {reference}: {found[-1]['verdict']} {found[-1]['named']}\n")
             sys.stdout.flush()
     answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
     facts = {
-        "command": "python -m benchmarks.datasets.hidden_disect --data DATA --work W",
+        "command": "python -m benchmarks.datasets.hidden_disect --data DATA --work W --sets " + options.sets,
         "versions": versions(),
         "seeds": [0],
         "sets": [{**each, "answer": answer_of(answers, each["set"])} for each in found],
