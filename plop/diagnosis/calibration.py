@@ -85,8 +85,8 @@ class ByChance:
 
     Counted, the real recordings stand among all ways of dealing out: exact, but ways that exchange only episodes which
     do not show a law find it again. Predicted, the scale comes from what is left without the strongest law: it is
-    uncertain where few episodes show a law. The smaller chance counts: in 1,016 ways of dealing three nulls out it was
-    0.01 or less in 1.0 %, in none of them by the prediction.
+    uncertain where few episodes show a law. The smaller chance counts; the benchmark counts how often it is small where
+    nothing is hidden ("dealt_false_alarm").
     """
 
     counted: np.ndarray
