@@ -236,15 +236,14 @@ class Search:
     def _by_chance(self) -> ByChance:
         """Strength that the search over the first hypotheses finds for each way of dealing out.
 
-        Without the strongest of them, it is as if all episodes that tell of it had been free.
+        What the strongest of them does is taken off, as if all episodes that tell of it had been free.
         """
-        counted = strongest([p for _, p in self._tried], self.ways)
         best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
         amount = max(products.contrast(self.here).amount, 0.0)
         changes = zip(self._residuals, self.response(best), self.here, strict=True)
         left = [residual - amount * change * here for residual, change, here in changes]
         without = strongest(self.field.products([self.response(h) for h in self.first], left), self.ways)
-        return ByChance(counted, np.sqrt((products.freedom + 2) / products.freedom) * without)
+        return ByChance(np.sqrt((products.freedom + 2) / products.freedom) * without)
 
     def _found(self, products: Products) -> float:
         return float(products.strength(self.here[None].astype(float))[0])
