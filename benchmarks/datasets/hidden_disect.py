@@ -3,7 +3,7 @@
 The commands of a user, from raw recordings to the verdict: images of six cameras are rendered, Gaussians fitted and
 followed; the engine is fitted to the object's recordings in which nothing is changed, and each set is diagnosed
 against these (other motions) and against a set that repeats its motions. ANSWERS.json is opened only at the end.
-Resumes after an interruption; writes docs/results/hidden_disect_cameras.json.
+Resumes after an interruption; writes docs/results/hidden_disect_cameras.json, whose other sets stay.
 """
 
 from __future__ import annotations
@@ -104,14 +104,21 @@ def main() -> None:
             found.append(loop.diagnosed(name, folder, reference))
             sys.stdout.write(f"{name} {reference}: {found[-1]['verdict']} {found[-1]['named']}\n")
             sys.stdout.flush()
+    kept = json.loads(options.out.read_text())["sets"] if options.out.is_file() else []
     answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
     facts = {
-        "command": "python -m benchmarks.datasets.hidden_disect --data DATA --work W --sets " + options.sets,
+        "command": "python -m benchmarks.datasets.hidden_disect --data DATA --work W",
         "versions": versions(),
         "seeds": [0],
-        "sets": [{**each, "answer": answer_of(answers, each["set"])} for each in found],
+        "sets": merged(kept, [{**each, "answer": answer_of(answers, each["set"])} for each in found]),
     }
     write_json(options.out, facts, sort_keys=False)
+
+
+def merged(kept: list[dict[str, Any]], found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Replace what was diagnosed anew; the rest stays."""
+    new = {(each["set"], each["reference"]) for each in found}
+    return [each for each in kept if (each["set"], each["reference"]) not in new] + found
 
 
 def answer_of(answers: dict[str, Any], name: str) -> str:

@@ -9,7 +9,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.datasets.hidden_disect import BASES, PRISM, RANKED, REPEATED, SETS, SETTINGS, Sets, answer_of, collected
+from benchmarks.datasets.hidden_disect import (
+    BASES,
+    PRISM,
+    RANKED,
+    REPEATED,
+    SETS,
+    SETTINGS,
+    Sets,
+    answer_of,
+    collected,
+    merged,
+)
 from stages.filter.stage import FilterConfig
 from stages.identify.stage import IdentifyConfig
 
@@ -82,6 +93,11 @@ def test_a_set_is_diagnosed_against_a_reference_that_is_not_itself(tmp_path, typ
         reference, recordings = (words[words.index(f"--{option}") + 1] for option in ("reference", "recordings"))
         assert reference != recordings and reference in (*BASES, REPEATED)
     assert [each["reference"] for each in found[1:3]] == ["other motions", "repeated motions"]
+
+
+def test_a_set_that_is_diagnosed_anew_replaces_its_old_row():
+    old = [{"set": "a", "reference": "r", "v": 1}, {"set": "a", "reference": "s", "v": 1}]
+    assert merged(old, [{"set": "a", "reference": "r", "v": 2}]) == [old[1], {"set": "a", "reference": "r", "v": 2}]
 
 
 def test_answers_are_words():
