@@ -39,7 +39,7 @@ def _hook(name: str) -> ModuleType:
 
 
 hook, references, tables = _hook("build_pages"), _hook("reference_pages"), _hook("result_tables")
-tutorials = _hook("tutorial_pages")
+tutorials, markdown = _hook("tutorial_pages"), _hook("markdown_parts")
 GENERATED = {(DOCS / name).resolve() for name in (*references.PAGES, *tutorials.PAGES)}
 
 
@@ -164,8 +164,8 @@ def test_every_effect_and_public_name_is_in_the_reference() -> None:
 
 
 def test_a_bar_and_a_bracket_do_not_break_a_table() -> None:
-    assert references.rows(["a"], [["x|y"]]).splitlines()[-1] == "| x\\|y |"
-    assert references._escaped("`<a>` <b>") == "`<a>` &lt;b>"
+    assert markdown.rows(["a"], [["x|y"]]).splitlines()[-1] == "| x\\|y |"
+    assert markdown.escaped("`<a>` <b>") == "`<a>` &lt;b>"
 
 
 @pytest.mark.parametrize("name", list(tables.TABLES))
