@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("studies/*.md")])
 WRITTEN = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.glob("**/*.md"))]
-MOST_WORDS = 24_180
+MOST_WORDS = 19_980
 """Written by hand, all pages together. Whoever needs more finds what can go."""
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _PLACES = r"docs|plop|plop_cli|stages|tests|benchmarks|studies|scripts|changelog\.d"

@@ -200,9 +200,5 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/api.md": api_page,
 }
 """Place in docs/ -> what makes the page."""
-BLOCKS: dict[str, Callable[[], str]] = {
-    "scores": scores_block,
-    "formats": formats_block,
-    **file_layouts.BLOCKS,
-}
+BLOCKS: dict[str, Callable[[], str]] = {"scores": scores_block, "formats": formats_block, **file_layouts.BLOCKS}
 """Name in `[[code NAME]]` -> what makes the block."""
