@@ -24,13 +24,14 @@ from plop.recordings.readers.declared_units import WORLD_FROM_UP
 from plop.recordings.readers.mesh.sequence import MeshSequence, write_mesh_sequence
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet, split_names
-from plop.recordings.truth import Truth, write_without_truth
+from plop.recordings.truth import Truth
 from plop.render.virtual_cameras.settings import CameraSettings
 from stages.ingest.resting import check_table
 from stages.ingest.settings import DisectConfig, MeshConfig
 from stages.ingest.stage import INGEST_DISECT, INGEST_MESH
 from stages.ingest.surface_checks import check_order, sound_surface
 from tests.support.box_sequence import box_sequence
+from tests.support.without_truth import write_without_truth
 
 BOX = box_sequence()
 SMALL = MeshConfig(cameras=CameraSettings(size=24, count=2, supersample=1))
