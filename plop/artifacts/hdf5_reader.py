@@ -81,3 +81,22 @@ class Hdf5Reader:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+class EpisodeFile(Hdf5Reader):
+    """A file with what cameras see of one episode."""
+
+    @property
+    def name(self) -> str:
+        """Name of the episode."""
+        return str(self._file.attrs["name"])
+
+    @property
+    def environment(self) -> str:
+        """Name of the environment that the episode belongs to, e.g. "prism-jelly"."""
+        return str(self._file.attrs["environment"])
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Names of the cameras, sorted."""
+        return sorted(self._file["cameras"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from plop.errors import PlopError
 from plop.setting_kinds import Formerly, Range, Settings, Unit
 
 
@@ -30,14 +29,7 @@ class DroidCameraSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.farthest_m < self.nearest_m:
-            raise PlopError(
-                "The largest depth is smaller than the smallest.",
-                where="cameras.farthest_m, cameras.nearest_m",
-                expected=f"farthest_m of {self.nearest_m:g} m or more",
-                found=f"{self.farthest_m:g} m",
-                fix="Raise farthest_m, or lower nearest_m.",
-            )
+        self._check_order("The largest depth is smaller than the smallest.", "nearest_m", "farthest_m", "cameras.")
 
 
 @dataclass(frozen=True)
