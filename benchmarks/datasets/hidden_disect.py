@@ -1,7 +1,7 @@
 """The hidden DiSECt sets through cameras: `python -m benchmarks.datasets.hidden_disect --data DATA --work W`.
 
 The commands of a user, from raw recordings to the verdict: images of six cameras are rendered, Gaussians fitted and
-followed; the engine is fitted to the jelly prism's recordings in which nothing is changed, and each set is diagnosed
+followed; the engine is fitted to the object's recordings in which nothing is changed, and each set is diagnosed
 against these (other motions) and against a set that repeats its motions. ANSWERS.json is opened only at the end.
 Resumes after an interruption; writes docs/results/hidden_disect_cameras.json.
 """
@@ -20,15 +20,19 @@ from plop.artifacts.store import Store
 from plop.pipeline.execute import versions
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "hidden_disect_cameras.json"
-OTHER, REPEATED = "part", "pnull"
+PRISM, CYLINDER = "prism-jelly", "cylinder-jelly"
+BASES = {PRISM: "*_part_00[0-4]", CYLINDER: "*_part_*"}
+"""Object -> its recordings without a change; prism 005 is faulty (docs/results/prediction.md)."""
+REPEATED = "pnull"
 SETS = {
-    REPEATED: ("disect_hidden_2/prism_null", (OTHER,)),
-    "set1": ("disect_hidden/set_1", (OTHER, REPEATED)),
-    "set3": ("disect_hidden/set_3", (OTHER, REPEATED)),
-    "set4": ("disect_hidden/set_4", (OTHER, REPEATED)),
-    "set2": ("disect_hidden/set_2", (OTHER,)),
+    REPEATED: ("disect_hidden_2/prism_null", (PRISM,)),
+    "set1": ("disect_hidden/set_1", (PRISM, REPEATED)),
+    "set3": ("disect_hidden/set_3", (PRISM, REPEATED)),
+    "set4": ("disect_hidden/set_4", (PRISM, REPEATED)),
+    "set2": ("disect_hidden/set_2", (PRISM,)),
+    "cnull": ("disect_hidden_2/cylinder_null", (CYLINDER,)),
 }
-"""Name -> folder, and the references: the null repeats the motions of three sets."""
+"""Name -> folder, and the references: the null of the prism repeats the motions of three sets."""
 RANKED = 4
 """Effects of each ranking that are kept."""
 DIGITS = 4
@@ -64,19 +68,21 @@ class Sets(Typed):
         self.plop("ingest", "disect", str(folder), "--from-rest", *words, "--name", f"raw-{name}")
         self.plop("calibrate", "--recordings", f"raw-{name}", "--name", name)
 
-    def base(self) -> None:
-        """Fit the engine to recordings without a change."""
-        # 005 is left out: a fault of the recording, which no engine follows (docs/results/prediction.md)
-        words = ("--environment", "prism-jelly", "--episodes", "*_part_00[0-4]")
-        self.filmed(self.data / "disect", OTHER, *words)
-        self.plop("identify", "--recordings", OTHER, "--split", "all", "--name", "jelly-engine")
+    def base(self, body: str) -> None:
+        """Fit the engine to recordings of an object without a change."""
+        self.filmed(self.data / "disect", body, "--environment", body, "--episodes", BASES[body])
+        self.plop("identify", "--recordings", body, "--split", "all", "--name", f"{body}-engine")
 
     def diagnosed(self, name: str, folder: str, reference: str) -> dict[str, Any]:
         """Diagnose one set."""
+        body = CYLINDER if reference == CYLINDER else PRISM
+        self.base(body)
+        if reference == REPEATED:
+            self.filmed(self.data / SETS[REPEATED][0], REPEATED)
         self.filmed(self.data / folder, name)
         verdict = f"v-{name}-{reference}"
         words = ("--reference", reference, "--recordings", name, "--name", verdict)
-        self.plop("diagnose", "--model", "jelly-engine", *words)
+        self.plop("diagnose", "--model", f"{body}-engine", *words)
         motions = "repeated motions" if reference == REPEATED else "other motions"
         return {"set": name, "reference": motions, **collected(self.store, verdict)}
 
@@ -92,7 +98,6 @@ def main() -> None:
     if unknown := {*options.sets.split(",")} - {*SETS}:
         parser.error(f"--sets: some of {', '.join(SETS)}; not {', '.join(sorted(unknown))}")
     loop, found = Sets(options.work, options.data), []
-    loop.base()
     for name in options.sets.split(","):
         folder, references = SETS[name]
         for reference in references:

@@ -43,6 +43,7 @@ class Own:
     laws = (
         *("swelling", "tilt", "table_friction", "viscosity", "plasticity", "relaxation", "fibres", "softening"),
         *("stiffening", "adhesion", "blade_friction", "stiffness", "damping"),
+        *("graded", "layered", "crust"),
     )
 
     def __init__(self, seed: int) -> None:

@@ -5,9 +5,10 @@ episodes out into two such sets might have been the real one (Fisher 1935; Pitma
 real one is, over all laws and amplitudes (Westfall & Young 1993): that gives the scale of what chance finds, whatever
 the base misses and however it errs.
 
-Counted, that is exact, but a law that only some of the episodes show is found again by all ways that exchange the
-others, and no effect is ever large enough. So what the strongest law does is also taken off before (ter Braak 1992);
-the scale of what is left is known from few episodes, and its uncertainty makes the tail that of Student's t.
+The rank of the real way would be exact, but a law that only some of the episodes show is found again by all ways that
+exchange the others, and no effect is ever large enough. So what the strongest law does is taken off before (ter Braak
+1992); the scale of what is left is known from few episodes, and its uncertainty makes the tail that of Student's t. The
+benchmark counts how often a chance is small where nothing is hidden ("dealt_false_alarm").
 """
 
 from __future__ import annotations
@@ -81,30 +82,21 @@ def strongest(products: Sequence[Products], ways: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ByChance:
-    """What a search finds where nothing is hidden, in two ways that fail in different cases.
+    """What a search finds where nothing is hidden."""
 
-    Counted, the real recordings stand among all ways of dealing out: exact, but ways that exchange only episodes which
-    do not show a law find it again. Predicted, the scale comes from what is left without the strongest law: it is
-    uncertain where few episodes show a law. The smaller chance counts; the benchmark counts how often it is small where
-    nothing is hidden ("dealt_false_alarm").
-    """
+    found: np.ndarray
+    """Strength of the strongest law for each way of dealing out, [N]."""
 
-    counted: np.ndarray
-    """What each way of dealing out finds, the real one first, [N]."""
-    without: np.ndarray
-    """The same without what the strongest law does, [N]."""
-
-    def chance(self, found: float, freedom: float) -> float:
+    def chance(self, strength: float, freedom: float) -> float:
         """Give the chance of a strength, of which the scale is known with some degrees of freedom."""
-        return 1.0 if found <= 0 else min(chance(found, self.counted), self._predicted(found, freedom))
-
-    def _predicted(self, found: float, freedom: float) -> float:
-        shares = freedom * (np.maximum(self.without, 0.0) / found) ** 2
+        if strength <= 0:
+            return 1.0
+        shares = freedom * (np.maximum(self.found, 0.0) / strength) ** 2
         return max(float(chi2.cdf(shares, freedom).mean()), LEAST)
 
     def critical(self, p: float, freedom: float) -> float:
         """Give the strength that has so small a chance."""
-        low, high = 0.0, max(float(self.without.max()), 1.0)
+        low, high = 0.0, max(float(self.found.max()), 1.0)
         while self.chance(high, freedom) > p:
             low, high = high, 2 * high
         for _ in range(_STEPS):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from plop.diagnosis.amplitude import saturated, settled
 from plop.diagnosis.finding import Finding, finding_of, worse
 from plop.diagnosis.limits import Limit, detection_limits, unseen
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -118,10 +119,10 @@ def _settings(best: Score, scores: Sequence[Score], rule: DecisionRule) -> list[
 
 def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: DecisionRule) -> tuple[Search, Finding]:
     """Give the first law with the amplitude, and the weights of patches, that belong to each other."""
-    found, score = search.settled(first.score)
-    others = [search.settled(s)[1] for s in _settings(first.score, scores, rule)]
-    saturated = search.saturated(score)
-    return found, finding_of(score, others, found.sizes()[: int(found.here.sum())], rule, saturated)
+    found, score = settled(search, first.score)
+    others = [settled(search, s)[1] for s in _settings(first.score, scores, rule)]
+    sizes = found.sizes()[: int(found.here.sum())]
+    return found, finding_of(score, others, sizes, rule, saturated(search, score))
 
 
 def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
 from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -63,7 +64,7 @@ def diagnose(
     for _ in range(ROUNDS):
         known = search.unknown_p is None or search.unknown_p <= rule.alarm  # something is missing, or none can tell
         found = [s for s in one_per_law(search.scores()) if s.strength > 0 and (known or s.p <= rule.alarm)]
-        if not search.refine([score.hypothesis.effect for score in found[:REFINED]]):
+        if not refine(search, [score.hypothesis.effect for score in found[:REFINED]]):
             break
     return conclude(search, sensors, rule, whole={*types} <= {c.effect for c in candidates})
 

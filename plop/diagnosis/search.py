@@ -15,20 +15,13 @@ from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.misfit import chance_of_difference, misfits, outlying
-from plop.diagnosis.score import Score, one_per_setting
+from plop.diagnosis.score import Score
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
 from plop.diagnosis.without_reference import chance_without_reference
 
 ENOUGH_WAYS = 100
 """Ways of dealing episodes out that are needed for a chance of 1 %."""
-NEAR = 0.15
-"""An amplitude is found where the response was computed within this share of it."""
-
-_TURNS = 5
-"""Rounds in which amplitude and weights are found from each other."""
-_FLATTEST = 16.0
-"""How many times an amplitude is looked at beyond what was found."""
 
 
 class Search:
@@ -131,54 +124,6 @@ class Search:
         other.fitted = [f + c for f, c in zip(other.field.base_fitted(), change, strict=True)]
         return other
 
-    def settled(self, score: Score) -> tuple[Search, Score]:
-        """Find the amplitude of a law with the weights that it leaves, running it anew where it has moved.
-
-        Returns:
-            The search with these weights, and the score there, with the chance of the search as it was.
-        """
-        search, found = self, score
-        for _ in range(_TURNS):
-            trial = self.reweighted(found)
-            new = trial.score_of(found.hypothesis, score.p)
-            if new.strength <= 0:
-                break
-            search, found = trial, new
-            multiple = min(new.amount, new.hypothesis.most)
-            if abs(multiple - 1) <= NEAR:
-                break
-            moved = new.hypothesis.at(multiple)
-            self.add([moved] if moved.key not in {h.key for h in self.hypotheses if len(h.runs) == 1} else [])
-            if moved not in self.hypotheses:
-                break
-            found = trial.score_of(moved, score.p)
-        return search, found
-
-    def saturated(self, score: Score) -> tuple[float, float]:
-        """Find how many times smaller or larger an amplitude may be with the same response: a bond that holds, holds.
-
-        Args:
-            score: A law at the amplitude where its response was computed.
-
-        Returns:
-            Powers of two, 1 or less and 1 or more, up to which the engine responds within `NEAR` of the response there.
-        """
-        return self._alike_to(score, 0.5), self._alike_to(score, 2.0)
-
-    def _alike_to(self, score: Score, factor: float) -> float:
-        multiple = 1.0
-        while 1 / _FLATTEST < multiple < _FLATTEST and factor * multiple <= score.hypothesis.most:
-            other = score.hypothesis.at(factor * multiple)
-            self.add([other])
-            if other not in self.hypotheses:
-                break
-            pairs = zip(self.tables[0].response(score.hypothesis), self.tables[0].response(other), strict=True)
-            own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)
-            if apart > NEAR**2 * own:
-                break
-            multiple *= factor
-        return multiple
-
     @cached_property
     def unknown(self) -> Unknown:
         """What else is in the recordings than in the reference, see `Unknown`."""
@@ -236,15 +181,14 @@ class Search:
     def _by_chance(self) -> ByChance:
         """Strength that the search over the first hypotheses finds for each way of dealing out.
 
-        Without the strongest of them, it is as if all episodes that tell of it had been free.
+        What the strongest of them does is taken off, as if all episodes that tell of it had been free.
         """
-        counted = strongest([p for _, p in self._tried], self.ways)
         best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
         amount = max(products.contrast(self.here).amount, 0.0)
         changes = zip(self._residuals, self.response(best), self.here, strict=True)
         left = [residual - amount * change * here for residual, change, here in changes]
         without = strongest(self.field.products([self.response(h) for h in self.first], left), self.ways)
-        return ByChance(counted, np.sqrt((products.freedom + 2) / products.freedom) * without)
+        return ByChance(np.sqrt((products.freedom + 2) / products.freedom) * without)
 
     def _found(self, products: Products) -> float:
         return float(products.strength(self.here[None].astype(float))[0])
@@ -340,22 +284,3 @@ class Search:
         """Mean squared error of the recordings beyond that of the reference, in units of its expectation."""
         sizes = self.sizes()
         return float(sizes[self.here].mean() - sizes[~self.here].mean())
-
-    def refine(self, laws: Sequence[str]) -> bool:
-        """Run some laws at the amplitudes that were found, where these are not near those that were run.
-
-        Returns:
-            Whether there was anything to run.
-        """
-        wanted = []
-        for score in one_per_setting(self.scores()):
-            if score.hypothesis.effect not in laws or score.amount == 0:
-                continue
-            multiple = min(score.amount, score.hypothesis.most)
-            single = len(score.hypothesis.runs) == 1
-            if abs(multiple - 1) > NEAR or not single:
-                wanted.append(score.hypothesis.at(multiple))
-        known = {h.key for h in self.hypotheses if len(h.runs) == 1}
-        new = [h for h in wanted if h.key not in known]
-        self.add(new)
-        return bool(new)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.datasets.hidden_disect import OTHER, RANKED, REPEATED, SETS, SETTINGS, Sets, answer_of, collected
+from benchmarks.datasets.hidden_disect import BASES, PRISM, RANKED, REPEATED, SETS, SETTINGS, Sets, answer_of, collected
 from stages.filter.stage import FilterConfig
 from stages.identify.stage import IdentifyConfig
 
@@ -67,7 +67,7 @@ def test_settings_are_those_that_the_stages_know():
 
 
 def test_the_base_is_made_of_the_recordings_without_a_change(tmp_path, typed):
-    loop(tmp_path, FACTS).base()
+    loop(tmp_path, FACTS).base(PRISM)
     assert [words[0] for words in typed] == ["ingest", "calibrate", "identify"]
     assert not any("disect_hidden" in word for words in typed for word in words)
 
@@ -77,10 +77,10 @@ def test_a_set_is_diagnosed_against_a_reference_that_is_not_itself(tmp_path, typ
         loop(tmp_path, FACTS).diagnosed(name, folder, to) for name, (folder, others) in SETS.items() for to in others
     ]
     asked = [words for words in typed if words[0] == "diagnose"]
-    assert len(asked) == len(found) == 8
+    assert len(asked) == len(found) == 9
     for words in asked:
         reference, recordings = (words[words.index(f"--{option}") + 1] for option in ("reference", "recordings"))
-        assert reference != recordings and reference in (OTHER, REPEATED)
+        assert reference != recordings and reference in (*BASES, REPEATED)
     assert [each["reference"] for each in found[1:3]] == ["other motions", "repeated motions"]
 
 

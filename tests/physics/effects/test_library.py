@@ -41,6 +41,9 @@ FIRST = {
     "damping",
     "density",
     "cohesion",
+    "graded",
+    "layered",
+    "crust",
 }
 IN_A_CUT = {"toughness", "cohesion"}
 """What a press does not show."""

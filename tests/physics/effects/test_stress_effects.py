@@ -9,14 +9,17 @@ from plop.physics.effects.fibres import Fibres
 from plop.physics.effects.relaxation import Relaxation
 from plop.physics.effects.softening import Softening
 from plop.physics.effects.stiffening import Stiffening
+from plop.physics.effects.uneven import Crust, Graded, Layered
 from plop.physics.effects.viscosity import Viscosity
 from plop.physics.engine.config import EngineConfig
+from plop.physics.engine.engine import Engine
 from plop.physics.engine.material import ElasticLaw, Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.solver import simulate
 
 MATERIAL = Material(youngs_modulus_pa=3e4, poisson=0.4)
 MU = MATERIAL.shear_pa
+FREE = EngineConfig(gravity_m_s2=(0, 0, 0), table_z_m=None)
 
 
 def stretched(*stretches: float) -> np.ndarray:
@@ -28,6 +31,13 @@ def stress_of(engine, effect) -> np.ndarray:
     engine.extra[:] = 0
     effect.stress(engine, 1e-4)
     return engine.extra.astype(float)
+
+
+def kirchhoff_zz(f: np.ndarray) -> float:
+    """The default law's stress along z, neo-Hookean [Pa]."""
+    e, nu = MATERIAL.youngs_modulus_pa, MATERIAL.poisson
+    lam = e * nu / ((1 + nu) * (1 - 2 * nu))
+    return float(MU * (f[2, 2] ** 2 - 1) + lam * np.log(np.linalg.det(f)))
 
 
 def strain_along(engine, effect, rate: np.ndarray, seconds: float, steps: int) -> None:
@@ -124,3 +134,53 @@ def test_softening_lets_the_first_loading_be_and_weakens_the_second(strained, la
     assert second[0] - second[1] == pytest.approx(-share * first, rel=2e-3)
     engine.f[:] = stretched(1.3)
     assert np.abs(stress_of(engine, effect)).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("effect", "axis"), [(Graded(ln_e_x=0.5), 0), (Graded(ln_e_y=-0.5), 1), (Layered(ln_e=0.5), 2)]
+)
+def test_a_modulus_grows_evenly_from_one_end_to_the_other(block, effect, axis):
+    body = block((0.06, 0.05, 0.04), 0.005)
+    squeezed = np.tile(np.diag([1.0, 1.0, 0.99]), (len(body.positions), 1, 1))
+    engine = Engine(Particles(body.positions, body.volumes, F=squeezed), MATERIAL, None, FREE, [effect])
+    engine.extra = np.zeros((len(squeezed), 6), np.float32)
+    base = kirchhoff_zz(squeezed[0])
+    ratio = 1 + stress_of(engine, effect)[:, 2] / base
+    place = engine.x[:, axis].astype(float)
+    place = 2 * (place - place.min()) / np.ptp(place) - 1
+    np.testing.assert_allclose(np.log(ratio), effect.values[effect.amplitudes[axis % 2].name] * place, atol=2e-3)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+def test_a_crust_is_where_the_surface_is(block, spread):
+    """On a lattice and on particles that are drawn; the base's modulus is the geometric mean."""
+    body, effect = block((0.06, 0.05, 0.04), 0.004), Crust(ln_e=0.5)
+    places = body.positions + np.random.default_rng(0).uniform(-spread, spread, body.positions.shape) * 0.004
+    f = np.tile(np.diag([1.0, 1.0, 0.99]), (len(places), 1, 1))
+    engine = Engine(Particles(places, body.volumes, F=f), MATERIAL, None, FREE, [effect])
+    engine.extra = np.zeros((len(f), 6), np.float32)
+    log = np.log(1 + stress_of(engine, effect)[:, 2] / kirchhoff_zz(f[0]))
+    low, high = body.positions.min(0) - 0.002, body.positions.max(0) + 0.002
+    depth = np.minimum(engine.x - low, high - engine.x).min(1)
+    assert np.corrcoef(log, depth)[0, 1] < -0.95
+    assert log.mean() == pytest.approx(0, abs=2e-3)
+    assert log[depth < 0.003].mean() - log[depth > 0.016].mean() == pytest.approx(0.5 * 2 * 0.8, abs=0.2)
+
+
+def test_a_graded_bar_gives_way_at_its_soft_end(block):
+    """Hung up by its stiff or its soft end, a bar is longer where the soft end carries the weight."""
+    body = block((0.03, 0.03, 0.09), 0.005)
+    material = Material(youngs_modulus_pa=2e4, poisson=0.3, damping_per_s=20)
+    config = EngineConfig(dx_m=0.01, table_z_m=0.0, dt_s=3e-4)
+
+    def height(ln_e: float) -> float:
+        run = simulate(body, material, None, np.array([0, 1.2]), config, effects=[Layered(ln_e=ln_e)] if ln_e else [])
+        return float(np.ptp(run.positions[-1][:, 2]))
+
+    soft_top, even, soft_bottom = height(-0.7), height(0.0), height(0.7)
+    # a column under its weight sinks by the integral of rho g (H - z) / E(z)
+    z, h = np.linspace(0, 1, 1001), 0.09
+    sunk = [np.trapezoid(9.81e3 * h * h * (1 - z) / (2e4 * np.exp(a * (2 * z - 1))), z) for a in (-0.7, 0.0, 0.7)]
+    assert soft_bottom < even < soft_top
+    assert even - soft_bottom == pytest.approx(sunk[2] - sunk[1], rel=0.25)
+    assert soft_top - even == pytest.approx(sunk[1] - sunk[0], rel=0.25)

@@ -1,0 +1,92 @@
+"""How much of a law is there: found with the weights that it leaves, where its response was computed.
+
+A response is in proportion to the amplitude near the one at which it was computed only, so that a law that was found
+elsewhere is run anew there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from plop.diagnosis.score import Score, one_per_setting
+from plop.diagnosis.search import Search
+
+NEAR = 0.15
+"""An amplitude is found where the response was computed within this share of it."""
+_TURNS = 5
+"""Rounds in which amplitude and weights are found from each other."""
+_FLATTEST = 16.0
+"""How many times an amplitude is looked at beyond what was found."""
+
+
+def refine(search: Search, laws: Sequence[str]) -> bool:
+    """Run some laws at the amplitudes that were found, where these are not near those that were run.
+
+    Returns:
+        Whether there was anything to run.
+    """
+    wanted = []
+    for score in one_per_setting(search.scores()):
+        if score.hypothesis.effect not in laws or score.amount == 0:
+            continue
+        multiple = min(score.amount, score.hypothesis.most)
+        if abs(multiple - 1) > NEAR or len(score.hypothesis.runs) > 1:
+            wanted.append(score.hypothesis.at(multiple))
+    known = {h.key for h in search.hypotheses if len(h.runs) == 1}
+    new = [h for h in wanted if h.key not in known]
+    search.add(new)
+    return bool(new)
+
+
+def settled(search: Search, score: Score) -> tuple[Search, Score]:
+    """Find the amplitude of a law with the weights that it leaves, running it anew where it has moved.
+
+    Returns:
+        The search with these weights, and the score there, with the chance of the search as it was.
+    """
+    weighted, found = search, score
+    for _ in range(_TURNS):
+        trial = search.reweighted(found)
+        new = trial.score_of(found.hypothesis, score.p)
+        if new.strength <= 0:
+            break
+        weighted, found = trial, new
+        multiple = min(new.amount, new.hypothesis.most)
+        if abs(multiple - 1) <= NEAR:
+            break
+        moved = new.hypothesis.at(multiple)
+        search.add([moved] if moved.key not in {h.key for h in search.hypotheses if len(h.runs) == 1} else [])
+        if moved not in search.hypotheses:
+            break
+        found = trial.score_of(moved, score.p)
+    return weighted, found
+
+
+def saturated(search: Search, score: Score) -> tuple[float, float]:
+    """Find how many times smaller or larger an amplitude may be with the same response: a bond that holds, holds.
+
+    Args:
+        search: May run the law at more amplitudes.
+        score: A law at the amplitude where its response was computed.
+
+    Returns:
+        Powers of two, 1 or less and 1 or more, up to which the engine responds within `NEAR` of the response there.
+    """
+    return _alike_to(search, score, 0.5), _alike_to(search, score, 2.0)
+
+
+def _alike_to(search: Search, score: Score, factor: float) -> float:
+    multiple = 1.0
+    while 1 / _FLATTEST < multiple < _FLATTEST and factor * multiple <= score.hypothesis.most:
+        other = score.hypothesis.at(factor * multiple)
+        search.add([other])
+        if other not in search.hypotheses:
+            break
+        pairs = zip(search.tables[0].response(score.hypothesis), search.tables[0].response(other), strict=True)
+        own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)
+        if apart > NEAR**2 * own:
+            break
+        multiple *= factor
+    return multiple
