@@ -12,7 +12,7 @@ from plop.recordings.readers.droid.camera_settings import DroidOptions
 from plop.recordings.readers.droid.intrinsics import side_of_episode
 from plop.recordings.readers.droid.layout import DroidFolder
 from plop.recordings.readers.droid.pose import check_pose, pose_from_json
-from plop.recordings.readers.droid.trajectory import DroidTrajectory
+from plop.recordings.readers.droid.trajectory import DroidTrajectory, first_finite
 
 
 def camera_poses(
@@ -34,7 +34,7 @@ def camera_poses(
             flange = poses_at(trajectory.flange, clock, captured)
             return flange @ pose_from_euler_xyz(offset), None, pair, []
     own = trajectory.extrinsics.get(f"{serial}_left", np.full((trajectory.rows, 6), np.nan))
-    pair = _pair({key: _first(value) for key, value in trajectory.extrinsics.items()}, serial)
+    pair = _pair({key: first_finite(value) for key, value in trajectory.extrinsics.items()}, serial)
     side = side_of_episode(episode, options.extrinsics).get(serial)
     if not wrist and side is not None:
         given = pose_from_json(side, where=f"{options.extrinsics_name}: {serial}", what="camera")
@@ -54,7 +54,7 @@ def camera_poses(
         )
     check_pose(own, where=where, what="camera")
     if not wrist:
-        moved = float(np.nanmax(np.linalg.norm(own[:, :3] - _first(own)[:3], axis=1)))
+        moved = float(np.nanmax(np.linalg.norm(own[:, :3] - first_finite(own)[:3], axis=1)))
         if moved > 1e-3:
             warnings.append(
                 Noticed(
@@ -63,7 +63,7 @@ def camera_poses(
                     "Check the pose of this camera.",
                 )
             )
-        own = np.repeat(_first(own)[None], trajectory.rows, 0)
+        own = np.repeat(first_finite(own)[None], trajectory.rows, 0)
         return pose_from_euler_xyz(own), own[0], pair, warnings
     note = f"{where}_gripper_offset: missing; the row's own pose is used"
     return poses_at(own, clock, captured), None, pair, [note]
@@ -87,8 +87,3 @@ def _pair(poses: dict[str, np.ndarray], serial: str) -> tuple[np.ndarray, np.nda
     if left is None or right is None or not (np.isfinite(left).all() and np.isfinite(right).all()):
         return None
     return left, right
-
-
-def _first(poses: np.ndarray) -> np.ndarray:
-    good = np.isfinite(poses).all(1)
-    return poses[np.argmax(good)] if good.any() else np.full(6, np.nan)
