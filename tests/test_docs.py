@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import importlib
 import json
 import re
@@ -14,6 +15,9 @@ import pytest
 import yaml
 
 import plop
+from plop.diagnosis.result import Diagnosis, Ranked
+from plop.diagnosis.verdict import Verdict
+from plop.parameters import Estimate
 from plop.physics.effects.library import library
 from plop.pipeline.registry import pipeline
 
@@ -161,6 +165,14 @@ def test_every_effect_and_public_name_is_in_the_reference() -> None:
     effects, api = references.effects_page(), references.api_page()
     assert all(f"\n## {name}\n" in effects for name in library())
     assert all(f"#plop.{name} " in api for name in plop.__all__)
+
+
+def test_the_layout_of_a_result_has_all_its_keys_and_the_values_of_enums() -> None:
+    block = references.BLOCKS["diagnosis-json"]()
+    assert f"schema {Diagnosis.SCHEMA}" in block and "`NONE OF THESE`" in block
+    nested = (Diagnosis, Verdict, Ranked, Estimate)
+    assert all(f"\n| `{each.name}` | `" in block for kind in nested for each in dataclasses.fields(kind))
+    assert "| `ranking` | `list[Ranked]` | One for each law" in block
 
 
 def test_a_bar_and_a_bracket_do_not_break_a_table() -> None:
