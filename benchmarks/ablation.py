@@ -142,7 +142,8 @@ def main() -> int:
     about = {"track_steps": options.steps, "epochs": options.epochs, "share_of_epochs": options.epochs / PAPER_EPOCHS}
     kept = json.loads(options.out.read_text()) if options.out.is_file() else {}
     rows: list[Row] = kept["rows"] if kept.get("schedule") == about else []
-    command = f"python -m benchmarks.ablation --steps {options.steps} --epochs {options.epochs}"
+    chosen = f"--environments {' '.join(options.environments)} --seeds {' '.join(map(str, options.seeds))}"
+    command = f"python -m benchmarks.ablation {chosen} --steps {options.steps} --epochs {options.epochs}"
     for environment, seed in itertools.product(options.environments, options.seeds):
         for targets, resampling in itertools.product(TARGETS, (False, True)):
             named = {"environment": environment, "seed": seed, "targets": targets, "resampling": resampling}

@@ -216,3 +216,15 @@ class Settings:
         for name, kind in kinds_of(type(self)).items():
             if not is_nested(kind):
                 check_value(getattr(self, name), kind, where=f"{type(self).__name__}.{name}")
+
+    def _check_order(self, problem: str, low: str, high: str, table: str = "") -> None:
+        """Reject a length [m] that is below another one; `table` is where plop.toml has both, with its dot."""
+        least, most = getattr(self, low), getattr(self, high)
+        if most < least:
+            raise PlopError(
+                problem,
+                where=f"{table}{high}, {table}{low}",
+                expected=f"{high} of {least:g} m or more",
+                found=f"{most:g} m",
+                fix=f"Raise {high}, or lower {low}.",
+            )

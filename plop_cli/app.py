@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,32 +17,27 @@ from plop_cli.console import Console
 from plop_cli.front_help import FrontDoor
 from plop_cli.help_option import HELP
 
+STYLE: dict[str, Any] = {
+    "no_args_is_help": True,
+    "rich_markup_mode": "rich",
+    "pretty_exceptions_enable": False,
+    "context_settings": HELP,
+}
+"""How every group of commands behaves."""
+
 app = typer.Typer(
     name="plop",
     cls=FrontDoor,
     help="Turn recordings of a robot cutting a soft object into a learned, scored dynamics model, "
     "and name the physics that it misses.",
-    no_args_is_help=True,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings=HELP,
+    **STYLE,
 )
-ingest = typer.Typer(
-    help="Turn raw data into recordings.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings=HELP,
-)
+ingest = typer.Typer(help="Turn raw data into recordings.", add_completion=False, **STYLE)
 
 stages = typer.Typer(
     help="Run a stage, and before it the stages that it needs; the command of the stage itself does the same.",
-    no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings=HELP,
+    **STYLE,
 )
 
 STAGES = "Stages, in order"

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from plop_cli.console import Console
+
+if TYPE_CHECKING:
+    from plop.artifacts.store import Store
 
 AROUND = "Around the pipeline"
 WHOLE = "The whole pipeline"
@@ -28,6 +31,14 @@ Scheduler = Annotated[
 ]
 Address = Annotated[str, typer.Argument(help="stage@prefix, stage@latest or a name.", show_default=False)]
 HERE = Path(".")
+
+
+def _opened(workspace: Path, quiet: bool, as_json: bool = False) -> tuple[Store, Console]:
+    """Open the workspace, and the console to which its warnings go."""
+    from plop.artifacts.store import Store
+
+    console = Console(quiet=quiet, as_json=as_json)
+    return Store(workspace, warn=console.warn), console
 
 
 def demo(
@@ -122,11 +133,9 @@ def repro(
     debug: Debug = False,
 ) -> None:
     """Remake stale or damaged artifacts with their recorded settings."""
-    from plop.artifacts.store import Store
     from plop_cli.repro import repro as run
 
-    console = Console(quiet=quiet, as_json=as_json)
-    store = Store(workspace, warn=console.warn)
+    store, console = _opened(workspace, quiet, as_json)
     run(store, console, addresses or [], dry_run=dry_run, scheduler=scheduler, trust_effects=trust_effects)
 
 
@@ -169,11 +178,9 @@ def why(
     debug: Debug = False,
 ) -> None:
     """Show the first difference between two artifacts, starting from the raw data."""
-    from plop.artifacts.store import Store
     from plop_cli.status import show_difference
 
-    console = Console(quiet=quiet, as_json=as_json)
-    show_difference(Store(workspace, warn=console.warn), console, one, two)
+    show_difference(*_opened(workspace, quiet, as_json), one, two)
 
 
 def verify(
@@ -184,11 +191,9 @@ def verify(
     debug: Debug = False,
 ) -> None:
     """Read every payload again and compare it with its manifest."""
-    from plop.artifacts.store import Store
     from plop_cli.status import verify_all
 
-    console = Console(quiet=quiet, as_json=as_json)
-    verify_all(Store(workspace, warn=console.warn), console, addresses or [])
+    verify_all(*_opened(workspace, quiet, as_json), addresses or [])
 
 
 def export(
@@ -204,11 +209,9 @@ def export(
     debug: Debug = False,
 ) -> None:
     """Copy an artifact's files out of the workspace, with its manifest."""
-    from plop.artifacts.store import Store
     from plop_cli.export import export as run
 
-    console = Console(quiet=quiet, as_json=as_json)
-    run(Store(workspace, warn=console.warn), console, address, folder, kind=kind, force=force)
+    run(*_opened(workspace, quiet, as_json), address, folder, kind=kind, force=force)
 
 
 def view(
@@ -220,11 +223,9 @@ def view(
     debug: Debug = False,
 ) -> None:
     """Show recordings, splats or predicted states in 3D (needs rerun-sdk)."""
-    from plop.artifacts.store import Store
     from plop_cli.view import view as run
 
-    console = Console(quiet=quiet)
-    run(Store(workspace, warn=console.warn), console, address, episode=episode, save=save)
+    run(*_opened(workspace, quiet), address, episode=episode, save=save)
 
 
 def doctor(workspace: Workspace = HERE, quiet: Quiet = False, as_json: AsJson = False, debug: Debug = False) -> None:

@@ -8,7 +8,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from plop.artifacts.lineage import Key, Stale
+from plop.artifacts.lineage import Key
+from plop.artifacts.stale import Stale
 from plop.artifacts.store import Artifact
 from plop.pipeline.registry import pipeline, places
 from plop.pipeline.stage import Choice

@@ -6,8 +6,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from plop.artifacts.lineage import Key, Stale, check_lineage, first_difference, latest_lines, parents
+from plop.artifacts.difference import first_difference
+from plop.artifacts.lineage import Key, check_lineage, parents
+from plop.artifacts.stale import Stale
 from plop.artifacts.store import Artifact, Store
+from plop.artifacts.succession import latest_lines
 from plop.artifacts.suggestions import workspaces_near
 from plop.artifacts.verify import obvious_damage, verify
 from plop.errors import PlopError

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.geometry.calibration.boards import Board, calibrate_intrinsics, read_images
+from plop.geometry.calibration.board_intrinsics import calibrate_intrinsics, read_images
+from plop.geometry.calibration.boards import Board
 from plop.geometry.handeye.solve import difference
 from stages.calibrate.handeye_folder import read_handeye
 from stages.calibrate.handeye_solve import choose

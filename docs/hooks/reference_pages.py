@@ -2,41 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-LAYOUTS = (
-    "plop.recordings.recording",
-    "plop.recordings.readers.mesh.sequence",
-    "plop.gaussians.trajectory",
-    "plop.render.view_file",
-    "plop.models",
-)
-"""Modules whose docstring is the layout of a file."""
-
-
-def rows(head: Sequence[str], lines: Iterable[Sequence[object]]) -> str:
-    """Write a Markdown table; a bar in a cell is escaped."""
-    text = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for line in lines:
-        cells = [str(cell).replace("|", "\\|").replace("\n", " ") for cell in line]
-        text.append("| " + " | ".join(cells) + " |")
-    return "\n".join(text)
-
-
-def _escaped(text: str) -> str:
-    """Escape characters with a meaning in Markdown or HTML; code spans stay as they are."""
-    parts = re.split(r"(`[^`]*`)", text)
-    return "".join(part if part.startswith("`") else part.replace("<", "&lt;").replace("*", "\\*") for part in parts)
-
-
-def _code(value: object) -> str:
-    text = str(value)
-    return "" if text == "" else f"`{text}`"
-
+import file_layouts
+from markdown_parts import code, escaped, rows
 
 # --- commands -------------------------------------------------------------------------------------------------------
 
@@ -56,7 +27,7 @@ def _usage(name: str, command: Any) -> str:
 
 def _plain(text: str | None) -> str:
     """Remove the escapes that rich needs."""
-    return _escaped((text or "").replace("\\[", "[").replace("\n", " ").strip())
+    return escaped((text or "").replace("\\[", "[").replace("\n", " ").strip())
 
 
 def _options(command: Any, panels: Callable[[str], bool]) -> str:
@@ -70,7 +41,7 @@ def _options(command: Any, panels: Callable[[str], bool]) -> str:
         )
         default = getattr(parameter, "show_default", None)
         lines.append(
-            (_code(", ".join(names)), _plain(parameter.help), _escaped(default) if isinstance(default, str) else "")
+            (code(", ".join(names)), _plain(parameter.help), escaped(default) if isinstance(default, str) else "")
         )
     if not any(default for *_, default in lines):
         return rows(["option", "meaning"], (line[:2] for line in lines)) if lines else ""
@@ -145,15 +116,15 @@ def effects_page() -> str:
     ]
     for name, effect in library().items():
         lines = [
-            (_code(p.name), p.unit, f"{p.low:g} to {p.high:g}", _amounts(p), _escaped(p.help))
+            (code(p.name), p.unit, f"{p.low:g} to {p.high:g}", _amounts(p), escaped(p.help))
             for p in effect.parameters()
         ]
         parts += [
             f"## {name}",
-            f"{_escaped(effect.help)} (*{effect.kind}*)",
+            f"{escaped(effect.help)} (*{effect.kind}*)",
             f"```\n{effect.law}\n```",
             rows(["parameter", "unit", "range", "tried at", "meaning"], lines),
-            f"{_settings_tried(effect)}Source: {_escaped(effect.source)}.",
+            f"{_settings_tried(effect)}Source: {escaped(effect.source)}.",
         ]
     parts.append(
         "## Sensor faults\n\nWritten as `--fault NAME[.PARAMETER]=VALUE[@CAMERA]`; without a parameter the first "
@@ -161,9 +132,9 @@ def effects_page() -> str:
     )
     lines = [
         (
-            _code(name),
-            _escaped(fault.help),
-            _code(fault.law),
+            code(name),
+            escaped(fault.help),
+            code(fault.law),
             ", ".join(f"`{p.name}` [{p.unit}]" for p in fault.parameters),
         )
         for name, fault in FAULTS.items()
@@ -205,24 +176,11 @@ def api_page() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def layout(module: str) -> str:
-    """Return a module's docstring, its indented blocks as code."""
-    text = inspect.getdoc(importlib.import_module(module)) or ""
-    blocks, code = [], False
-    for line in text.splitlines():
-        indented = line.startswith("    ")
-        if indented != code and (line or indented):
-            blocks.append("```")
-            code = indented
-        blocks.append(line[4:] if indented else _escaped(line))
-    return "\n".join([*blocks, "```"] if code else blocks)
-
-
 def scores_block() -> str:
     """List the scores with their conventions."""
     from plop.metrics.frame import CONVENTIONS
 
-    return rows(["score", "convention"], ((_code(key), _escaped(text)) for key, text in CONVENTIONS.items()))
+    return rows(["score", "convention"], ((code(key), escaped(text)) for key, text in CONVENTIONS.items()))
 
 
 def formats_block() -> str:
@@ -230,7 +188,7 @@ def formats_block() -> str:
     from plop.recordings.readers.formats import FORMATS
 
     lines = [
-        (form.name, _code(f"plop ingest {form.nearest}"), _escaped(form.advice)) for form in FORMATS if not form.reader
+        (form.name, code(f"plop ingest {form.nearest}"), escaped(form.advice)) for form in FORMATS if not form.reader
     ]
     return rows(["format", "nearest reader", "what to do"], lines)
 
@@ -242,9 +200,5 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/api.md": api_page,
 }
 """Place in docs/ -> what makes the page."""
-BLOCKS: dict[str, Callable[[], str]] = {
-    "scores": scores_block,
-    "formats": formats_block,
-    **{name.rpartition(".")[2]: (lambda name=name: layout(name)) for name in LAYOUTS},  # type: ignore[misc]
-}
+BLOCKS: dict[str, Callable[[], str]] = {"scores": scores_block, "formats": formats_block, **file_layouts.BLOCKS}
 """Name in `[[code NAME]]` -> what makes the block."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from statistics import mean
 from typing import Any
 
-from reference_pages import rows
+from markdown_parts import rows
 from result_files import Table, law, rate, read
 
 

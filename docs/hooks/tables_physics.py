@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from reference_pages import rows
+from markdown_parts import rows
 from result_files import Table, percent, rate, read
 
 BENCH = "missing_physics_0.2.0"

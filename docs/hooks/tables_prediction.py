@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from statistics import mean
 
-from reference_pages import rows
+from markdown_parts import rows
 from result_files import Table, read
 
 
@@ -74,6 +74,20 @@ def _engine_disect() -> str:
     return rows(head, lines)
 
 
+def _ablation() -> str:
+    """Show what images and resampling change, with persistence in the last line."""
+    shown = {"cd_mm": 3, "emd_mm": 3, "ssim": 3, "psnr_db": 2, "j": 3}
+    variants = read("ablation")["rows"]
+    lines = [
+        [row["targets"], "on" if row["resampling"] else "off", f"{row['splits']:.0f}", f"{row['merges']:.0f}"]
+        + [f"{row[key]:.{digits}f}" for key, digits in shown.items()]
+        for row in variants
+    ]
+    still = ["persistence", "", "", "", *(f"{variants[0]['persistence'][key]:.{n}f}" for key, n in shown.items())]
+    head = ["targets", "resampling", "splits", "merges", "CD [mm]", "EMD [mm]", "SSIM", "PSNR [dB]", "J"]
+    return rows(head, [*lines, still])
+
+
 DISECT, EACH = ("disect",), ("disect-cpu-recordings", "disect", "disect-engine")
 TABLES: dict[str, Table] = {
     "gains": (_gains, DISECT),
@@ -82,6 +96,7 @@ TABLES: dict[str, Table] = {
     "scores-end": (lambda: _scores("end"), DISECT),
     "models": (_models, EACH),
     "halves": (_halves, ("cut_halves",)),
+    "ablation": (_ablation, ("ablation",)),
     "engine-disect": (_engine_disect, ("engine_disect",)),
 }
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 from typing import ClassVar, Self
 
 import h5py
@@ -73,11 +72,28 @@ class Hdf5Reader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+class EpisodeFile(Hdf5Reader):
+    """A file with what cameras see of one episode."""
+
+    @property
+    def name(self) -> str:
+        """Name of the episode."""
+        return str(self._file.attrs["name"])
+
+    @property
+    def environment(self) -> str:
+        """Name of the environment that the episode belongs to, e.g. "prism-jelly"."""
+        return str(self._file.attrs["environment"])
+
+    @property
+    def camera_names(self) -> list[str]:
+        """Names of the cameras, sorted."""
+        return sorted(self._file["cameras"])

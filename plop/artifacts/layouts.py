@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from plop.errors import PlopError
+
 
 @dataclass(frozen=True)
 class Payload:
@@ -72,6 +74,20 @@ class Fit(Payload):
     def picture(self, name: str) -> Path:
         """A picture, by its name."""
         return self.folder / f"{name}.png"
+
+    def present(self, fix: str = "Run `plop fit-init` on the same recordings.", *, tool: bool = True) -> Fit:
+        """Return the fit; PlopError with `fix` where the object, or the tool if it is needed, was not fitted."""
+        for path in (self.object_splat, self.tool_splat)[: 1 + tool]:
+            if not path.is_file():
+                name = self.folder.name
+                raise PlopError(
+                    "An episode has no fitted Gaussians.",
+                    where=path,
+                    expected=f"a fit of {name}",
+                    found="no file",
+                    fix=fix,
+                )
+        return self
 
 
 class Fits(Payload):

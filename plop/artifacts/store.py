@@ -12,26 +12,24 @@ be moved holds everything, and an address follows from what determines the resul
 
 from __future__ import annotations
 
-import json
-import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from plop.artifacts.atomic_file import in_the_way, write_json
+from plop.artifacts.atomic_file import in_the_way
 from plop.artifacts.commit import committed, restore
 from plop.artifacts.digest import DigestCache, content_digest
 from plop.artifacts.journal import Event, Journal
 from plop.artifacts.lock import locked, note_of
 from plop.artifacts.manifest import Manifest, content_files, read_manifest
+from plop.artifacts.names import give_name, read_names
 from plop.artifacts.suggestions import nearest, workspaces_near
 from plop.errors import PlopError
 
 BEGIN = "`plop ingest FOLDER` or `plop simulate SCENE` creates one from data, `plop demo` an example"
 """How to create a workspace."""
-NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
 @dataclass(frozen=True)
@@ -263,31 +261,11 @@ class Store:
 
     def names(self) -> dict[str, str]:
         """Return all names: name -> full address."""
-        path = self.root / "names.json"
-        if not path.exists():
-            return {}
-        try:
-            return {str(k): str(v) for k, v in json.loads(path.read_text(encoding="utf-8")).items()}
-        except (OSError, ValueError, AttributeError) as error:
-            raise PlopError(
-                "The names of artifacts cannot be read.",
-                where=path,
-                found=str(error),
-                fix="Remove the file; the artifacts are kept and can be named again.",
-            ) from error
+        return read_names(self.root)
 
     def set_name(self, name: str, artifact: Artifact) -> str | None:
-        """Name an artifact; a name that was used before moves to the new one.
-
-        Returns:
-            Full address of the artifact that had the name before; None when there was none.
-        """
-        check_name(name)
-        with locked(self.root / ".locks" / "names"):
-            names, address = self.names(), "@".join(artifact.key)
-            write_json(self.root / "names.json", names | {name: address})
-        before = names.get(name, address)
-        return None if before == address else before
+        """Name an artifact, see `plop.artifacts.names.give_name`."""
+        return give_name(self.root, name, "@".join(artifact.key))
 
     def scratch(self, stage: str, fingerprint: str, *, fresh: bool = False) -> Path:
         """Return the scratch folder of a fingerprint, with the files of a killed run unless `fresh`. Hold its lock."""
@@ -317,20 +295,6 @@ class Store:
             self.journal.append(Event(*artifact.key, seconds))
         except OSError:
             return
-
-
-def check_name(name: str) -> None:
-    """Reject a name that could be mistaken for an address or a path.
-
-    Raises:
-        PlopError: It could.
-    """
-    if not NAME_PATTERN.fullmatch(name) or name == "latest":
-        raise PlopError(
-            "This is not a valid name of an artifact.",
-            where=name,
-            expected="letters, digits, '.', '_', '+', '-'; first a letter or digit",
-        )
 
 
 def _key_of(folder: Path) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Trivial models: baselines that every learned model must beat, and the filter's initial model."""
+"""The trivial model: the filter's initial one, and a baseline that every learned model must beat."""
 
 from __future__ import annotations
 
@@ -11,24 +11,11 @@ from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep
 
 
 @dataclass(frozen=True)
-class Persistence(DynamicsModel):
-    """Nothing moves."""
-
-    def step(
-        self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None
-    ) -> ParticleState:
-        """Keep the state; only the sides of the cut are updated."""
-        zeros = torch.zeros_like(state.last_translation)
-        side = advance_sides(state.side, state.gaussians.means, action)
-        return replace(state, last_translation=zeros, last_rotation=zeros, side=side, has_history=True)
-
-
-@dataclass(frozen=True)
 class ConstantVelocity(DynamicsModel):
     """The last motion continues, damped."""
 
     keep: float = 0.8
-    """Share of the last motion that is repeated [-]."""
+    """Share of the last motion that is repeated [-]; 0: nothing moves."""
 
     def step(
         self, state: ParticleState, action: ToolStep, *, generator: torch.Generator | None = None

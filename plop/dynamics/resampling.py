@@ -19,7 +19,7 @@ class ResamplingConfig(Settings):
     """When Gaussians merge and split; the defaults are defined only here."""
 
     enabled: Annotated[bool, Formerly("resample")] = True
-    """Merge and split; off, the set of Gaussians never changes (the comparison in docs/explanation/gaussians.md)."""
+    """Merge and split; off, the set of Gaussians never changes (the comparison in docs/explanation/deviations.md)."""
     merge_below: Share = 0.05
     """Opacity threshold tau_m under which a Gaussian merges into its nearest survivor."""
     merge_share: Share = 0.0

@@ -16,7 +16,6 @@ from plop.gaussians.state import Gaussians
 from plop.geometry.ply import read_vertices, write_vertices
 
 _OPACITY_MARGIN = 1e-6
-_SH_C0 = 0.28209479177387814
 
 
 def write_splat(path: str | Path, gaussians: Gaussians) -> None:

@@ -16,7 +16,8 @@ from typing import Any
 from plop.artifacts.digest import files_below
 from plop.artifacts.fingerprint import deciding, fingerprint, plain
 from plop.artifacts.manifest import Manifest
-from plop.artifacts.store import Artifact, Store, check_name
+from plop.artifacts.names import check_name
+from plop.artifacts.store import Artifact, Store
 from plop.artifacts.verify import verify
 from plop.errors import PlopError
 from plop.pipeline.inputs import Resolved, resolve_inputs

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from plop.artifacts.lineage import check_lineage, closure, latest_lines
+from plop.artifacts.lineage import check_lineage, closure
 from plop.artifacts.lock import note_of
 from plop.artifacts.store import Artifact, Store
+from plop.artifacts.succession import latest_lines
 
 LEFTOVERS = {
     ".partial-": "left by a run that was stopped",

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 
-from plop.artifacts.lineage import Key, Stale, latest_lines, raw_path, replacements
+from plop.artifacts.lineage import Key
+from plop.artifacts.stale import Stale, raw_path
 from plop.artifacts.store import Artifact, Store
+from plop.artifacts.succession import latest_lines, replacements
 from plop.artifacts.verify import obvious_damage
 from plop.errors import PlopError
 from plop.pipeline.listener import Listener

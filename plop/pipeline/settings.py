@@ -48,7 +48,7 @@ class Setting:
 
 def settings_of(config: type) -> list[Setting]:
     """Describe the settings of a dataclass, nested ones at the position of their group."""
-    texts, kinds = _field_docstrings(config), kinds_of(config)
+    texts, kinds = field_docstrings(config), kinds_of(config)
     found = []
     for field in dataclasses.fields(config):
         kind, default, text = kinds[field.name], _default_of(field), texts.get(field.name, "")
@@ -75,7 +75,8 @@ def _default_of(field: dataclasses.Field[Any]) -> Any:
     raise TypeError(f"the setting {field.name} has no default")
 
 
-def _field_docstrings(config: type) -> dict[str, str]:
+def field_docstrings(config: type) -> dict[str, str]:
+    """Give field -> the string below it, in one line; from the source of a dataclass and those that it extends."""
     found: dict[str, str] = {}
     for owner in reversed(config.__mro__):
         if not dataclasses.is_dataclass(owner):

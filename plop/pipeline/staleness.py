@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.fingerprint import deciding
-from plop.artifacts.lineage import Key, Stale, stale_reasons
+from plop.artifacts.lineage import Key
+from plop.artifacts.stale import Stale, stale_reasons
 from plop.artifacts.store import Artifact, Store
 from plop.pipeline.execute import raw_content
 from plop.pipeline.registry import StageRef, stage_ref

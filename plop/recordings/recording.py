@@ -27,7 +27,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from plop.artifacts.hdf5_reader import Hdf5Reader
+from plop.artifacts.hdf5_reader import EpisodeFile
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import View
@@ -47,7 +47,7 @@ class Mesh:
     """[F, 3] int64, counter-clockwise seen from outside"""
 
 
-class Recording(Hdf5Reader):
+class Recording(EpisodeFile):
     """Read one recording lazily; use as a context manager. `/truth` cannot be reached from here."""
 
     noun, schema, maker = "recording", RECORDING_SCHEMA, "Run `plop ingest` for this episode"
@@ -76,16 +76,6 @@ class Recording(Hdf5Reader):
             check_recording_file(self._file, self.path, maker=self.maker)
 
     @property
-    def name(self) -> str:
-        """Name of the episode."""
-        return str(self._file.attrs["name"])
-
-    @property
-    def environment(self) -> str:
-        """Name of the environment that the episode belongs to, e.g. "prism-jelly"."""
-        return str(self._file.attrs["environment"])
-
-    @property
     def table_z_m(self) -> float | None:
         """Height of the table [m], None when there is none."""
         height = float(self._file.attrs.get("table_z_m", np.nan))
@@ -95,11 +85,6 @@ class Recording(Hdf5Reader):
     def time_s(self) -> np.ndarray:
         """Time of every frame, shape [T] [s]."""
         return self._file["frames/time_s"][:]
-
-    @property
-    def camera_names(self) -> list[str]:
-        """Names of the cameras, sorted."""
-        return sorted(self._file["cameras"])
 
     @property
     def scan_names(self) -> list[str]:

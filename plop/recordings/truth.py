@@ -89,12 +89,3 @@ class Truth(Hdf5Reader):
     def facts(self) -> dict[str, Any]:
         """Parameters of the simulator."""
         return json.loads(self._file["truth"].attrs.get("facts", "{}"))
-
-
-def write_without_truth(source: str | Path, target: str | Path) -> None:
-    """Copy a recording without `/truth`, to share it or to show that a result does not depend on it."""
-    with h5py.File(source, "r") as old, h5py.File(target, "w") as new:
-        new.attrs.update(old.attrs)
-        for key in old:
-            if key != "truth":
-                old.copy(key, new)

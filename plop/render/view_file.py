@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from plop.artifacts.atomic_hdf5 import AtomicHdf5
-from plop.artifacts.hdf5_reader import Hdf5Reader
+from plop.artifacts.hdf5_reader import EpisodeFile
 from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import View
@@ -61,7 +61,7 @@ class ViewWriter(AtomicHdf5):
         return self.file[path]
 
 
-class ViewFile(Hdf5Reader):
+class ViewFile(EpisodeFile):
     """Read predicted views lazily; use as a context manager."""
 
     noun, schema, maker = "file of predicted views", VIEW_FILE_SCHEMA, "Run `plop rollout` for this episode"
@@ -78,21 +78,6 @@ class ViewFile(Hdf5Reader):
 
     def __len__(self) -> int:
         return min((len(group["rgb"]) for group in self._file["cameras"].values()), default=0)
-
-    @property
-    def name(self) -> str:
-        """Name of the episode."""
-        return str(self._file.attrs["name"])
-
-    @property
-    def environment(self) -> str:
-        """Name of the environment."""
-        return str(self._file.attrs["environment"])
-
-    @property
-    def camera_names(self) -> list[str]:
-        """Names of the cameras, sorted."""
-        return sorted(self._file["cameras"])
 
     def view(self, camera: Camera, frame: int) -> View:
         """Read one frame of one camera."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from plop.errors import PlopError
 from plop.geometry.calibration.boards import Board
-from plop.geometry.handeye.judge import HandEyeFault, Judgement, judge_hand_eye
+from plop.geometry.handeye.judge import judge_hand_eye
+from plop.geometry.handeye.judgement import HandEyeFault, Judgement
 from plop.geometry.handeye.solve import HAND_EYE_METHODS, HandEye, MethodScore, hand_eye, robot_world
 from stages.calibrate.handeye_finished import read_finished
 from stages.calibrate.handeye_folder import HandEyeData, read_handeye

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from plop.errors import PlopError
-from plop.geometry.calibration.boards import Board, Intrinsics, calibrate_intrinsics, read_images
+from plop.geometry.calibration.board_intrinsics import Intrinsics, calibrate_intrinsics, read_images
+from plop.geometry.calibration.boards import Board
 from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.recording import Recording

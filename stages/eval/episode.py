@@ -158,15 +158,7 @@ def _frames(recording: Recording, views: ViewFile, init: Fit, rivals: Rivals, co
 
 
 def _read_init(init: Fit) -> tuple[Gaussians, Gaussians]:
-    for path in (init.object_splat, init.tool_splat):
-        if not path.is_file():
-            raise PlopError(
-                "An episode has no fitted Gaussians.",
-                where=path,
-                expected=f"a fit of {init.folder.name}",
-                found="no file",
-                fix="Use the `plop fit-init` artifact that the rollout started from.",
-            )
+    init.present(fix="Use the `plop fit-init` artifact that the rollout started from.")
     return read_splat(init.object_splat), read_splat(init.tool_splat)
 
 

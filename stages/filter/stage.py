@@ -23,7 +23,6 @@ from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.episodes import measured_views
 from plop.dynamics.filter.particle_filter import FilterStep, UpdateConfig, run_filter, settled
 from plop.dynamics.interface import DynamicsModel, at_rest
-from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
 from plop.models import device_of, load_model
@@ -88,15 +87,7 @@ def _filter_episode(
     recordings: RecordingSet, init: Path, model_folder: Path | None, config: FilterConfig, name: str, out: Output
 ) -> dict[str, Any]:
     """Filter one episode; return its mean innovation."""
-    splat = Fits(init).episode(name).object_splat
-    if not splat.is_file():
-        raise PlopError(
-            "An episode has no fitted Gaussians.",
-            where=splat,
-            expected="object.ply of `plop fit-init`",
-            found="no file",
-            fix="Run `plop fit-init` on the same recordings.",
-        )
+    splat = Fits(init).episode(name).present(tool=False).object_splat
     device = chosen_device(config.device)
     model: DynamicsModel = ConstantVelocity()
     if model_folder is not None:

@@ -17,7 +17,7 @@ from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Recordings
 from plop.errors import PlopError
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
-from plop.recordings.readers.droid.camera import DroidCameraSettings, DroidOptions
+from plop.recordings.readers.droid.camera_settings import DroidCameraSettings, DroidOptions
 from plop.recordings.readers.droid.episode import RowChoice, open_episode
 from plop.recordings.readers.droid.intrinsics import load_side_file
 from plop.recordings.readers.droid.layout import DroidFolder, find_episodes

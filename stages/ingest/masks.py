@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.errors import PlopError
 from plop.geometry.cameras import Camera
 from plop.geometry.view import MaskLabel
 from plop.lazy_open3d import o3d
@@ -43,14 +42,7 @@ class MaskRules(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.hand_to_m < self.hand_from_m:
-            raise PlopError(
-                "The end of the hand's capsule is before its start.",
-                where="mask.hand_to_m, mask.hand_from_m",
-                expected=f"hand_to_m of {self.hand_from_m:g} m or more",
-                found=f"{self.hand_to_m:g} m",
-                fix="Raise hand_to_m, or lower hand_from_m.",
-            )
+        self._check_order("The end of the hand's capsule is before its start.", "hand_from_m", "hand_to_m", "mask.")
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from plop.errors import PlopError
 from plop.render.virtual_cameras.settings import CameraSettings
 from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Seed, Settings, Unit
 
@@ -42,14 +41,7 @@ class SimulatedConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.largest_m < self.smallest_m:
-            raise PlopError(
-                "The largest size is smaller than the smallest.",
-                where="largest_m, smallest_m",
-                expected=f"largest_m of {self.smallest_m:g} m or more",
-                found=f"{self.largest_m:g} m",
-                fix="Raise largest_m, or lower smallest_m.",
-            )
+        self._check_order("The largest size is smaller than the smallest.", "smallest_m", "largest_m")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from plop.artifacts.layouts import Fit, Fits, Model
+from plop.artifacts.layouts import Fits, Model
 from plop.compute.device import chosen_device, jobs_on
 from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
@@ -63,7 +63,7 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
     names = choose_episodes(recordings, config)
     init, model_folder = inputs["init"].path, inputs["model"].path
     for name in names:
-        _check_init(Fits(init).episode(name), name)
+        Fits(init).episode(name).present(fix="Run `plop fit-init` on the same recordings, or choose other episodes.")
     if not config.other_environment:
         _check_environment(model_folder, recordings.environment)
     work = partial(_roll_out, recordings, model_folder, init, config)
@@ -102,18 +102,6 @@ def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str
             fix="Change rollout.split or rollout.episodes, or ingest with another split.",
         )
     return names
-
-
-def _check_init(fit: Fit, name: str) -> None:
-    for path in (fit.object_splat, fit.tool_splat):
-        if not path.is_file():
-            raise PlopError(
-                "An episode has no fitted Gaussians.",
-                where=path,
-                expected=f"a fit of {name}",
-                found="no file",
-                fix="Run `plop fit-init` on the same recordings, or choose other episodes.",
-            )
 
 
 def _check_environment(model_folder: Path, environment: str) -> None:

@@ -237,15 +237,7 @@ def _make_tracks(recordings: RecordingSet, init: Path, config: TrainConfig, out:
 
 @deterministic()
 def _make_track(recordings: RecordingSet, init: Path, config: TrainConfig, name: str, out: Output) -> dict[str, float]:
-    splat = Fits(init).episode(name).object_splat
-    if not splat.is_file():
-        raise PlopError(
-            "An episode has no fitted Gaussians.",
-            where=splat,
-            expected="object.ply of `plop fit-init`",
-            found="no file",
-            fix="Run `plop fit-init` on the same recordings.",
-        )
+    splat = Fits(init).episode(name).present(tool=False).object_splat
     if not config.follows_tracks:
         write_start(splat, Model(out.path).tracks.states(name))
         return {}

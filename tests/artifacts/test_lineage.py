@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from plop.artifacts.lineage import first_difference, stale_reasons
+from plop.artifacts.difference import first_difference
+from plop.artifacts.stale import stale_reasons
 from plop.artifacts.store import Artifact, Store
 from plop.pipeline.execute import execute, raw_content
 from plop.pipeline.stage import Stage

@@ -12,7 +12,8 @@ import pytest
 import yaml
 
 from plop.errors import PlopError
-from plop.geometry.calibration.boards import Board, calibrate_intrinsics, find_board, settle_pattern
+from plop.geometry.calibration.board_intrinsics import calibrate_intrinsics
+from plop.geometry.calibration.boards import Board, find_board, settle_pattern
 from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import invert_rigid
 from plop.recordings.set import RecordingSet

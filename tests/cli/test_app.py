@@ -1,82 +1,18 @@
-"""The program: help, exit codes, messages, machine-readable output."""
+"""The program: exit codes, messages, machine-readable output."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from plop.pipeline.registry import StageRef
 from plop_cli.app import main
-from stages import PIPELINE
-from tests.pipeline import fake_stages as fake
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-FAKES = (
-    StageRef("ingest mesh", "tests.pipeline.fake_stages:INGEST", "Write pieces."),
-    StageRef("calibrate", "tests.pipeline.fake_stages:CALIBRATE", "Join."),
-    StageRef("fuse", "tests.pipeline.fake_stages:FULL_DISK", "Fail."),
-)
-
-
-@pytest.fixture
-def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give a workspace in which three commands are fake stages."""
-    loaded = {ref.command: ref for ref in FAKES}
-    original = StageRef.load
-    monkeypatch.setattr(StageRef, "load", lambda ref: original(loaded.get(ref.command, ref)))
-    monkeypatch.setenv("PLOP_WORKSPACE", str(tmp_path))
-    fake.raw_folder(tmp_path / "blocks")
-    return tmp_path
-
-
-def test_help_lists_the_pipeline_in_order(capsys: pytest.CaptureFixture[str]):
-    assert main(["--help"]) == 0
-    text = capsys.readouterr().out
-    places = [text.index(f" {name} ") for name in dict.fromkeys(ref.name for ref in PIPELINE)]
-    assert places == sorted(places)
-
-
-@pytest.mark.parametrize("words", [[], ["status"], ["simulate"], ["ingest"], ["ingest", "disect"]])
-def test_help_is_short_for_the_hasty(words: list[str], capsys: pytest.CaptureFixture[str]):
-    assert main([*words, "-h"]) == 0
-    assert f"Usage: {' '.join(['plop', *words])} [OPTIONS]" in capsys.readouterr().out
-
-
-def test_help_imports_nothing_heavy():
-    heavy = ("torch", "numpy", "open3d", "numba", "cv2", "h5py")
-    code = f"import sys; from plop_cli.app import main; main(['--help']); print('HEAVY', sys.modules.keys() & {heavy})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=REPOSITORY, check=True)
-    assert "HEAVY set()" in done.stdout
-
-
-def test_help_of_a_stage_shows_types_defaults_and_units(workspace: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["ingest", "mesh", "--help"]) == 0
-    text = capsys.readouterr().out
-    for part in (
-        "--pause-s",
-        "Time a piece takes. [0 to 60 s; default 0]",
-        "--seed",
-        "RAW",
-        "--dry-run",
-        "PLOP_WORKSPACE",
-    ):
-        assert part in text
-
-
-def test_help_says_what_an_input_is_and_what_is_made_on_the_way(monkeypatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setenv("COLUMNS", "300")
-    assert main(["diagnose", "--help"]) == 0
-    shown = {line.split()[1]: line for line in capsys.readouterr().out.splitlines() if "--" in line}
-    assert "the filter's states. Address of an artifact of filter. [default: (made if missing)]" in shown["--tracks"]
-    assert "(made if missing, or none)" in shown["--reference-tracks"]
-    assert "(the latest match)" in shown["--model"]
 
 
 def test_run_skip_and_json(workspace: Path, capsys: pytest.CaptureFixture[str]):
@@ -230,73 +166,6 @@ def test_interrupt_says_that_pieces_are_kept(
     monkeypatch.setattr("plop.pipeline.tasks.execute", interrupted)
     assert main(["ingest", "mesh", str(workspace / "blocks")]) == 130
     assert "finished pieces are kept" in capsys.readouterr().err
-
-
-def test_status_verify_why_and_export(workspace: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["status"]) == 0
-    assert "no artifacts" in capsys.readouterr().out
-    raw = str(workspace / "blocks")
-    assert main(["ingest", "mesh", raw, "--name", "base", "-q"]) == 0
-    assert main(["calibrate", "-q", "--name", "joined"]) == 0
-    assert main(["ingest", "mesh", raw, "--pieces", "5", "--name", "more", "-q"]) == 0
-    assert main(["status", "--json", "--all"]) == 0
-    rows = {row["name"]: row["state"] for row in json.loads(capsys.readouterr().out)["artifacts"]}
-    assert rows["base"] == rows["more"] == rows["joined"] == "current"  # what has a name is not replaced
-    assert main(["why", "base", "more"]) == 0
-    assert "ingest.pieces = 4, 5" in capsys.readouterr().out
-    assert main(["verify"]) == 0
-    assert main(["export", "joined", str(workspace / "out")]) == 0
-    assert (workspace / "out" / "sub" / "all.txt").exists()
-    assert (workspace / "out" / "manifest.json").exists()
-    assert main(["export", "joined", str(workspace / "out")]) == 1
-    assert main(["export", "joined", str(workspace / "out"), "--force"]) == 0
-    assert main(["export", "joined", str(workspace / "out2"), "--kind", "video"]) == 1
-    capsys.readouterr()
-    (next((workspace / "artifacts" / "calibrate").glob("[!.]*")) / "sub" / "all.txt").write_text("x")
-    assert main(["verify"]) == 1
-    assert "all.txt" in capsys.readouterr().err
-
-
-def test_status_says_why_something_is_stale_where_it_begins(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
-    assert main(["calibrate", "-q"]) == 0
-    newer = {"ingest": dataclasses.replace(fake.INGEST, version=fake.INGEST.version + 1)}
-    monkeypatch.setattr("plop.pipeline.staleness._imported_stages", lambda artifacts: newer)
-    capsys.readouterr()
-    assert main(["status"]) == 0
-    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line]
-    rows = [line[line[0] == "└" :] for line in lines]  # a branch of the tree comes first
-    states = {row[0].partition("@")[0]: row[-1] for row in rows if "@" in row[0]}
-    assert states == {"ingest": "stale", "calibrate": "stale"}
-    reasons = [line for line in lines if line[0] == "stale:"]
-    assert len(reasons) == 1 and reasons[0][1].startswith("ingest@"), "what follows from it is not explained again"
-
-
-@pytest.mark.parametrize("harm", [lambda path: path.write_text("x"), Path.unlink])
-def test_status_tells_what_is_damaged(
-    workspace: Path, capsys: pytest.CaptureFixture[str], harm: Callable[[Path], object]
-):
-    assert main(["ingest", "mesh", str(workspace / "blocks"), "-q"]) == 0
-    assert main(["calibrate", "-q"]) == 0
-    harm(next((workspace / "artifacts" / "ingest").glob("[!.]*/piece_1.txt")))
-    capsys.readouterr()
-    assert main(["status", "--json"]) == 0
-    seen = capsys.readouterr()
-    states = {row["artifact"].partition("@")[0]: row["state"] for row in json.loads(seen.out)["artifacts"]}
-    assert states["ingest"].startswith("damaged: ") and states["ingest"].endswith("piece_1.txt")
-    assert states["calibrate"] == "current"
-    assert "damaged" in seen.err and "plop ingest" in seen.err and "--force" in seen.err
-
-
-def test_a_name_that_moves_is_said(workspace: Path, capsys: pytest.CaptureFixture[str]):
-    command = ["ingest", "mesh", str(workspace / "blocks"), "--name", "base"]
-    assert main(command) == 0
-    assert "moved" not in capsys.readouterr().out
-    assert main([*command, "--pieces", "5"]) == 0
-    line = next(line for line in capsys.readouterr().out.splitlines() if "the name base moved" in line)
-    assert line.count("ingest@") == 2 and " -> " in line
 
 
 def test_doctor_explains_every_part(workspace: Path, capsys: pytest.CaptureFixture[str]):

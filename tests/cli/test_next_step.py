@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from plop.artifacts.lineage import Stale
 from plop.artifacts.manifest import Manifest
+from plop.artifacts.stale import Stale
 from plop.artifacts.store import Artifact
 from plop_cli.next_step import next_step
 from stages import NEXT, PIPELINE

@@ -20,7 +20,6 @@ from plop.errors import PlopError
 from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Input, Inputs, Output
 from plop.recordings.set import RecordingSet
-from plop.recordings.truth import write_without_truth
 from plop.tracking.sets import check_touch, tracked_episodes
 from stages.augment.stage import AugmentConfig
 from stages.augment.stage import run as augment
@@ -28,6 +27,7 @@ from stages.diagnose import stage
 from stages.diagnose.stage import DiagnoseConfig, run
 from tests.support.coarse_episodes import BASE, coarse_episode
 from tests.support.tracked_set import write_engine, write_recordings
+from tests.support.without_truth import write_without_truth
 
 CONFIG = DiagnoseConfig(effects=("tilt", "adhesion"), sensors=False, jobs=1)
 REPOSITORY = Path(__file__).resolve().parents[2]

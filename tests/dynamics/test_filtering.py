@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from plop.dynamics.baselines import ConstantVelocity, Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.filter.particle_filter import UpdateConfig, run_filter
 from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.gaussians.covariance import scales_quats_from_covariance
@@ -42,7 +42,7 @@ def test_the_pushed_half_is_followed(episode):
 
 def test_the_update_lowers_the_innovation(episode):
     path, states = episode
-    steps = filtered(path, states[0], Persistence())
+    steps = filtered(path, states[0], ConstantVelocity(keep=0))
 
     def mean_of(term: str, first: int, last: int) -> float:
         rows = [c[term] for s in steps if first <= s.frame <= last for c in s.innovation.values()]
@@ -55,16 +55,16 @@ def test_the_update_lowers_the_innovation(episode):
 
 def test_lineage_is_kept(episode):
     path, states = episode
-    steps = filtered(path, states[0], Persistence())
+    steps = filtered(path, states[0], ConstantVelocity(keep=0))
     assert torch.equal(steps[-1].updated.gaussians.ids, states[0].ids)
 
 
-class Splitting(Persistence):
-    """Persistence that splits three Gaussians in every step."""
+class Splitting(ConstantVelocity):
+    """A model that moves nothing and splits three Gaussians in every step."""
 
     def step(self, state, action, *, generator=None):
         config = ResamplingConfig(split_above=1.0, merge_below=0.0, max_count=len(state.side) + 3)
-        return resample(Persistence().step(state, action), config, generator=generator)
+        return resample(ConstantVelocity(keep=0).step(state, action), config, generator=generator)
 
 
 def test_the_update_follows_gaussians_that_split(episode):
@@ -77,11 +77,11 @@ def test_the_update_follows_gaussians_that_split(episode):
 
 
 class Rewritten:
-    """Persistence that writes the same shapes otherwise, as whatever decomposes covariances does."""
+    """A model that moves nothing and writes the same shapes otherwise, as whatever decomposes covariances does."""
 
     def step(self, state, action, *, generator=None):
         scales, quats = scales_quats_from_covariance(state.gaussians.covariances)
-        after = Persistence().step(state, action)
+        after = ConstantVelocity(keep=0).step(state, action)
         return replace(after, gaussians=after.gaussians.with_(scales=scales, quats=quats))
 
 
@@ -89,6 +89,8 @@ def test_shapes_are_those_of_the_prediction_however_it_writes_them(episode):
     path, states = episode
     scales = torch.tensor([0.004, 0.001, 0.002]) * (1 + 0.1 * torch.rand(len(states[0]), 3))
     initial = states[0].with_(scales=scales)
-    plain, rewritten = (filtered(path, initial, model)[-1].updated.gaussians for model in (Persistence(), Rewritten()))
+    plain, rewritten = (
+        filtered(path, initial, model)[-1].updated.gaussians for model in (ConstantVelocity(keep=0), Rewritten())
+    )
     apart = (rewritten.covariances - plain.covariances).norm(dim=(1, 2)) / plain.covariances.norm(dim=(1, 2))
     assert apart.mean() < 0.02  # 1.2 where shapes and turns of two decompositions are mixed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from plop.dynamics.baselines import ConstantVelocity, Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.initial_scene import InitialScene
 from plop.dynamics.interface import DynamicsModel, ParticleState
@@ -36,7 +36,7 @@ def peer(name: PeerName) -> PeerModel:
 
 
 MODELS: dict[str, Callable[[], DynamicsModel]] = {
-    "persistence": Persistence,
+    "persistence": lambda: ConstantVelocity(keep=0),
     "constant velocity": ConstantVelocity,
     "learned": learned,
     "gs-dynamics": lambda: peer("gs-dynamics"),
@@ -138,8 +138,8 @@ def test_a_filter_that_moves_nothing_changes_nothing_and_the_smallest_move_count
 def test_a_state_of_another_model_starts_the_engine_anew():
     episode, engine = coarse_episode(0), FilledEngineModel(BASE)
     steps = actions(episode).steps()
-    told = Persistence().step(engine.init(scene_of(episode)), steps[0])
+    told = ConstantVelocity(keep=0).step(engine.init(scene_of(episode)), steps[0])
     stepped = engine.step(told, steps[1])
     assert isinstance(stepped.inner, EngineState)
-    other = augment(Persistence(), TILT, engine=BASE).step(stepped, steps[2])
+    other = augment(ConstantVelocity(keep=0), TILT, engine=BASE).step(stepped, steps[2])
     assert torch.isfinite(other.gaussians.means).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stages.rollout.stage as rollout
-from plop.dynamics.baselines import Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.errors import PlopError
 from plop.pipeline.stage import Input, Output
 from stages.eval.stage import STAGE, EvalConfig
@@ -130,7 +130,7 @@ def test_a_second_run_goes_on_and_gives_the_same_bytes(inputs, scored, tmp_path)
 
 
 def test_a_prediction_that_stands_still_scores_as_persistence(inputs, tmp_path):
-    still = roll(inputs, Persistence(), tmp_path / "still")
+    still = roll(inputs, ConstantVelocity(keep=0), tmp_path / "still")
     (tmp_path / "out").mkdir()
     STAGE.run(inputs | {"rollouts": still}, EvalConfig(method="still"), Output(tmp_path / "out"))
     methods = json.loads((tmp_path / "out" / "scores.json").read_text())["methods"]

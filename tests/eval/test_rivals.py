@@ -10,7 +10,7 @@ import torch
 
 import stages.rollout.stage as rollout
 from plop.artifacts.layouts import Model
-from plop.dynamics.baselines import Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
 from plop.gaussians.trajectory import TrajectoryWriter
@@ -37,7 +37,7 @@ def scene(tmp_path):
             writer.append("updated", frame, parted(start, frame))
     (tmp_path / "trained" / "model.json").write_text(json.dumps({"schema": 1, "kind": "plop", "training": {}}))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rollout, "load_model", lambda path, device: Persistence())
+        patch.setattr(rollout, "load_model", lambda path, device: ConstantVelocity(keep=0))
         (tmp_path / "rollout").mkdir()
         rollout.run(inputs, rollout.RolloutConfig(jobs=1), Output(tmp_path / "rollout"))
     return inputs | {"rollouts": Input(tmp_path / "rollout"), "tracks": Input(tmp_path / "trained")}
@@ -56,7 +56,7 @@ def test_replay_and_velocity_are_right_where_motion_repeats_and_goes_on(scene, t
 
 
 def test_the_residual_is_that_of_the_last_observed_frame(scene, monkeypatch):
-    monkeypatch.setattr(rivals, "load_model", lambda folder: Persistence())
+    monkeypatch.setattr(rivals, "load_model", lambda folder: ConstantVelocity(keep=0))
     recordings = RecordingSet.load(scene["recordings"].path)
     start = read_splat(scene["init"].path / "b" / "object.ply")
     with recordings.open("b") as recording:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from plop.errors import PlopError
-from plop.geometry.calibration.boards import Board, board_pose, calibrate_intrinsics, find_board, read_images
+from plop.geometry.calibration.board_intrinsics import calibrate_intrinsics, read_images
+from plop.geometry.calibration.boards import Board, board_pose, find_board
 from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import pose_from_euler_xyz
 

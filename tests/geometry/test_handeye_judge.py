@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
 from plop.geometry.handeye.fit import fit_hand_eye
-from plop.geometry.handeye.judge import HandEyeFault, judge_hand_eye, moving_poses
+from plop.geometry.handeye.judge import judge_hand_eye, moving_poses
+from plop.geometry.handeye.judgement import HandEyeFault
 from plop.geometry.handeye.readings import OTHER_MOUNT
 from plop.geometry.handeye.solve import difference, hand_eye
 from plop.geometry.pose_matrices import is_transposed, matrix_fault

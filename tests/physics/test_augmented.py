@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from plop.dynamics.baselines import Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.i2n.model import PlopConfig, PlopModel
 from plop.dynamics.i2n.model_io import save_model
 from plop.dynamics.interface import DynamicsModel, ParticleState, ToolStep, at_rest
@@ -37,18 +37,20 @@ def difference(*effects) -> np.ndarray:
 def test_over_persistence_the_prediction_is_the_difference():
     added = difference(STIFFER)
     assert np.abs(added).max() > 2e-4
-    found = run(AugmentedModel(Persistence(), BASE, (STIFFER,)))
-    np.testing.assert_allclose(found, run(Persistence()) + added, atol=1e-6)
+    found = run(AugmentedModel(ConstantVelocity(keep=0), BASE, (STIFFER,)))
+    np.testing.assert_allclose(found, run(ConstantVelocity(keep=0)) + added, atol=1e-6)
 
 
 def test_amplitude_zero_is_the_base():
-    base = run(Persistence())
-    np.testing.assert_array_equal(run(AugmentedModel(Persistence(), BASE, (effect_type("tilt")(),))), base)
-    np.testing.assert_array_equal(run(AugmentedModel(Persistence(), BASE, ())), base)
+    base = run(ConstantVelocity(keep=0))
+    np.testing.assert_array_equal(run(AugmentedModel(ConstantVelocity(keep=0), BASE, (effect_type("tilt")(),))), base)
+    np.testing.assert_array_equal(run(AugmentedModel(ConstantVelocity(keep=0), BASE, ())), base)
 
 
 def test_the_order_of_effects_does_not_matter():
-    one, other = (run(AugmentedModel(Persistence(), BASE, pair)) for pair in ((TILT, STIFFER), (STIFFER, TILT)))
+    one, other = (
+        run(AugmentedModel(ConstantVelocity(keep=0), BASE, pair)) for pair in ((TILT, STIFFER), (STIFFER, TILT))
+    )
     np.testing.assert_allclose(one, other, atol=2e-6)
 
 
@@ -83,7 +85,7 @@ def test_neighbours_of_the_same_side_stand_in_without_lineage():
 
 
 def test_an_episode_starts_anew():
-    model = AugmentedModel(Persistence(), BASE, (STIFFER,))
+    model = AugmentedModel(ConstantVelocity(keep=0), BASE, (STIFFER,))
     np.testing.assert_array_equal(run(model), run(model))
 
 
@@ -146,5 +148,5 @@ def test_an_unknown_kind_and_an_unknown_effect_are_refused(tmp_path):
 def test_a_step_needs_no_history():
     episode = coarse_episode(0)
     state = at_rest(gaussians(episode.points[0]))
-    stepped = AugmentedModel(Persistence(), BASE, (TILT,)).step(state, actions(episode).step(0))
+    stepped = AugmentedModel(ConstantVelocity(keep=0), BASE, (TILT,)).step(state, actions(episode).step(0))
     assert stepped.has_history and torch.isfinite(stepped.gaussians.means).all()

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import stages.rollout.stage as stage
-from plop.dynamics.baselines import Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.dynamics.resampling import ResamplingConfig, resample
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat, write_splat
@@ -60,12 +60,12 @@ def test_states_and_views_are_those_of_the_model(run, inputs, tmp_path):
     assert summary.figures["step_ms_median"] > 0
 
 
-class Splitting(Persistence):
-    """Persistence that splits two Gaussians in every step."""
+class Splitting(ConstantVelocity):
+    """A model that moves nothing and splits two Gaussians in every step."""
 
     def step(self, state, action, *, generator=None):
         config = ResamplingConfig(split_above=1.0, merge_below=0.0, max_count=len(state.side) + 2)
-        after = Persistence().step(state, action)
+        after = ConstantVelocity(keep=0).step(state, action)
         stretched = after.gaussians.scales * torch.tensor([1.3, 1.0, 1.0])
         return resample(replace(after, gaussians=after.gaussians.with_(scales=stretched)), config, generator=generator)
 
@@ -102,7 +102,7 @@ def test_a_wrong_prediction_is_red_and_a_right_one_is_not(run, tmp_path):
     import imageio.v3 as iio
 
     run(episodes="a")
-    run(Persistence(), out="still", episodes="a")
+    run(ConstantVelocity(keep=0), out="still", episodes="a")
     right, wrong = (iio.imread(tmp_path / out / "a" / "still.png") for out in ("out", "still"))
     assert red_share(right) < 0.001 < 0.01 < red_share(wrong)
 
@@ -199,7 +199,7 @@ def test_empty_masks_at_frame_0_are_an_error(run, tmp_path):
 
 
 def test_persistence_keeps_every_gaussian(run, inputs, tmp_path):
-    run(Persistence(), episodes="a")
+    run(ConstantVelocity(keep=0), episodes="a")
     start = read_splat(inputs["init"].path / "a" / "object.ply")
     with Trajectory(tmp_path / "out" / "a" / "states.h5") as states:
         assert torch.equal(states.read("states", 3).means, start.means)

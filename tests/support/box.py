@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])[
     :, [[0, 1, 2], [0, 2, 3]]
 ].reshape(12, 3)
-"""Triangles over `box_corners`, seen from outside counterclockwise."""
-
-
-def box_corners(low: object, high: object) -> np.ndarray:
-    """Corners of the box between two points, z fastest, [8, 3]."""
-    return np.array(list(itertools.product(*zip(np.asarray(low, float), np.asarray(high, float), strict=True))))
+"""Triangles over a box's corners, z fastest, seen from outside counterclockwise."""

@@ -28,8 +28,6 @@ class RefinedScan:
     """Root mean square over all triangulated features [px]."""
     scale: float
     """Metres per unit of the reconstruction."""
-    pose_fit_mm: float
-    """Median distance of refined and reference camera centres [mm]."""
     points: np.ndarray
     """Triangulated features in the world, shape [P, 3] [m]"""
 
@@ -84,14 +82,8 @@ def refine_scan(
     placed[order] = True
     points = np.array([p.xyz for p in model.points3D.values()]).reshape(-1, 3)
     errors = np.array([p.error for p in model.points3D.values()])
-    off = np.linalg.norm(poses[order, :3, 3] - reference[:, :3, 3], axis=1)
     return RefinedScan(
-        poses,
-        placed,
-        float(np.sqrt(np.mean(errors**2))),
-        scale,
-        float(np.median(off) * 1e3),
-        scale * points @ rotation.T + translation,
+        poses, placed, float(np.sqrt(np.mean(errors**2))), scale, scale * points @ rotation.T + translation
     )
 
 

@@ -37,12 +37,3 @@ def offset_by_search(
     around = np.array([cost(found - step_s), cost(found + step_s)])
     contrast = float(np.nanmin(around) / max(fine_values[near], 1e-12)) if np.isfinite(around).any() else 1.0
     return found, contrast
-
-
-def _vertex(values: np.ndarray, index: int) -> float:
-    """Place the minimum of the parabola through three neighbouring values, -0.5 to 0.5 of a step."""
-    if index in (0, len(values) - 1):
-        return 0.0
-    left, middle, right = values[index - 1 : index + 2]
-    bend = left - 2 * middle + right
-    return float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend > 0 else 0.0

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plop.errors import PlopError
-from plop.geometry.handeye.judge import HandEyeFault, judge_hand_eye, moving_poses
+from plop.geometry.handeye.judge import judge_hand_eye, moving_poses
+from plop.geometry.handeye.judgement import HandEyeFault
 from plop.geometry.handeye.pairs import check_pose_pairs
 from plop.geometry.rigid import invert_rigid
 

@@ -121,24 +121,10 @@ class Adhesion(Effect):
         """Pull."""
         if body.tool_now[0] == 0:
             return
-        dx = body.config.dx_m
-        body.impulse[1] += stick(
-            body.x,
-            body.v,
-            body.mass,
-            body.volume,
-            body.radius,
-            body.side,
-            body.cut,
-            *body.tool_now,
-            np.float32(dt),
-            np.float32(self["traction_pa"]),
-            np.float32(np.exp(-dt / self["release_s"])),
-            np.float32(_TOUCHING * dx),
-            np.float32(_SLIP_M),
-            body.memory["adhesion.bond"],
-            body.memory["adhesion.slip"],
-        )
+        moved = (body.x, body.v, body.mass, body.volume, body.radius, body.side, body.cut)
+        law = (dt, self["traction_pa"], np.exp(-dt / self["release_s"]), _TOUCHING * body.config.dx_m, _SLIP_M)
+        bonds = (body.memory["adhesion.bond"], body.memory["adhesion.slip"])
+        body.impulse[1] += stick(*moved, *body.tool_now, *map(np.float32, law), *bonds)
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
         """Bonds are springs on the outermost particles, a quarter of a cell thick."""

@@ -242,43 +242,15 @@ class Cohesion(Effect):
             join(body.x, body.side, body.cut, body.number, pose, faces, spacing, partner, share, rest, normal)
             if self["wear"] > 0:
                 modulus = body.material.lame_pa + 2 * body.material.shear_pa
-                wear_down(
-                    body.x,
-                    body.side,
-                    body.cut,
-                    body.radius,
-                    pose,
-                    faces,
-                    thickness,
-                    np.float32(STIFFNESS * modulus / body.config.dx_m),
-                    np.float32(dt * self["wear"]),
-                    partner,
-                    strength,
-                )
+                pressure_per_m = np.float32(STIFFNESS * modulus / body.config.dx_m)
+                worn = (pressure_per_m, np.float32(dt * self["wear"]), partner, strength)
+                wear_down(body.x, body.side, body.cut, body.radius, pose, faces, thickness, *worn)
         index = np.full(int(body.number.max()) + 1, -1)
         index[body.number] = np.arange(len(body.number))
-        critical = self["opening_m"]
-        hold_together(
-            body.x,
-            body.v,
-            body.c,
-            body.mass,
-            body.volume,
-            body.side,
-            body.cut,
-            index,
-            np.float32(dt),
-            np.float32(self["traction_pa"]),
-            np.float32(critical),
-            np.float32(_RISE * critical),
-            spacing,
-            partner,
-            share,
-            rest,
-            normal,
-            strength,
-            peak,
-        )
+        moved = (body.x, body.v, body.c, body.mass, body.volume, body.side, body.cut, index)
+        law = (self["traction_pa"], self["opening_m"], _RISE * self["opening_m"])
+        bonds = (partner, share, rest, normal, strength, peak)
+        hold_together(*moved, np.float32(dt), *map(np.float32, law), spacing, *bonds)
 
     def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
         """Bonds are springs between outermost particles, each a quarter of a cell thick."""

@@ -1,4 +1,4 @@
-"""The engine's running state: particles sorted along x, the grid around them, one time step after the other."""
+"""The engine's running state: particles sorted along x, the tool and the table, one time step after the other."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any, get_args
 import numpy as np
 
 from plop.physics.engine import law
+from plop.physics.engine.background_grid import BackgroundGrid
 from plop.physics.engine.config import EngineConfig
-from plop.physics.engine.kernels import grid, tool_contact, toughness, transfer
+from plop.physics.engine.kernels import tool_contact, toughness, transfer
+from plop.physics.engine.kernels.grid import grid_velocities
 from plop.physics.engine.law import Hook, Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
@@ -17,8 +19,6 @@ from plop.physics.engine.time_step import highest_speed_m_s, run_step_s
 from plop.physics.engine.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
 from plop.physics.engine.tracers import Tracers
 
-_MARGIN = 3
-"""Free cells between the particles and the end of the grid."""
 _MAX_NODES = 30_000_000
 _PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius", "held")
 
@@ -53,7 +53,8 @@ class Engine:
         self._hooks = {hook: [effect for effect in self.effects if effect.overrides(hook)] for hook in get_args(Hook)}
         self.extra = np.zeros((len(self.x) if self._hooks["stress"] else 0, 6), np.float32)
         self.steps, self.halvings = 0, 0
-        self._travelled, self._room = np.inf, 0
+        self._travelled = np.inf
+        self._grid = BackgroundGrid(config.dx_m, config.table_z_m, config.chunks)
         self._constants()
         limits = {repr(effect): law.slowest_step_s(effect, material, config) for effect in self.effects}
         speed = highest_speed_m_s(self.v, self.tool)
@@ -109,8 +110,7 @@ class Engine:
         )
         self._gravity = np.array(config.gravity_m_s2, np.float32)
         table = -np.inf if config.table_z_m is None else config.table_z_m + 1e-6
-        self._table, self._dx, self._inv_dx = np.float32(table), np.float32(config.dx_m), np.float32(1 / config.dx_m)
-        self._density = np.float32(material.density_kg_m3)
+        self._table, self._density = np.float32(table), np.float32(material.density_kg_m3)
         self._modulus = np.float32(material.lame_pa + 2 * material.shear_pa)
 
     @property
@@ -168,117 +168,50 @@ class Engine:
             self._place_grid()
         self.pose, self.impulse = pose, np.zeros((2, 3))
         step = np.float32(dt)
-        decay = np.float32(np.exp(-self.material.damping_per_s * dt))
-        if self._kind == ToolKind.BLADE:
-            band = np.float32(self.config.band_cells * self._dx)
-            tool_contact.mark_sides(
-                self.x,
-                self.side,
-                self.cut,
-                self.fixed,
-                self.radius,
-                pose,
-                self._faces,
-                self._thickness,
-                band,
-                self._bounds,
-            )
-            self.tracers.mark_sides(pose, self._faces, self._thickness, band)
-        if self._kind != ToolKind.NONE:
-            tool_contact.push_tool(
-                self.x,
-                self.v,
-                self.mass,
-                self.radius,
-                self.side,
-                self.cut,
-                self.held,
-                self._bounds,
-                *self.tool_now,
-                self._friction[1],
-                self._modulus,
-                self._density,
-                self._dx,
-                step,
-                self._pushes,
-            )
-            self.impulse[1] += self._pushes.sum(0, dtype=np.float64)
+        self._touch(step)
         self._act("before", dt)
         if self._hooks["stress"]:
             self.extra[:] = 0
             self._act("stress", dt)
-        transfer.stress_p2g(
-            self.x,
-            self.v,
-            self.c,
-            self.f,
-            self.mass,
-            self.volume,
-            self.side,
-            self.cut,
-            self._bounds,
-            self._planes,
-            self._origin,
-            self._dims,
-            self._inv_dx,
-            step,
-            decay,
-            *self._elastic,
-            self.extra,
-            self._chunk_grid,
-            self._chunk_uncut,
-        )
-        transfer.add_chunks(self._chunk_grid, self._chunk_uncut, self._planes, self._dims, self._grid, self._uncut)
-        if self._shape is not None and self._kind == ToolKind.BLADE and self.material.toughness_j_m2 > 0:
-            self.impulse[1] += toughness.resist_cut(
-                self._grid,
-                self._uncut,
-                self._origin,
-                self._dims,
-                self._inv_dx,
-                step,
-                pose,
-                self._shape.edges,
-                np.float32(self.material.toughness_j_m2),
-                self._density,
-            )
-        tool_contact.table_gaps(self.x, self.radius, self._origin, self._dims, self._inv_dx, self._table, self._gaps)
-        grid.grid_velocities(
-            self._grid,
-            self._uncut,
-            self._origin,
-            self._dims,
-            self._dx,
-            step,
-            self._gravity,
-            self._table,
-            self.config.table_cone == "pyramid",
-            self._friction,
-            self._density,
-            self._gaps,
-            self._velocity,
-            self._impulses,
-        )
-        transfer.g2p(
-            self.x,
-            self.v,
-            self.c,
-            self.f,
-            self.side,
-            self._bounds,
-            self._origin,
-            self._dims,
-            self._inv_dx,
-            step,
-            self._velocity,
-            self._report,
-        )
-        self.tracers.advect(self._origin, self._dims, self._inv_dx, step, self._velocity)
+        self._move(step, np.float32(np.exp(-self.material.damping_per_s * dt)))
         self._act("after", dt)
         self.steps += 1
         self._check(dt)
-        self.impulse[0] += self._impulses.sum(0, dtype=np.float64)
+        self.impulse[0] += self._grid.impulses.sum(0, dtype=np.float64)
         return self.impulse
+
+    def _touch(self, step: np.float32) -> None:
+        """Let the tool cut and push particles."""
+        if self._kind == ToolKind.NONE:
+            return
+        tool, bounds = (self.pose, self._faces, self._thickness), self._grid.bounds
+        if self._kind == ToolKind.BLADE:
+            band = np.float32(self.config.band_cells * self._grid.dx)
+            tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, *tool, band, bounds)
+            self.tracers.mark_sides(*tool, band)
+        pushed = (self.x, self.v, self.mass, self.radius, self.side, self.cut, self.held, bounds)
+        elastic = (self._friction[1], self._modulus, self._density)
+        tool_contact.push_tool(*pushed, *self.tool_now, *elastic, self._grid.dx, step, self._grid.pushes)
+        self.impulse[1] += self._grid.pushes.sum(0, dtype=np.float64)
+
+    def _move(self, step: np.float32, decay: np.float32) -> None:
+        """Transfer to the grid, advance its velocities, and transfer back."""
+        grid, moving = self._grid, (self.x, self.v, self.c, self.f)
+        body = (*moving, self.mass, self.volume, self.side, self.cut, grid.bounds, grid.planes)
+        elastic = (*self._elastic, self.extra)
+        transfer.stress_p2g(*body, *grid.frame, step, decay, *elastic, grid.chunk_nodes, grid.chunk_uncut)
+        origin, dims, _ = grid.frame
+        transfer.add_chunks(grid.chunk_nodes, grid.chunk_uncut, grid.planes, dims, grid.nodes, grid.uncut)
+        toughness_j_m2 = np.float32(self.material.toughness_j_m2)
+        if self._shape is not None and self._kind == ToolKind.BLADE and toughness_j_m2 > 0:
+            edges = (self.pose, self._shape.edges, toughness_j_m2)
+            self.impulse[1] += toughness.resist_cut(grid.nodes, grid.uncut, *grid.frame, step, *edges, self._density)
+        tool_contact.table_gaps(self.x, self.radius, *grid.frame, self._table, grid.gaps)
+        table = (self._table, self.config.table_cone == "pyramid", self._friction, self._density, grid.gaps)
+        nodes = (grid.nodes, grid.uncut, origin, dims, grid.dx)
+        grid_velocities(*nodes, step, self._gravity, *table, grid.velocity, grid.impulses)
+        transfer.g2p(*moving, self.side, grid.bounds, *grid.frame, step, grid.velocity, grid.report)
+        self.tracers.advect(*grid.frame, step, grid.velocity)
 
     def _act(self, hook: Hook, dt: float) -> None:
         for effect in self._hooks[hook]:
@@ -287,8 +220,8 @@ class Engine:
                 raise UnstableStepError(trouble, effect.name)
 
     def _check(self, dt: float) -> None:
-        fastest = float(np.maximum(self._report[:, 0].max(), self.tracers.speed_squared))  # NaN if either is
-        smallest = float(self._report[:, 1].min())
+        fastest = float(np.maximum(self._grid.report[:, 0].max(), self.tracers.speed_squared))  # NaN if either is
+        smallest = float(self._grid.report[:, 1].min())
         if not (np.isfinite(fastest) and np.isfinite(smallest)):
             raise UnstableStepError("a speed that is not a number")
         moved = float(np.sqrt(fastest)) * dt
@@ -299,44 +232,18 @@ class Engine:
         self._travelled += moved
 
     def _place_grid(self) -> None:
-        """Sort the particles along x and lay the grid around them, its nodes at multiples of dx above the table."""
-        dx, chunks = self.config.dx_m, self.config.chunks
-        base = np.array([0.0, 0.0, self.config.table_z_m or 0.0])
+        """Lay the grid around the particles, and sort them along x."""
         ends = np.concatenate([[self.x.min(0), self.x.max(0)], self.tracers.x])
-        low = np.floor((ends.min(0) - base) / dx).astype(np.int64) - _MARGIN
-        high = np.ceil((ends.max(0) - base) / dx).astype(np.int64) + _MARGIN
-        self._origin, self._dims = (base + low * dx).astype(np.float32), high - low + 1
-        nodes = int(np.prod(self._dims))
-        if nodes > _MAX_NODES:
-            raise UnstableStepError(f"particles spread over {nodes / 1e6:.0f} million cells")
-        order, column = self._cell_order(self.x)
-        self.tracers.sort(self._cell_order(self.tracers.x)[0], chunks)
+        self._grid.lay(ends.min(0), ends.max(0))
+        if self._grid.size > _MAX_NODES:
+            raise UnstableStepError(f"particles spread over {self._grid.size / 1e6:.0f} million cells")
+        order, column = self._grid.cell_order(self.x)
+        self.tracers.sort(self._grid.cell_order(self.tracers.x)[0], self.config.chunks)
         for name in _PER_PARTICLE:
             setattr(self, name, np.ascontiguousarray(getattr(self, name)[order]))
         self.memory = {key: np.ascontiguousarray(value[order]) for key, value in self.memory.items()}
-        self._bounds = np.linspace(0, len(self.x), chunks + 1).astype(np.int64)
-        parts = [column[a:b] for a, b in zip(self._bounds[:-1], self._bounds[1:], strict=True)]
-        self._planes = np.array(
-            [[max(part[0] - 2, 0), min(part[-1] + 4, self._dims[0])] if len(part) else [0, 0] for part in parts]
-        )
+        self._grid.divide(column)
         self._travelled = 0.0
-        if nodes > self._room:
-            self._allocate(nodes * 5 // 4)
-        self._impulses = np.zeros((int(self._dims[0]), 3), np.float32)
-
-    def _cell_order(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Order of places [N, 3] [m] by cell, and each cell's column along x in that order."""
-        cell = ((x - self._origin) * self._inv_dx).astype(np.int64)
-        order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
-        return order, cell[order, 0]
-
-    def _allocate(self, room: int) -> None:
-        chunks, self._room = self.config.chunks, room
-        self._chunk_grid = np.zeros((chunks, room, 8), np.float32)
-        self._chunk_uncut = np.zeros((chunks, room), np.float32)
-        self._grid, self._uncut = np.zeros((room, 8), np.float32), np.zeros(room, np.float32)
-        self._gaps, self._velocity = np.zeros(room, np.float32), np.zeros((room, 2, 4), np.float32)
-        self._report, self._pushes = np.zeros((chunks, 2), np.float32), np.zeros((chunks, 3), np.float32)
 
     def snapshot(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Copy positions, deformation gradients and signed sides in the caller's order."""
@@ -349,18 +256,8 @@ class Engine:
         sides = np.where(cut | self._whole("fixed"), 1 - 2 * self._whole("side"), 0)
         volume, radius, held = (self._scattered(values) for values in (self.volume, self.radius, self.held))
         memory = {key: self._scattered(value) for key, value in self.memory.items()}
-        return Particles(
-            self._whole("x"),
-            volume,
-            self._whole("v"),
-            self._whole("f"),
-            sides,
-            radius,
-            self._whole("c"),
-            cut,
-            memory,
-            held,
-        )
+        x, v, f, c = (self._whole(name) for name in "xvfc")
+        return Particles(x, volume, v, f, sides, radius, c, cut, memory, held)
 
     def _whole(self, name: str) -> np.ndarray:
         """One array of particles and tracers, in the caller's order."""

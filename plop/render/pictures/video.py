@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Generator
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import imageio_ffmpeg
@@ -78,9 +77,7 @@ class VideoWriter:
         except (OSError, RuntimeError) as error:
             raise self._failure(error) from error
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._pipe is not None:
             self._pipe.close()
         if kind is not None:

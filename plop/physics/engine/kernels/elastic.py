@@ -20,8 +20,6 @@ _HALF = np.float32(0.5)
 _SMALLEST_J = np.float32(0.05)
 """Volume ratios below this are treated as this, so that the logarithm stays finite."""
 
-Scalars6 = tuple[float, float, float, float, float, float]
-
 
 @njit(fastmath=True)
 def determinant(a, b, c, d, e, f, g, h, i):

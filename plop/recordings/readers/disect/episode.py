@@ -30,7 +30,7 @@ from plop.recordings.readers.declared_units import (
     together,
 )
 from plop.recordings.readers.disect.usd_nodes import NODES, UsdNodes, read_usd_nodes
-from plop.recordings.readers.mesh.npz_file import read_npz
+from plop.recordings.readers.mesh.npz_file import check_finite, read_npz
 from plop.recordings.readers.mesh.sequence import MeshSequence, check_mesh_sequence
 from plop.recordings.readers.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
@@ -212,14 +212,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     arrays = read_npz(path, _ARRAYS, may_be_empty=_MAY_BE_EMPTY, fix=_COPY_AGAIN)
     arrays = {key: arrays[key] for key in _ARRAYS}
     for key, value in arrays.items():
-        if not np.isfinite(value).all():
-            raise PlopError(
-                "The recording contains NaN or infinite values.",
-                where=f"{path}: {key}",
-                expected="finite numbers",
-                found=f"{int((~np.isfinite(value)).sum())} others",
-                fix="Simulate it again or leave it out.",
-            )
+        check_finite(value, f"{path}: {key}")
     key = "knife_quaternion_xyzw"
     zero = np.linalg.norm(arrays[key], axis=-1) < _LEAST_QUATERNION
     if zero.any():
@@ -250,14 +243,7 @@ def _check_against_side_file(path: Path, arrays: dict[str, np.ndarray], usd: Usd
             raise _refusal(path, key, f"{len(arrays[key])} poses", f"{len(nodes)} frames")
     if nodes.shape[1] != count:
         raise _refusal(path, "nodes", f"{count} nodes", f"{nodes.shape[1]} nodes")
-    if not np.isfinite(nodes).all():
-        raise PlopError(
-            "The recording contains NaN or infinite node positions.",
-            where=f"{path}: {NODES}",
-            expected="finite metres",
-            found=f"{int((~np.isfinite(nodes)).sum())} others",
-            fix="The simulation diverged: simulate it again or leave it out.",
-        )
+    check_finite(nodes, f"{path}: {NODES}")
     gap = float(np.abs(usd.knife - arrays["knife_position"]).max()) * frame.metres
     if gap > _SAME_PLACE_M:
         raise _refusal(

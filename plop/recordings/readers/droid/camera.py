@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
 
 import cv2
 import numpy as np
 
 from plop.causes import Cause, Noticed
 from plop.errors import PlopError, remembering
-from plop.geometry.rigid import pose_from_euler_xyz
-from plop.recordings.readers.droid.align import capture_times, frames_of_rows, poses_at
+from plop.recordings.readers.droid.align import capture_times, frames_of_rows
+from plop.recordings.readers.droid.camera_pose import camera_poses
+from plop.recordings.readers.droid.camera_settings import DroidOptions
 from plop.recordings.readers.droid.depth import (
     DepthSource,
     ExportedDepth,
@@ -21,61 +21,14 @@ from plop.recordings.readers.droid.depth import (
     find_svo,
     zed_sdk_present,
 )
-from plop.recordings.readers.droid.intrinsics import find_intrinsics, side_of_episode
+from plop.recordings.readers.droid.intrinsics import find_intrinsics
 from plop.recordings.readers.droid.layout import DroidFolder
-from plop.recordings.readers.droid.pose import check_pose, pose_from_json
 from plop.recordings.readers.droid.trajectory import DroidTrajectory
 from plop.recordings.readers.droid.video import DroidVideo, find_video
 from plop.recordings.readers.side_pictures import find_side_pictures
-from plop.setting_kinds import Formerly, Range, Settings, Unit
 
 BASELINES_M = {"ZED 2": 0.120, "ZED Mini": 0.063}
 """Nominal stereo baseline [m]."""
-
-
-@dataclass(frozen=True)
-class DroidCameraSettings(Settings):
-    """Settings of DROID cameras; the defaults are defined only here."""
-
-    exterior_focal_px: Annotated[float, Range(0, 1e5), Unit("px")] = 0.0
-    """Focal length of exterior cameras without intrinsics, at 1280 px width (ZED 2: about 530); 0 = none."""
-    wrist_focal_px: Annotated[float, Range(0, 1e5), Unit("px")] = 0.0
-    """Focal length of a wrist camera without intrinsics, at 1280 px width (ZED Mini: about 733); 0 = none."""
-    baseline_m: Annotated[float, Range(0, 1), Unit("m")] = 0.0
-    """Baseline of every stereo camera; 0 = from its left and right extrinsics."""
-    match_width: Annotated[int, Range(16, 8192), Unit("px")] = 640
-    """Width at which stereo pairs are matched."""
-    nearest_m: Annotated[float, Range(0.01, 100), Unit("m")] = 0.2
-    """Smallest depth in stereo matching."""
-    farthest_m: Annotated[float, Range(0.01, 1000), Unit("m")] = 2.5
-    """Largest stereo depth; larger values are discarded."""
-    delay_ms: Annotated[float, Range(-1e4, 1e4), Unit("ms"), Formerly("camera_delay_ms")] = 0.0
-    """Delay between the capture of an image and its time stamp; `plop calibrate` measures it."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.farthest_m < self.nearest_m:
-            raise PlopError(
-                "The largest depth is smaller than the smallest.",
-                where="cameras.farthest_m, cameras.nearest_m",
-                expected=f"farthest_m of {self.nearest_m:g} m or more",
-                found=f"{self.farthest_m:g} m",
-                fix="Raise farthest_m, or lower nearest_m.",
-            )
-
-
-@dataclass(frozen=True)
-class DroidOptions:
-    """Sources for reading DROID cameras."""
-
-    settings: DroidCameraSettings
-    intrinsics: dict[str, Any]
-    """Intrinsics of a file beside the episodes, by serial number."""
-    intrinsics_name: str
-    """That file."""
-    extrinsics: dict[str, Any]
-    """Poses of a file beside the episodes, by episode."""
-    extrinsics_name: str
 
 
 @dataclass(frozen=True)
@@ -169,7 +122,7 @@ def _opened(
     warnings += more
     captured = capture_times(trajectory.captured_ms.get(serial, unknown), received, trajectory.robot_time_ms)
     captured = captured - options.settings.delay_ms
-    poses, stored, offset_pair, more = _poses(episode, trajectory, serial, wrist, captured, options)
+    poses, stored, offset_pair, more = camera_poses(episode, trajectory, serial, wrist, captured, options)
     warnings += more
     focal = options.settings.wrist_focal_px if wrist else options.settings.exterior_focal_px
     intrinsics, more = find_intrinsics(
@@ -190,73 +143,6 @@ def _opened(
         depth, more = _computed_depth(episode, serial, video, intrinsics, offset_pair, options)
         warnings += more
     return DroidCamera(serial, wrist, video, frame_of_row, captured, poses, intrinsics, depth, stored)
-
-
-def _poses(
-    episode: DroidFolder,
-    trajectory: DroidTrajectory,
-    serial: str,
-    wrist: bool,
-    captured: np.ndarray,
-    options: DroidOptions,
-) -> tuple[np.ndarray, np.ndarray | None, tuple[np.ndarray, np.ndarray] | None, list[str]]:
-    """Return poses [T, 4, 4], a fixed camera's as stored [6], the two 6-vectors that give the baseline, warnings."""
-    clock = trajectory.robot_time_ms
-    where = f"{trajectory.path}:/observation/camera_extrinsics/{serial}_left"
-    if wrist:
-        pair = _pair(trajectory.gripper_offset, serial)
-        offset = trajectory.gripper_offset.get(f"{serial}_left")
-        if offset is not None and np.isfinite(offset).all():
-            check_pose(offset, where=f"{where}_gripper_offset", what="camera")
-            flange = poses_at(trajectory.flange, clock, captured)
-            return flange @ pose_from_euler_xyz(offset), None, pair, []
-    own = trajectory.extrinsics.get(f"{serial}_left", np.full((trajectory.rows, 6), np.nan))
-    pair = _pair({key: _first(value) for key, value in trajectory.extrinsics.items()}, serial)
-    side = side_of_episode(episode, options.extrinsics).get(serial)
-    if not wrist and side is not None:
-        given = pose_from_json(side, where=f"{options.extrinsics_name}: {serial}", what="camera")
-        pose = pose_from_euler_xyz(given)
-        note = f"{episode.name}: pose of camera {serial} from {options.extrinsics_name}"
-        return np.repeat(pose[None], trajectory.rows, 0), given, pair, [note]
-    warnings: list[str] = []
-    if not np.isfinite(own).all(1).any() and not wrist:
-        own, warnings = _from_metadata(episode, trajectory, serial, where)
-    if not np.isfinite(own).all(1).any():
-        raise PlopError(
-            "A camera has no pose.",
-            where=where,
-            expected="camera -> base, metres and radians",
-            found="no pose, and none in metadata or side files",
-            fix="Add cam2base_extrinsics.json, or leave this camera out.",
-        )
-    check_pose(own, where=where, what="camera")
-    if not wrist:
-        moved = float(np.nanmax(np.linalg.norm(own[:, :3] - _first(own)[:3], axis=1)))
-        if moved > 1e-3:
-            warnings.append(
-                Noticed(
-                    f"{where}: a fixed camera moves by {1000 * moved:.1f} mm; its first pose is used",
-                    Cause.EXTRINSICS,
-                    "Check the pose of this camera.",
-                )
-            )
-        own = np.repeat(_first(own)[None], trajectory.rows, 0)
-        return pose_from_euler_xyz(own), own[0], pair, warnings
-    note = f"{where}_gripper_offset: missing; the row's own pose is used"
-    return poses_at(own, clock, captured), None, pair, [note]
-
-
-def _from_metadata(
-    episode: DroidFolder, trajectory: DroidTrajectory, serial: str, where: str
-) -> tuple[np.ndarray, list[str]]:
-    for role in ("ext1", "ext2"):
-        key = f"{role}_cam_extrinsics"
-        pose = episode.metadata.get(key)
-        if str(episode.metadata.get(f"{role}_cam_serial")) == serial and pose is not None:
-            given = pose_from_json(pose, where=f"{episode.folder}: metadata, {key}", what="camera")
-            own = np.repeat(given[None], trajectory.rows, 0)
-            return own, [f"{where}: missing; {role}_cam_extrinsics of the metadata is used"]
-    return np.full((trajectory.rows, 6), np.nan), []
 
 
 def _computed_depth(
@@ -321,15 +207,3 @@ def _baseline(
         )
         return measured, [Noticed(text, Cause.DEPTH, "Set cameras.baseline_m.")]
     return measured, []
-
-
-def _pair(poses: dict[str, np.ndarray], serial: str) -> tuple[np.ndarray, np.ndarray] | None:
-    left, right = poses.get(f"{serial}_left"), poses.get(f"{serial}_right")
-    if left is None or right is None or not (np.isfinite(left).all() and np.isfinite(right).all()):
-        return None
-    return left, right
-
-
-def _first(poses: np.ndarray) -> np.ndarray:
-    good = np.isfinite(poses).all(1)
-    return poses[np.argmax(good)] if good.any() else np.full(6, np.nan)

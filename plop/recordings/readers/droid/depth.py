@@ -20,8 +20,6 @@ class DepthSource(Protocol):
     """Source of the depth of one frame."""
 
     name: str
-    needs_right: bool
-    """Whether the right eye's image is required."""
 
     def depth_m(self, frame: int, left: np.ndarray, right: np.ndarray | None) -> np.ndarray:
         """Return depth along the left eye's optical axis.
@@ -45,7 +43,6 @@ class ExportedDepth:
     """
 
     name = "exported"
-    needs_right = False
 
     def __init__(self, pictures: SidePictures) -> None:
         self.pictures, self.folder = pictures, pictures.folder
@@ -116,7 +113,6 @@ class StereoDepth:
     """
 
     name = "stereo"
-    needs_right = True
 
     def __init__(
         self,
@@ -170,7 +166,6 @@ class ZedDepth:
     """Depth of the ZED SDK from the SVO file. Needs `pyzed`, which comes with the SDK; not tested here."""
 
     name = "zed"
-    needs_right = False
 
     def __init__(self, svo: Path) -> None:
         import pyzed.sl as sl

@@ -11,7 +11,8 @@ from plop.causes import Cause, Noticed
 from plop.errors import PlopError, remembering
 from plop.geometry.rigid import pose_from_euler_xyz
 from plop.recordings.readers.droid.align import active_rows, check_overlap, check_speed, poses_at
-from plop.recordings.readers.droid.camera import DroidCamera, DroidOptions, open_camera
+from plop.recordings.readers.droid.camera import DroidCamera, open_camera
+from plop.recordings.readers.droid.camera_settings import DroidOptions
 from plop.recordings.readers.droid.layout import DroidFolder, find_episodes
 from plop.recordings.readers.droid.notes import EpisodeNotes, read_notes
 from plop.recordings.readers.droid.tool import tool_mesh

@@ -123,7 +123,7 @@ class _Reader:
                 f"({', '.join(types)}), but to another rig; ignored"
             )
         stored = {eye: self._rows(f"{poses}/{key}", 6) for key, eye in own.items()}
-        offsets = {eye: _first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
+        offsets = {eye: first_finite(offset) for eye, offset in stored.items() if eye.endswith(OFFSET)}
         bad_clocks = dict[str, PlopError]()
         cameras = {serial: self._camera_clocks(serial, bad_clocks) for serial in types}
         robot = self._robot_clock(cameras, bad_clocks)
@@ -296,6 +296,7 @@ def _eye(key: str, cameras: Mapping[str, int]) -> str | None:
     return f"{eye}_left{offset}" if eye in cameras else None
 
 
-def _first_finite(poses: np.ndarray) -> np.ndarray:
+def first_finite(poses: np.ndarray) -> np.ndarray:
+    """Return the first pose [6] without unknown numbers; NaN where there is none."""
     good = np.isfinite(poses).all(1)
     return poses[np.argmax(good)] if good.any() else np.full(6, np.nan)

@@ -60,3 +60,19 @@ def read_npz(
                 fix=part.fix(arrays[key]) or fix,
             )
     return arrays
+
+
+def check_finite(values: np.ndarray, where: str) -> None:
+    """Reject an array of a simulation that diverged.
+
+    Raises:
+        PlopError: It contains NaN or infinite values.
+    """
+    if not np.isfinite(values).all():
+        raise PlopError(
+            "This episode contains NaN or infinite values.",
+            where=where,
+            expected="finite numbers",
+            found=f"{int((~np.isfinite(values)).sum())} others",
+            fix="The simulation probably diverged: simulate it again or leave it out.",
+        )

@@ -24,7 +24,7 @@ from plop.errors import PlopError
 from plop.geometry.rigid import check_rigid
 from plop.recordings.array_checks import Part
 from plop.recordings.readers.declared_units import WorldFrame, declared_in_side_file, seconds_from
-from plop.recordings.readers.mesh.npz_file import read_npz
+from plop.recordings.readers.mesh.npz_file import check_finite, read_npz
 from plop.recordings.readers.side_file import RawEpisode, check_has_environment, raw_episode, read_side_file
 
 MESH_SEQUENCE_SCHEMA = 1
@@ -233,14 +233,7 @@ def check_mesh_sequence(sequence: MeshSequence, where: str | Path) -> None:
                 found=f"shape {np.shape(value)}",
                 fix=_EXPORT_AGAIN,
             )
-        if not np.isfinite(value).all():
-            raise PlopError(
-                "This episode contains NaN or infinite values.",
-                where=f"{where}: {key}",
-                expected="finite numbers",
-                found=f"{int((~np.isfinite(value)).sum())} others",
-                fix="The simulation probably diverged: simulate it again or leave it out.",
-            )
+        check_finite(value, f"{where}: {key}")
     check_rigid(sequence.world_from_tool, f"{where}: world_from_tool", what="tool")
     if (np.diff(sequence.times) <= 0).any():
         raise PlopError(
