@@ -46,7 +46,7 @@ def along(axis: int) -> Fields:
 
     def field(body: Body) -> np.ndarray:
         place = body.x[:, axis].astype(float)
-        return (place - place.min()) / max(np.ptp(place), 1e-9) * 2
+        return np.asarray((place - place.min()) / max(np.ptp(place), 1e-9) * 2)
 
     return field
 
