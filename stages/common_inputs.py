@@ -30,6 +30,12 @@ def tracks_input(
     )
 
 
+def measured_input(help: str, needed: Callable[[Any, Inputs], bool]) -> InputSpec:
+    """Declare the filter's states of recordings, left out where they are not needed."""
+    recipe = Recipe({"recordings": "recordings", "init": "init"}, needed=needed)
+    return InputSpec(("filter",), help, optional=True, choice=Choice.NAMED, recipe=recipe)
+
+
 def optional(spec: InputSpec) -> InputSpec:
     """Declare the same as an optional input."""
     return replace(spec, optional=True)
