@@ -77,7 +77,7 @@ def plot_bands(path: Path, errors: Sequence[PointErrors], scores: BandScores) ->
         panel.set_title(f"{each.name}: {coverage[each.name]:.0%} inside", fontsize=9)
         panel.set(xlabel="time [s]", ylabel="mm")
         panel.set_ylim(bottom=0)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)
     which = f"; the {len(shown)} with the smallest coverage" if len(shown) < len(errors) else ""
     figure.suptitle(f"measured error and band, {len(errors)} test episode(s){which}", fontsize=10)
     save(figure, path)
