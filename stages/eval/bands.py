@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from plop.artifacts.layouts import Rollouts, ScoreFiles
-from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.gaussians.trajectory import Trajectory
 from plop.pipeline.stage import Inputs
 from plop.recordings.set import RecordingSet
-from plop.statistics.bootstrap import Interval
-from plop.tracking.sets import tracked_episodes
 from plop.uncertainty.band import Band
 from plop.uncertainty.errors import point_errors
 from plop.uncertainty.scores import BandScores, score_bands
+from stages.common_inputs import measured_episodes
 from stages.eval.plot import plot_bands
 
 GOAL = (0.87, 0.93)
@@ -44,16 +42,8 @@ def score_bands_of(
     tests = [name for name in names if name in recordings.test]
     if not tests:
         return {}, ["The band is not scored: no test episode was rolled out."]
-    if "measured" not in inputs:
-        raise PlopError(
-            "The band of the rollouts needs tracks to be scored.",
-            where="eval.measured",
-            expected="an artifact of filter",
-            found="none",
-            fix="Run `plop filter` on these recordings, and name it with --measured.",
-        )
     band = Band.load(inputs["rollouts"].path)
-    episodes, left_out = tracked_episodes(recordings, inputs["init"].path, inputs["measured"].path, tests)
+    episodes, left_out = measured_episodes(inputs, recordings, tests)
     errors = []
     for episode in episodes:
         with Trajectory(Rollouts(inputs["rollouts"].path).episode(episode.name).states) as states:
@@ -76,7 +66,7 @@ def _told(scores: BandScores) -> tuple[dict[str, Any], list[str]]:
         for key, found in scores.methods[method].items():
             figures[f"{method}_{key}"] = round(found.mean, 3)
     warnings = [f"The band is not scored in {name}: {why}" for name, why in scores.left_out.items()]
-    coverage: Interval = scores.methods["widened"]["coverage"]
+    coverage = scores.methods["widened"]["coverage"]
     if not GOAL[0] <= coverage.mean <= GOAL[1]:
         warnings.append(
             f"The 90 % band holds {coverage.mean:.0%} of the measured points of {coverage.n} test episode(s); "

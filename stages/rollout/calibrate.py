@@ -14,14 +14,14 @@ from plop.compute.device import chosen_device, jobs_on
 from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.gaussians.splat_ply import read_splat
-from plop.models import load_model
+from plop.models import device_of, load_model
 from plop.pipeline.stage import Inputs, Output
 from plop.recordings.set import RecordingSet
 from plop.tracking.episode import Episode
-from plop.tracking.sets import tracked_episodes
 from plop.uncertainty.band import LEVEL, Band, calibrated
 from plop.uncertainty.conformal import least_groups
 from plop.uncertainty.errors import PointErrors, point_errors
+from stages.common_inputs import measured_episodes
 from stages.rollout.episode import predicted
 
 if TYPE_CHECKING:
@@ -47,6 +47,17 @@ def model_folders(inputs: Inputs) -> list[Path]:
     return folders
 
 
+def check_members(inputs: Inputs, config: RolloutConfig) -> None:
+    """Refuse models that give no band before their episodes are tracked.
+
+    Raises:
+        PlopError: One is named twice, or no episode was held out of the training of every model.
+    """
+    folders = model_folders(inputs)
+    if len(folders) > 1:
+        _validation(folders, RecordingSet.load(inputs["recordings"].path))
+
+
 def calibrate(
     inputs: Inputs, recordings: RecordingSet, folders: Sequence[Path], config: RolloutConfig, out: Output
 ) -> tuple[Band, list[str]]:
@@ -58,16 +69,8 @@ def calibrate(
     Raises:
         PlopError: No episode was held out of the training of every model, or none has a track.
     """
-    names, init = _validation(folders, recordings), inputs["init"].path
-    if "measured" not in inputs:
-        raise PlopError(
-            "A band needs tracks of the validation episodes.",
-            where="rollout.measured",
-            expected="an artifact of filter",
-            found="none",
-            fix="Run `plop filter` on these recordings, and name it with --measured.",
-        )
-    episodes, left_out = tracked_episodes(recordings, init, inputs["measured"].path, names)
+    init = inputs["init"].path
+    episodes, left_out = measured_episodes(inputs, recordings, _validation(folders, recordings))
     known = {episode.name: episode for episode in episodes}
     work = partial(_compare, recordings, list(folders), init, config, known)
     out.map(list(known), work, jobs=jobs_on(config.device, config.jobs), of="validation")
@@ -87,7 +90,7 @@ def calibrate(
 
 def _validation(folders: Sequence[Path], recordings: RecordingSet) -> list[str]:
     """Return the episodes that every model held out of its training."""
-    held = [read_facts(folder)["training"].get("validation", []) for folder in folders]
+    held = [read_facts(folder).get("training", {}).get("validation", []) for folder in folders]
     names = [name for name in recordings.train if all(name in each for each in held)]
     if not names:
         raise PlopError(
@@ -110,7 +113,7 @@ def _compare(
     out: Output,
 ) -> None:
     models = [load_model(folder, chosen_device(config.device)) for folder in folders]
-    start = read_splat(Fits(init).episode(name).object_splat).to(chosen_device(config.device))
+    start = read_splat(Fits(init).episode(name).object_splat).to(device_of(models[0]))
     with recordings.open(name) as recording:
         frames = predicted(models, recording, start, config.seed)
         each = ((state.gaussians, spread) for state, _, spread in frames if spread is not None)

@@ -26,7 +26,7 @@ from plop.setting_kinds import ALL_CORES, AUTO_DEVICE, COMMON, Jobs, Range, Seed
 from plop.uncertainty.band import Band
 from stages import MODELS
 from stages.common_inputs import init_input, measured_input, recordings_input
-from stages.rollout.calibrate import calibrate, model_folders
+from stages.rollout.calibrate import calibrate, check_members, model_folders
 from stages.rollout.episode import roll_out
 
 
@@ -166,4 +166,5 @@ STAGE = Stage(
         "measured": measured_input("tracks of the validation episodes, for the band", _has_members),
     },
     run=run,
+    check_inputs=check_members,
 )

@@ -103,7 +103,7 @@ def test_eval_scores_the_band_beside_its_rivals(rolled, inputs, tmp_path):
     assert widened["radius_mm"].mean == pytest.approx(ensemble["radius_mm"].mean * scores.band.factor, rel=1e-5)
     assert summary.figures["widened_coverage"] == round(widened["coverage"].mean, 3)
     assert iio.imread(tmp_path / "bands.png").std() > 10
-    with pytest.raises(PlopError, match="needs tracks to be scored"):
+    with pytest.raises(PlopError, match="needs measured points"):
         EVAL.run(
             {k: v for k, v in given.items() if k != "measured"} | {"rollouts": Input(rolled[1])},
             EvalConfig(emd_every=0),
@@ -119,11 +119,11 @@ def test_members_that_do_not_differ_are_reported(inputs, tmp_path):
 
 def test_a_band_without_held_out_episodes_or_with_a_model_twice_is_refused(inputs, tmp_path):
     with pytest.raises(PlopError, match="member twice"):
-        roll(inputs | {"members.1": inputs["model"]}, tmp_path / "twice")
+        rollout.STAGE.check_inputs(inputs | {"members.1": inputs["model"]}, rollout.RolloutConfig())
     (tmp_path / "model").mkdir()
     (tmp_path / "model" / "model.json").write_text(json.dumps({"schema": 1, "training": {"environment": "block"}}))
     with pytest.raises(PlopError, match="no validation episode") as refused:
         roll(inputs | {"members.1": Input(tmp_path / "model")}, tmp_path / "none")
     assert "train.validation=9" in str(refused.value)
-    with pytest.raises(PlopError, match="needs tracks of the validation"):
+    with pytest.raises(PlopError, match="needs measured points"):
         roll({name: value for name, value in inputs.items() if name != "measured"}, tmp_path / "untracked")
