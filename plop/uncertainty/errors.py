@@ -66,7 +66,7 @@ def point_errors(episode: Episode, frames: Iterable[tuple[Gaussians, np.ndarray]
     start, predicted, spread = episode.points[0], [], []
     first: Gaussians | None = None
     for now, apart in frames:
-        first = first or now
+        first = now if first is None else first
         predicted.append(follow_gaussians(first, now, start))
         spread.append(spread_at(first, now, apart, start))
     if len(predicted) != len(episode.times):
