@@ -34,6 +34,8 @@ _PUBLIC = {
     "ParticleState": "plop.dynamics.interface",
     "ToolStep": "plop.dynamics.interface",
     "rollout": "plop.dynamics.rollout",
+    "Band": "plop.uncertainty.band",
+    "ensemble_spread": "plop.uncertainty.spread",
     "compare": "plop.comparison.rollout_errors",
     "FrameErrors": "plop.comparison.rollout_errors",
     # the engine, and the laws that a model may be missing

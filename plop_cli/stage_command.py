@@ -190,7 +190,8 @@ def _option(key: str) -> str:
 def _input_option(name: str, spec: InputSpec) -> tuple[Any, Any]:
     if spec.stages:
         source = " or ".join(spec.stages)
-        default = "none" if spec.choice is Choice.NAMED else CHOICES.get(spec.choice, "the latest match")
+        unnamed = "none" if spec.recipe is None else "made if needed"
+        default = unnamed if spec.choice is Choice.NAMED else CHOICES.get(spec.choice, "the latest match")
         default += ", or none" if spec.optional and spec.choice is not Choice.NAMED else ""
         text = escape(f"{spec.help.rstrip('.')}. Address of an artifact of {source}.")
         metavar = "ADDRESS,..." if spec.many else "ADDRESS"

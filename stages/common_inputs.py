@@ -6,8 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from plop.errors import PlopError
 from plop.models import engine_of
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Recipe
+from plop.recordings.set import RecordingSet
+from plop.tracking.episode import Episode
+from plop.tracking.sets import tracked_episodes
 from stages import RECORDINGS
 
 
@@ -28,6 +32,31 @@ def tracks_input(
     return InputSpec(
         ("filter",), help, choice=Choice.MADE, recipe=Recipe({"recordings": of, "init": init}, settings=settings)
     )
+
+
+def measured_input(help: str, needed: Callable[[Any, Inputs], bool]) -> InputSpec:
+    """Declare the filter's states of recordings, left out where they are not needed."""
+    recipe = Recipe({"recordings": "recordings", "init": "init"}, needed=needed)
+    return InputSpec(("filter",), help, optional=True, choice=Choice.NAMED, recipe=recipe)
+
+
+def measured_episodes(
+    inputs: Inputs, recordings: RecordingSet, names: list[str]
+) -> tuple[list[Episode], dict[str, str]]:
+    """Read the tracked points of episodes from the input `measured`; return also why others are left out.
+
+    Raises:
+        PlopError: There are no tracks, or none of these episodes is usable.
+    """
+    if "measured" not in inputs:
+        raise PlopError(
+            "A band needs measured points.",
+            where="--measured",
+            expected="an artifact of filter",
+            found="none",
+            fix="Run `plop filter` on these recordings.",
+        )
+    return tracked_episodes(recordings, inputs["init"].path, inputs["measured"].path, names)
 
 
 def optional(spec: InputSpec) -> InputSpec:

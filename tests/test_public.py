@@ -24,6 +24,7 @@ PAGE = ROOT / "docs" / "how-to" / "python.md"
 
 NAMES = [
     "Artifact",
+    "Band",
     "Camera",
     "DynamicsModel",
     "Effect",
@@ -45,6 +46,7 @@ NAMES = [
     "compare",
     "diagnose",
     "effect_type",
+    "ensemble_spread",
     "load_model",
     "read_splat",
     "render_scene",

@@ -1,4 +1,4 @@
-"""Tables of predictions: networks and engine on the nine DiSECt environments."""
+"""Tables of predictions: networks and engine on the nine DiSECt environments, and the band around predictions."""
 
 from __future__ import annotations
 
@@ -88,6 +88,36 @@ def _ablation() -> str:
     return rows(head, [*lines, still])
 
 
+BANDS = {
+    "ensemble": "spread of three seeds, as it is",
+    "widened": "the band: spread times the factor",
+    "constant": "the same prediction, one radius everywhere",
+    "persistence": "nothing moves, one radius everywhere",
+}
+
+
+def _bands() -> str:
+    def cell(found: dict[str, float], unit: float = 1, digits: int = 2) -> str:
+        mean, low, high = (f"{unit * found[key]:.{digits}f}" for key in ("mean", "low", "high"))
+        return f"{mean} [{low}, {high}]"
+
+    lines = []
+    for method, name in BANDS.items():
+        scores = read("bands")["methods"][method]
+        inside = [cell(scores[key], 100, 0) for key in ("coverage", "coverage_end")]
+        lines.append([name, *inside, *(cell(scores[key]) for key in ("nees", "crps_mm", "radius_mm"))])
+    return rows(["radius", "inside [%]", "inside at the end [%]", "NEES", "CRPS [mm]", "mean radius [mm]"], lines)
+
+
+def _dealt_again() -> str:
+    lines = []
+    for deal in read("bands")["dealt_again"]:
+        share = {key: f"{100 * value:.0f} %" for key, value in deal["coverage"].items()}
+        promised = "90 %" if deal["guaranteed"] else "nothing"
+        lines.append([deal["validation"], promised, share["mean"], f"{share['low']} to {share['high']}"])
+    return rows(["validation episodes", "guaranteed", "inside, mean", "in 9 of 10 deals"], lines)
+
+
 DISECT, EACH = ("disect",), ("disect-cpu-recordings", "disect", "disect-engine")
 TABLES: dict[str, Table] = {
     "gains": (_gains, DISECT),
@@ -98,5 +128,7 @@ TABLES: dict[str, Table] = {
     "halves": (_halves, ("cut_halves",)),
     "ablation": (_ablation, ("ablation",)),
     "engine-disect": (_engine_disect, ("engine_disect",)),
+    "bands": (_bands, ("bands",)),
+    "bands-dealt": (_dealt_again, ("bands",)),
 }
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""

@@ -204,6 +204,10 @@ class Rollouts(Payload):
         """One episode's prediction."""
         return Rollout(self.folder / name)
 
+    def validation(self, name: str) -> Path:
+        """Errors and spread in an episode that the band's width is from (`plop.uncertainty.errors`)."""
+        return self.folder / "validation" / f"{name}.npz"
+
     @property
     def all(self) -> list[Rollout]:
         """All episodes by name."""
@@ -227,6 +231,15 @@ class ScoreFiles(Payload):
     def over_time(self) -> Path:
         """Picture of scores over time."""
         return self.folder / "over_time.png"
+
+    @property
+    def bands(self) -> Path:
+        """Picture of the band over time."""
+        return self.folder / "bands.png"
+
+    def band_errors(self, name: str) -> Path:
+        """Errors and spread of an episode's points (`plop.uncertainty.errors`)."""
+        return self.folder / "bands" / f"{name}.npz"
 
     def rows(self, name: str) -> Path:
         """Scores of each frame of an episode."""

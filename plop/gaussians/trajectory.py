@@ -102,6 +102,10 @@ class Trajectory(Hdf5Reader):
         arrays = {name: torch.from_numpy(self._array(node, name)) for name in (*_FIELDS, "ids")}
         return Gaussians(sh=torch.from_numpy(self._array(holder, "sh")), **arrays)
 
+    def has_extra(self, group: str, frame: int, name: str) -> bool:
+        """Return whether a frame has an extra array of this name."""
+        return f"{group}/{frame}/extra/{name}" in self._file
+
     def extra(self, group: str, frame: int, name: str) -> Tensor:
         """Read an extra array of one frame.
 

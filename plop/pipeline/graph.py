@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from plop.pipeline.registry import StageRef, pipeline
-from plop.pipeline.stage import InputSpec
+from plop.pipeline.stage import Choice, InputSpec
 
 
 class Graph:
@@ -43,7 +43,8 @@ class Graph:
                 return
             sources = {}
             for name, spec in commands[command].load().inputs.items():
-                wanted = not spec.optional or spec.recipe is not None or f"{command}.{name}" in also
+                made = spec.recipe is not None and spec.choice is not Choice.NAMED
+                wanted = not spec.optional or made or f"{command}.{name}" in also
                 if spec.stages and spec.read and wanted:
                     sources[name] = self._beginning_with(commands[begin], spec)
                     visit(sources[name], (*above, command))

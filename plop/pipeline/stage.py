@@ -37,7 +37,7 @@ class Choice(Enum):
     MATCHING = auto()
     """The latest that was made from the recipe's inputs, with any settings; made when there is none."""
     NAMED = auto()
-    """None: it would change a result that does not need it."""
+    """None, unless its recipe says that it is needed: it would change a result that does not need it."""
 
 
 @dataclass(frozen=True)

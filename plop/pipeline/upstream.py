@@ -191,6 +191,9 @@ class _Inputs:
                 found[name] = Input(single.path, single.manifest)
             elif isinstance(value, Path):
                 found[name] = Input(value)
+            elif isinstance(value, tuple):
+                several = ((k, there(one)) for k, one in enumerate(value))
+                found |= {f"{name}.{k}": Input(one.path, one.manifest) for k, one in several if one is not None}
         return found
 
     def _value(self, name: str) -> Need:

@@ -10,6 +10,7 @@ from plop.comparison.result import Comparison
 from plop.diagnosis.result import Diagnosis
 from plop.metrics.scores import Scores
 from plop.parameters import Estimate
+from plop.uncertainty.scores import BandScores
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,16 @@ class Made:
 
 
 @dataclass(frozen=True)
+class BandShown:
+    """The band of one model's rollouts."""
+
+    label: str
+    scores: BandScores
+    picture: str
+    """Band and error over time: address of the picture inside the page."""
+
+
+@dataclass(frozen=True)
 class ReportFacts:
     """Everything that the sections of a report say."""
 
@@ -81,6 +92,8 @@ class ReportFacts:
     """With the label of the model that each is of."""
     scores: list[tuple[str, Scores]] = field(default_factory=list)
     """Likewise."""
+    bands: list[BandShown] = field(default_factory=list)
+    """Of those whose rollouts have one."""
     held_out: list[str] = field(default_factory=list)
     """Test episodes that neither a model nor an effect was fitted to."""
     fitted: list[str] = field(default_factory=list)

@@ -107,4 +107,9 @@ def _palette_png(entries: np.ndarray) -> str:
     image.putpalette([part for colour in colours for part in colour])
     stream = io.BytesIO()
     image.save(stream, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+    return png_address(stream.getvalue())
+
+
+def png_address(content: bytes) -> str:
+    """Return the address that holds a PNG inside a page."""
+    return "data:image/png;base64," + base64.b64encode(content).decode()

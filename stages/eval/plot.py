@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from plop.artifacts.atomic_file import whole
+from plop.reporting.colours import PERSISTENCE, PREDICTION
+from plop.reporting.field_pictures import save
+from plop.uncertainty.errors import PointErrors
+from plop.uncertainty.scores import BandScores
 
 TITLES = {
     "cd_mm": "CD [mm]",
@@ -45,5 +50,34 @@ def plot_over_time(path: Path, rows: list[dict[str, Any]], environment: str) -> 
         panel.grid(alpha=0.3)
     figure.axes[0].legend()
     figure.suptitle(f"{environment}: {len(episodes)} episode(s), one line each")
-    with whole(path) as scratch:
-        figure.savefig(scratch, format="png", dpi=110, metadata={"Software": None})
+    save(figure, path)
+
+
+MOST_EPISODES = 12
+"""Episodes in the picture of bands, those with the smallest coverage."""
+
+
+def plot_bands(path: Path, errors: Sequence[PointErrors], scores: BandScores) -> None:
+    """Draw the band's mean radius over time, before and after widening, against the measured errors, by episode."""
+    coverage = {name: each["widened"]["coverage"] for name, each in scores.episodes.items()}
+    shown = sorted(errors, key=lambda each: coverage[each.name])[:MOST_EPISODES]
+    columns = min(4, len(shown))
+    lines = -(-len(shown) // columns)
+    figure = Figure(figsize=(3.2 * columns + 1.2, 2.6 * lines + 0.8), layout="constrained")
+    for panel, each in zip(figure.subplots(lines, columns, squeeze=False).flat, shown, strict=False):
+        far = np.where(each.counts, 1000 * np.linalg.norm(each.error_m, axis=-1), np.nan)
+        frames = each.counts.any(1)
+        time = (each.time_s - each.time_s[0])[frames]
+        radius = 1000 * np.where(each.counts, scores.band.radius_m(each.spread_m), np.nan)
+        mean = np.nanmean(radius[frames], axis=1)
+        panel.fill_between(time, 0, mean, color=PREDICTION, alpha=0.2, linewidth=0, label="90 % band")
+        panel.plot(time, mean / scores.band.factor, color=PREDICTION, linestyle="--", label="before widening")
+        panel.plot(time, np.nanquantile(far[frames], 0.9, axis=1), color="black", label="90 % of the points are nearer")
+        panel.plot(time, np.nanmedian(far[frames], axis=1), color=PERSISTENCE, label="half of the points are nearer")
+        panel.set_title(f"{each.name}: {coverage[each.name]:.0%} inside", fontsize=9)
+        panel.set(xlabel="time [s]", ylabel="mm")
+        panel.set_ylim(bottom=0)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)
+    which = f"; the {len(shown)} with the smallest coverage" if len(shown) < len(errors) else ""
+    figure.suptitle(f"measured error and band, {len(errors)} test episode(s){which}", fontsize=10)
+    save(figure, path)

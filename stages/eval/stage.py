@@ -22,7 +22,8 @@ from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import Backend
 from plop.setting_kinds import ALL_CORES, COMMON, SAME_RESULT, Jobs, Range, Seed, Settings, Unit
 from stages import MODELS
-from stages.common_inputs import init_input, recordings_input
+from stages.common_inputs import init_input, measured_input, recordings_input
+from stages.eval.bands import has_band, score_bands_of
 from stages.eval.episode import EpisodePaths, score_episode
 from stages.eval.plot import plot_over_time
 from stages.eval.report import scores_of, summary_table, write_csv
@@ -59,7 +60,7 @@ class EvalConfig(Settings):
 
 
 def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
-    """Write scores.json, scores.csv, episodes/, pictures/ and over_time.png.
+    """Write scores.json, scores.csv, episodes/, pictures/ and over_time.png; of a band also bands.json and bands.png.
 
     Raises:
         PlopError: The rollouts do not belong to these recordings or fits, or are empty; a rival's input is of another
@@ -79,7 +80,9 @@ def run(inputs: Inputs, config: EvalConfig, out: Output) -> Summary:
     scores.write(out.path)
     write_csv(ScoreFiles(out.path).table, rows)
     plot_over_time(ScoreFiles(out.path).over_time, rows, recordings.environment)
-    return _summary(scores)
+    banded = has_band(config, inputs)
+    more = score_bands_of(inputs, recordings, names, config.seed, out.path) if banded else ({}, [])
+    return _summary(scores, *more)
 
 
 def _lpips(config: EvalConfig) -> Lpips | Unavailable:
@@ -117,12 +120,12 @@ def _episodes(recordings: RecordingSet, rollouts: Path) -> list[str]:
     return found
 
 
-def _summary(scores: Scores) -> Summary:
+def _summary(scores: Scores, more: Mapping[str, float], more_warnings: list[str]) -> Summary:
     figures: dict[str, float] = {"episodes": len(scores.episodes)}
     for name, value in scores.better_than_persistence_percent["episode"].items():
         figures[f"{name}_better_than_persistence_percent"] = value
     warnings = [f"{name} is unavailable: {reason}" for name, reason in scores.unavailable.items()]
-    return Summary(figures, summary_table(scores), [*warnings, *scores.notes])
+    return Summary(figures | dict(more), summary_table(scores), [*warnings, *scores.notes, *more_warnings])
 
 
 def _all_where_none_is_for_testing(inputs: Mapping[str, Artifact]) -> tuple[dict[str, str], str]:
@@ -154,6 +157,7 @@ STAGE = Stage(
         "tracks": InputSpec(
             ("train",), "model whose training motions a rival replays", optional=True, choice=Choice.NAMED
         ),
+        "measured": measured_input("tracks of the test episodes, to score a band", has_band),
     },
     run=run,
 )

@@ -10,23 +10,24 @@ from typing import Annotated, Any
 import numpy as np
 
 from plop.artifacts.atomic_file import write_text
-from plop.artifacts.layouts import Report
+from plop.artifacts.layouts import Report, ScoreFiles
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
 from plop.diagnosis.result import Diagnosis
 from plop.errors import PlopError
 from plop.metrics.scores import Scores
-from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Recipe, Stage, Summary
+from plop.pipeline.stage import Choice, Input, Inputs, InputSpec, Output, Recipe, Stage, Summary
 from plop.recordings.busiest_camera import check_camera
 from plop.recordings.set import RecordingSet
 from plop.reporting.baselines import BASELINES, beaten
-from plop.reporting.compared import ReportFacts
+from plop.reporting.compared import BandShown, ReportFacts
 from plop.reporting.errors_over import closed_gap, error_over, judged_on
 from plop.reporting.headline import headline
 from plop.reporting.packed import packed_episode
 from plop.reporting.page_file import report_page
-from plop.reporting.report_images import episode_images
+from plop.reporting.report_images import episode_images, png_address
 from plop.setting_kinds import Range, Settings, Unit
+from plop.uncertainty.scores import BandScores
 from stages import MODELS
 from stages.common_inputs import init_input, recordings_input
 from stages.report.made import provenance, this_report
@@ -122,12 +123,21 @@ def _facts(inputs: Inputs, config: ReportConfig, recordings: RecordingSet, label
         read_compared(inputs, labels, recordings),
         diagnoses,
         scores,
+        _bands(evals, named),
         held,
         fitted,
         provenance(inputs),
         manifest.address if manifest else recordings.environment,
         this_report(inputs, asdict(config)),
     )
+
+
+def _bands(evals: Sequence[Input], names: Sequence[str]) -> list[BandShown]:
+    return [
+        BandShown(name, BandScores.load(item.path), png_address(ScoreFiles(item.path).bands.read_bytes()))
+        for name, item in zip(names, evals, strict=True)
+        if (item.path / BandScores.FILE).is_file()
+    ]
 
 
 def _common_episodes(facts: ReportFacts) -> list[str]:

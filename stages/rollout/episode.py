@@ -6,6 +6,7 @@ images of later frames are used only in the video (and for the choice of its cam
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,18 +31,47 @@ from plop.render.pictures.panels import write_png
 from plop.render.pictures.video import VideoWriter
 from plop.render.scene import render_scene, tool_above_table
 from plop.render.view_file import ViewFile, ViewWriter
+from plop.uncertainty.band import Band
+from plop.uncertainty.spread import ensemble_spread
 
 if TYPE_CHECKING:
     from stages.rollout.stage import RolloutConfig
 
 
+def predicted(
+    models: Sequence[DynamicsModel], recording: Recording, start: Gaussians, seed: int
+) -> Iterator[tuple[ParticleState, float, np.ndarray | None]]:
+    """Yield the first model's state of every frame, its time for it [ms], and the spread of all models, [N] [m].
+
+    Args:
+        models: One, whose spread is None, or several.
+        recording: The episode; its first frame and the tool's motion are read.
+        start: Gaussians at frame 0.
+        seed: Of the models' random numbers.
+    """
+    moves = Actions.of(recording, start.means.device).steps()
+    initial = at_rest(start, initial_surface(recording, start))
+    for (state, ms), *others in zip(
+        *(predict(model, initial, moves, recording.name, seed) for model in models), strict=True
+    ):
+        members = [other.gaussians for other, _ in others]
+        yield state, ms, ensemble_spread(start, state.gaussians, members) if members else None
+
+
 def roll_out(
-    model: DynamicsModel, recordings: RecordingSet, name: str, init: Fit, config: RolloutConfig, out: Output
+    models: Sequence[DynamicsModel],
+    band: Band | None,
+    recordings: RecordingSet,
+    name: str,
+    init: Fit,
+    config: RolloutConfig,
+    out: Output,
 ) -> tuple[dict, list[float]]:
     """Predict, render and write one episode.
 
     Args:
-        model: Predicts.
+        models: The first one predicts; the others give the spread.
+        band: How wide the band is; None for one model.
         recordings: The set with the episode.
         name: The episode.
         init: Gaussians of this episode.
@@ -51,7 +81,7 @@ def roll_out(
     Returns:
         A row for the summary's table and the model's time per step [ms].
     """
-    device = device_of(model)
+    device = device_of(models[0])
     start, tool = (read_splat(path).to(device) for path in (init.object_splat, init.tool_splat))
     files = Rollouts(out.path).episode(name)
     files.folder.mkdir(parents=True, exist_ok=True)
@@ -64,12 +94,12 @@ def roll_out(
             TrajectoryWriter(files.states) as states,
             ViewWriter(files.images, name=name, environment=recording.environment, frames=frames) as images,
         ):
-            moves = Actions.of(recording, device).steps()
-            initial = at_rest(start, initial_surface(recording, start))
             merges, splits = 0, 0
-            for frame, (state, ms) in enumerate(predict(model, initial, moves, name, config.seed)):
+            for frame, (state, ms, spread) in enumerate(predicted(models, recording, start, config.seed)):
                 done = resampled(state)
                 merges, splits = merges + int(done["merges"]), splits + int(done["splits"])
+                if band is not None and spread is not None:
+                    done |= {"spread_m": spread.astype("f4"), "radius_m": band.radius_m(spread).astype("f4")}
                 states.append("states", frame, state.gaussians, side=state.side, **done)
                 cameras = [recording.camera(camera, frame) for camera in recording.camera_names]
                 placed = tool_above_table(tool, poses[frame], recording.table_z_m)

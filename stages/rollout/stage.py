@@ -1,4 +1,8 @@
-"""rollout: predict unseen episodes from their first frame and the tool's motion, and render the prediction."""
+"""rollout: predict unseen episodes from their first frame and the tool's motion, and render the prediction.
+
+With `members`, models trained alike with other seeds, every prediction has a 90 % band: the spread of all models,
+widened until it holds 90 % of the tracked points of the validation episodes, which no model was trained on.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +23,10 @@ from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summar
 from plop.recordings.set import RecordingSet
 from plop.render.rasterizer.rasterize import Backend
 from plop.setting_kinds import ALL_CORES, AUTO_DEVICE, COMMON, Jobs, Range, Seed, Settings, Share, Split, Unit
+from plop.uncertainty.band import Band
 from stages import MODELS
-from stages.common_inputs import init_input, recordings_input
+from stages.common_inputs import init_input, measured_input, recordings_input
+from stages.rollout.calibrate import calibrate, check_members, model_folders
 from stages.rollout.episode import roll_out
 
 
@@ -61,28 +67,41 @@ def run(inputs: Inputs, config: RolloutConfig, out: Output) -> Summary:
     """
     recordings = RecordingSet.load(inputs["recordings"].path)
     names = choose_episodes(recordings, config)
-    init, model_folder = inputs["init"].path, inputs["model"].path
+    init, folders = inputs["init"].path, model_folders(inputs)
     for name in names:
         Fits(init).episode(name).present(fix="Run `plop fit-init` on the same recordings, or choose other episodes.")
     if not config.other_environment:
-        _check_environment(model_folder, recordings.environment)
-    work = partial(_roll_out, recordings, model_folder, init, config)
+        for folder in folders:
+            _check_environment(folder, recordings.environment)
+    band, warnings = (None, []) if len(folders) == 1 else calibrate(inputs, recordings, folders, config, out)
+    work = partial(_roll_out, recordings, folders, init, config, band)
     done = out.map(names, work, jobs=jobs_on(config.device, config.jobs)).values.values()
     steps_ms = [ms for episode in done for ms in episode["steps_ms"]]
     figures = {
         "episodes": len(names),
         "step_ms_median": round(float(np.median(steps_ms)), 2),
         "step_ms_max": round(float(np.max(steps_ms)), 2),
+        **({} if band is None else {"band_factor": round(band.factor, 3), "validation": len(band.validation)}),
     }
-    return Summary(figures, [episode["row"] for episode in done])
+    return Summary(figures, [episode["row"] for episode in done], warnings)
 
 
 def _roll_out(
-    recordings: RecordingSet, model_folder: Path, init: Path, config: RolloutConfig, name: str, out: Output
+    recordings: RecordingSet,
+    folders: list[Path],
+    init: Path,
+    config: RolloutConfig,
+    band: Band | None,
+    name: str,
+    out: Output,
 ) -> dict[str, Any]:
-    model = load_model(model_folder, chosen_device(config.device))
-    row, steps_ms = roll_out(model, recordings, name, Fits(init).episode(name), config, out)
+    models = [load_model(folder, chosen_device(config.device)) for folder in folders]
+    row, steps_ms = roll_out(models, band, recordings, name, Fits(init).episode(name), config, out)
     return {"row": row, "steps_ms": steps_ms}
+
+
+def _has_members(config: Any, inputs: Inputs) -> bool:
+    return "members.0" in inputs
 
 
 def choose_episodes(recordings: RecordingSet, config: RolloutConfig) -> list[str]:
@@ -125,6 +144,15 @@ STAGE = Stage(
         "recordings": recordings_input("episodes: first frame, tool motion and cameras"),
         "init": init_input("Gaussians of object and tool at frame 0", choice=Choice.LATEST),
         "model": InputSpec(MODELS, "the dynamics model"),
+        "members": InputSpec(
+            ("train",),
+            "models trained alike with other seeds: predictions have a 90 % band",
+            optional=True,
+            choice=Choice.NAMED,
+            many=True,
+        ),
+        "measured": measured_input("tracks of the validation episodes, for the band", _has_members),
     },
     run=run,
+    check_inputs=check_members,
 )

@@ -137,6 +137,7 @@ def _train_on_tracks(recordings: RecordingSet, inputs: Inputs, config: TrainConf
         "environment": recordings.environment,
         "size_m": np.median(sizes, axis=0).tolist(),
         "made_up": len(followed),
+        **({"validation": judges.recorded} if config.validation else {}),
         **({} if scale is None else {"scene_scale": scale}),
     }
     for k in range(config.folds):
@@ -265,7 +266,7 @@ def _make_up(
 
 STAGE = Stage(
     name="train",
-    version=12,
+    version=13,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={

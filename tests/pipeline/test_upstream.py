@@ -94,7 +94,12 @@ def test_the_stages_of_the_chain_make_what_they_lack(store):
         "recordings": blocks.address,
         "init": fit.address,
         "model": base.address,
+        "members": None,
+        "measured": None,
     }
+    other = made(store, "train", 1, recordings=blocks, init=fit)
+    banded = planned(store, unchecked("rollout"), model=base, members=other.address)
+    assert told(banded)["members"] == [other.address] and told(banded)["measured"] == "filter"
 
 
 def test_a_stage_refuses_what_is_there_before_anything_is_planned_from_it(store):
@@ -189,7 +194,7 @@ def test_scores_are_of_the_latest_rollouts_unless_a_model_is_named(store):
     base = made(store, "train", recordings=plain, init=fit)
     rollouts = made(store, "rollout", recordings=plain, init=fit, model=base)
     found = told(planned(store, unchecked("eval")))
-    others = {"engine": None, "tracks": None}
+    others = {"engine": None, "tracks": None, "measured": None}
     assert found == {"recordings": plain.address, "init": fit.address, "rollouts": rollouts.address, **others}
     named = planned(store, unchecked("eval"), model=base, recordings=mystery)
     assert told(named) == {"recordings": mystery.address, "init": "fit-init", "rollouts": "rollout", **others}

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from plop.dynamics.episodes import Actions
-from plop.dynamics.i2n.model_io import load_model
+from plop.dynamics.i2n.model_io import load_model, read_facts
 from plop.dynamics.interface import at_rest
 from plop.dynamics.rollout import predict
 from plop.errors import PlopError
@@ -119,6 +119,7 @@ def test_no_track_is_made_and_epochs_are_epochs(small):
     assert all("track" not in line for line in steps)
     assert sum(line["splits"] for line in steps) > 0 and sum(line["merges"] for line in steps) > 0
     assert trained_on(folder / "model") == {"episode_0", "episode_1", "episode_2"}
+    assert read_facts(folder / "model")["training"]["validation"] == ["episode_2"]
 
 
 def test_each_epoch_has_every_episode_once_and_views_take_turns():

@@ -1,4 +1,4 @@
-"""Pictures for display: measured | predicted | distance between the surfaces.
+"""Pictures for display: measured | predicted | distance between the surfaces, and | 90 % band, in the same colours.
 
 They are larger than the recorded and scored images, and cropped to the object: predicted
 Gaussians are rendered again, measured pixels are enlarged (plop.render.pictures.enlarge).
@@ -22,6 +22,7 @@ from plop.render.pictures.enlarge import Crop, enlarged, enlarged_mask, laid_ove
 from plop.render.pictures.panels import PANEL, PANEL_PX, TOOL, Layout, Titles, distance_colours, millimetres
 from plop.render.rasterizer.projection import LOW_PASS_PX2
 from plop.render.rasterizer.rasterize import Backend, render
+from plop.render.rasterizer.sh import C0
 from plop.render.scene import tool_above_table
 from plop.render.view_file import ViewFile
 
@@ -71,20 +72,27 @@ class Comparison:
         seen = [recording.mask(camera, frame) == MaskLabel.OBJECT for frame in self.frames]
         self._crop = Crop.around(seen + shown, PANEL_PX)
         self._maps = {frame: self._distances(frame) for frame in self.frames}
-        self._end_mm = scale_end_mm(self._maps.values(), _footprint_mm(first, self._crop))
+        self._banded = states is not None and states.has_extra("states", self.frames[0], "radius_m")
+        bands = [self._radius_mm(frame) for frame in self.frames] if self._banded else []
+        self._end_mm = scale_end_mm([*self._maps.values(), *bands], _footprint_mm(first, self._crop))
         drawn = "rendered at this size" if states is not None else None
-        self._layout = _layout(first.camera, self._crop, self._end_mm, drawn)
+        self._layout = _layout(first.camera, self._crop, self._end_mm, drawn, banded=self._banded)
 
     def picture(self, frame: int) -> np.ndarray:
         """Draw one frame; uint8, shape [H, W, 3], both sides even, the same for all frames."""
         measured, found = self._recording.view(self._name, frame), self._maps[frame]
-        panels = (
+        panels = [
             _photo(measured, self._crop),
             self._predicted(measured.camera, frame),
             _drawn_map(found, measured, self._crop, self._end_mm),
-        )
+        ]
         when = f"t = {self._times[frame] - self._times[0]:.2f} s   frame {frame + 1} of {len(self._times)}"
-        return self._layout.page(panels, (when, _short(self._name), _told(found)))
+        texts = [when, _short(self._name), _told(found)]
+        if self._banded:
+            radius = self._radius_mm(frame)
+            panels.append(self._predicted(measured.camera, frame, distance_colours(radius, self._end_mm)))
+            texts.append(f"mean {millimetres(float(radius.mean()))}")
+        return self._layout.page(panels, texts)
 
     def telling_frame(self) -> int:
         """Return the frame with the largest mean distance of the surfaces; the last where no distance is known."""
@@ -97,12 +105,21 @@ class Comparison:
         predicted = [self._views.view(view.camera, frame) for view in measured]
         return distance_map_mm(measured, predicted, names.index(self._name), *self._crop.grid(_MAP_PX))
 
+    def _radius_mm(self, frame: int) -> np.ndarray:
+        """Radius of the band of each Gaussian."""
+        assert self._states is not None
+        return 1000 * self._states.extra("states", frame, "radius_m").numpy()
+
     @torch.no_grad()
-    def _predicted(self, camera: Camera, frame: int) -> np.ndarray:
+    def _predicted(self, camera: Camera, frame: int, colours: np.ndarray | None = None) -> np.ndarray:
+        """Render the prediction, with its own colours or with one for each Gaussian, [N, 3], and a grey tool."""
         if self._states is None:
             return _photo(self._views.view(camera, frame), self._crop)
         placed = tool_above_table(self._tool, self._poses[frame], self._recording.table_z_m)
-        scene = concatenate([self._states.read("states", frame), placed.to("cpu")]).to(self._device)
+        parts = [self._states.read("states", frame), placed.to("cpu")]
+        if colours is not None:
+            parts = [_painted(parts[0], colours), _painted(parts[1], np.array([TOOL]))]
+        scene = concatenate(parts).to(self._device)
         behind = torch.tensor(PANEL, dtype=scene.means.dtype, device=self._device) / 255
         shown = self._crop.camera(camera)
         image = render(_as_scored(scene, camera, shown), shown, background=behind, backend=self._backend)
@@ -146,16 +163,23 @@ def _drawn_map(distance_mm: np.ndarray, measured: View, crop: Crop, end_mm: floa
     return _bytes(picture)
 
 
-def _layout(camera: Camera, crop: Crop, end_mm: float, drawn: str | None = None) -> Layout:
+def _painted(gaussians: Gaussians, colours: np.ndarray) -> Gaussians:
+    """Replace colours, uint8, shape [N, 3] or [1, 3]."""
+    painted = (torch.from_numpy(colours / 255).to(gaussians.sh) - 0.5) / C0
+    return gaussians.with_(sh=painted.expand(len(gaussians), 3)[:, None])
+
+
+def _layout(camera: Camera, crop: Crop, end_mm: float, drawn: str | None = None, *, banded: bool = False) -> Layout:
     """Choose titles; `drawn` describes the predicted picture, the same as the measured one when absent."""
     times = crop.size[0] / crop.rows
     shown = f"{camera.width} x {camera.height} px" + (f", enlarged {times:.1f} x" if times > 1.05 else "")
-    titles = (
+    titles = [
         Titles("measured", shown),
         Titles("predicted", drawn or shown),
         Titles("distance", "between the two surfaces"),
-    )
-    return Layout(titles, crop.size, end_mm)
+        *([Titles("90 % band", "radius, on the prediction")] if banded else []),
+    ]
+    return Layout(tuple(titles), crop.size, end_mm)
 
 
 def _footprint_mm(view: View, crop: Crop) -> float:

@@ -36,19 +36,20 @@ class Titles:
 
 @dataclass(frozen=True)
 class Layout:
-    """Three panels of one size, with the constant parts drawn once."""
+    """Panels of one size, with the constant parts drawn once."""
 
-    titles: tuple[Titles, Titles, Titles]
+    titles: tuple[Titles, ...]
+    """One for each panel."""
     size: tuple[int, int]
     """(height, width) of a panel [px]."""
     scale_end_mm: float | None
     """End of the colour bar beside the last panel [mm]; None for no bar."""
 
-    def page(self, panels: Sequence[np.ndarray], texts: tuple[str, str, str]) -> np.ndarray:
+    def page(self, panels: Sequence[np.ndarray], texts: Sequence[str]) -> np.ndarray:
         """Fill the layout.
 
         Args:
-            panels: Three pictures, uint8, shape [height, width, 3].
+            panels: A picture for each title, uint8, shape [height, width, 3].
             texts: Text under each.
 
         Returns:
@@ -101,14 +102,14 @@ def _frame(layout: Layout) -> np.ndarray:
     """Draw paper, titles and colour bar."""
     height = _even(_HEAD_PX + layout.size[0] + _FOOT_PX)
     bar = _BAR_ROOM_PX if layout.scale_end_mm is not None else 0
-    picture = Image.new("RGB", (_even(_left(layout, 3) + bar), height), PAPER)
+    picture = Image.new("RGB", (_even(_left(layout, len(layout.titles)) + bar), height), PAPER)
     pen = ImageDraw.Draw(picture)
     for column, title in enumerate(layout.titles):
         left = _left(layout, column)
         pen.text((left, 8), title.main, fill=INK, font=_font(_TITLE_PX, bold=True))
         pen.text((left, 8 + _TITLE_PX + 6), title.below, fill=FAINT, font=_font(_FAINT_PX))
     if layout.scale_end_mm is not None:
-        _draw_bar(picture, layout.scale_end_mm, _left(layout, 3), layout.size[0])
+        _draw_bar(picture, layout.scale_end_mm, _left(layout, len(layout.titles)), layout.size[0])
     return np.asarray(picture)
 
 
