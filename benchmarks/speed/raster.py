@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from plop.render.rasterizer.rasterize import Backend
 
 
+OPERATIONS_PER_REGISTER = 19 + 30
+"""Products and multiply-adds of sixteen pixels, forward and backward; other operations have units of their own."""
+
+
 def cases() -> dict[str, Callable[[], float]]:
     """Return each figure's name and the function that measures it."""
     return {
@@ -20,6 +24,7 @@ def cases() -> dict[str, Callable[[], float]]:
         "raster_256_20k_fwd_bwd_ms": lambda: raster_ms(20_000, 256),
         "raster_128_3k_6_views_fwd_bwd_ms": lambda: raster_ms(3_000, 128, views=6),
         "raster_128_5k_speedup_over_torch": speedup_over_torch,
+        "raster_blending_floor_ms": lambda: blending_floor_ms(5_000, 128),
     }
 
 
@@ -48,6 +53,53 @@ def raster_ms(count: int, size_px: int, *, backend: Backend = "numba", views: in
 def speedup_over_torch() -> float:
     """Compare with the plain-torch reference on the same scene, in one run."""
     return raster_ms(5_000, 128, backend="torch", repeats=1) / raster_ms(5_000, 128)
+
+
+def blending_floor_ms(count: int, size_px: int) -> float:
+    """Return how long two cores would blend, forward and backward, at their peak of multiply-adds [ms].
+
+    Counted are sixteen pixels for every two rows of a tile that a splat reaches before the tile is finished.
+    """
+    import numpy as np
+
+    from plop.render.rasterizer import numba_backend, numba_bins, numba_blend
+
+    gaussians, view = scene(count), numba_backend.pack_view(camera(size_px, 0), 0.01)
+    names = ("means", "quats", "scales", "opacities", "sh")
+    arrays = [getattr(gaussians, name).detach().numpy() for name in names]
+    lists = numba_backend._list_splats(arrays, view[None], size_px, size_px)
+    shape, kind = (1, size_px, size_px), np.float32
+    images = [np.empty((*shape, 3), kind), *(np.empty(shape, kind) for _ in range(4))]
+    tiles = (lists.tile_starts, lists.tile_counts, lists.by_tile, lists.tiles_x)
+    numba_blend.blend_forward(0, 1, lists.splats, lists.boxes, *tiles, *images)
+    registers = 0
+    for tile, (start, _) in enumerate(zip(lists.tile_starts[0], lists.tile_counts[0], strict=True)):
+        x, y = (tile % lists.tiles_x * numba_bins.TILE_WIDTH, tile // lists.tiles_x * numba_bins.TILE_HEIGHT)
+        end = images[-1][0, y : y + numba_bins.TILE_HEIGHT, x : x + numba_bins.TILE_WIDTH].max()
+        boxes = lists.boxes[0, lists.by_tile[start : start + int(end)]]
+        rows = np.minimum(boxes[:, 3] - y, numba_bins.TILE_HEIGHT) - np.maximum(boxes[:, 2] - y, 0)
+        registers += int(((rows + 1) // 2).sum())
+    return registers * OPERATIONS_PER_REGISTER / (2 * _operations_per_ms())
+
+
+def _operations_per_ms() -> float:
+    """Measure the multiply-adds of sixteen float32 that one core does in a millisecond."""
+    import numpy as np
+    from numba import njit
+
+    from plop.render.rasterizer.numba_lanes import load, spread, store
+
+    @njit(fastmath={"contract"}, nogil=True)  # type: ignore[untyped-decorator]
+    def chains(times, s):  # type: ignore[no-untyped-def]
+        m, c = spread(np.float32(0.4)), spread(np.float32(0.001))
+        v0, v1, v2, v3, v4, v5, v6, v7 = m, c, m + c, c + c, m + m, m - c, c - m, m * c  # all below 1
+        for _ in range(times):
+            v0, v1, v2, v3 = v0 * v0 + c, v1 * v1 + c, v2 * v2 + c, v3 * v3 + c
+            v4, v5, v6, v7 = v4 * v4 + c, v5 * v5 + c, v6 * v6 + c, v7 * v7 + c
+        store(s, 0, load(s, 0) + v0 + v1 + v2 + v3 + v4 + v5 + v6 + v7)
+
+    s = np.zeros(16, np.float32)
+    return 8 * 100_000 / min(median_ms(lambda: chains(100_000, s), repeats=5) for _ in range(5))
 
 
 def scene(count: int) -> Gaussians:

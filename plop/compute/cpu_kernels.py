@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any
 
 import numba
@@ -26,8 +27,17 @@ Step = tuple[Callable[..., None], tuple[Any, ...]]
 CROWDED = 1.5
 """Runnable processes per core above which a single thread is faster: further threads would wait for a core."""
 
-_pools: dict[int, ThreadPoolExecutor] = {}
-os.register_at_fork(after_in_child=_pools.clear)
+_helpers: list[Thread] = []
+_offers: SimpleQueue[Callable[[], None]] = SimpleQueue()
+
+
+def _after_fork() -> None:
+    global _offers  # where a thread waited that does not exist any more
+    _offers = SimpleQueue()
+    _helpers.clear()
+
+
+os.register_at_fork(after_in_child=_after_fork)
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -65,24 +75,34 @@ def run_parallel(steps: Sequence[Step], *, parts: int | None = None, lent: bool 
     """
     threads = _threads()
     parts = parts or (PARTS_PER_THREAD * threads if threads > 1 else 1)
-    shares = count()
+    shares, ended, over = count(), count(1), Lock()
+    raised: list[BaseException] = []
+    over.acquire()
 
     def work() -> None:
         while (part := next(shares)) < parts:
-            for function, arguments in steps:
-                function(part, parts, *arguments)
+            try:
+                for function, arguments in steps:
+                    function(part, parts, *arguments)
+            except BaseException as error:
+                raised.append(error)
+            if next(ended) == parts:
+                over.release()
 
     helpers = min(threads, parts) - 1
-    if helpers < 1:
-        return work()
-    if lent and run_on_torch_threads(work, helpers + 1):
-        return None
-    if helpers not in _pools:
-        _pools[helpers] = ThreadPoolExecutor(helpers, thread_name_prefix="kernels")
-    pool = _pools[helpers]
-    started = [pool.submit(work) for _ in range(helpers)]
-    work()
-    started = [future for future in started if not future.cancel()]
-    wait(started)
-    for future in started:
-        future.result()
+    if helpers < 1 or not (lent and run_on_torch_threads(work, helpers + 1)):
+        for _ in range(len(_helpers), helpers):
+            _helpers.append(Thread(target=_help, name=f"kernels-{len(_helpers)}", daemon=True))
+            _helpers[-1].start()
+        for _ in range(helpers):
+            _offers.put(work)
+        work()
+        over.acquire()
+    if raised:
+        raise raised[0]
+
+
+def _help() -> None:
+    """Take part in each piece of work that is offered; one that has ended since has no shares left."""
+    while True:
+        _offers.get()()

@@ -79,7 +79,10 @@ def test_torch_lends_its_own_threads(two_threads):
     assert len(os.listdir("/proc/self/task")) <= max(before + 1, started)
 
 
-def test_a_forked_process_does_not_wait_for_threads_that_it_has_not(two_threads):
+@pytest.mark.parametrize("lent", [True, False])
+def test_a_forked_process_does_not_wait_for_threads_that_it_has_not(two_threads, monkeypatch, lent):
+    if not lent:
+        monkeypatch.setattr(openmp, "_gnu_parallel", lambda: None)
     run_parallel([(_mark, (np.zeros(10),))], lent=True)
     child = os.fork()
     if child == 0:

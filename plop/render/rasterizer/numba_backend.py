@@ -7,6 +7,7 @@ No library, since gsplat, which plop uses on a GPU, has no kernels for the CPU.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,20 +16,14 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from plop.compute.cpu_kernels import run_parallel
+from plop.compute.cpu_kernels import array_of, run_parallel
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
 from plop.render.rasterizer.interface import Rendering
-from plop.render.rasterizer.numba_bins import (
-    TILE_HEIGHT,
-    TILE_WIDTH,
-    count_intersections,
-    list_intersections,
-    sum_by_splat,
-)
+from plop.render.rasterizer.numba_bins import TILE_HEIGHT, TILE_WIDTH, list_intersections
 from plop.render.rasterizer.numba_blend import blend_backward, blend_forward
-from plop.render.rasterizer.numba_colour import colour_backward, colour_forward
+from plop.render.rasterizer.numba_lanes import LANES
 from plop.render.rasterizer.numba_project import (
     CENTRE,
     EYE,
@@ -65,9 +60,7 @@ def render_numba(gaussians: Gaussians, cameras: list[Camera], background: Tensor
         raise PlopError("The numba rasterizer runs on the CPU only.", found=found, fix="Choose the backend auto.")
     views = np.stack([pack_view(camera, near_m) for camera in cameras])
     fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.sh)
-    images = _Rasterize.apply(
-        *(field.to(torch.float32) for field in fields), views, cameras[0].width, cameras[0].height
-    )
+    images = _Rasterize.apply(*(field.float() for field in fields), views, cameras[0].width, cameras[0].height)
     renderings = []
     for v in range(len(cameras)):
         rgb, depth, alpha = (image.to(like) for image in images[3 * v : 3 * v + 3])
@@ -99,16 +92,15 @@ class _Lists:
     boxes: np.ndarray
     """Pixels that each splat can reach, int32, shape [V, N, 4]."""
     tiles_x: int
+    splat_starts: np.ndarray
+    """First intersection of each splat in the order of the splats, int64, shape [V * N + 1]."""
     tile_starts: np.ndarray
     """First intersection of each tile, int64, shape [V, tiles]."""
     tile_counts: np.ndarray
-    splat_starts: np.ndarray
-    """First intersection of each splat in `by_splat`, int64, shape [V, N]."""
-    splat_counts: np.ndarray
     by_tile: np.ndarray
     """Splat of each intersection, by tile and depth, int32."""
     by_splat: np.ndarray
-    """Position in `by_tile` of each intersection, by splat, int32."""
+    """Position of the same intersections in the order of the splats, int32."""
 
 
 def _list_splats(arrays: list[np.ndarray], views: np.ndarray, width: int, height: int) -> _Lists:
@@ -118,28 +110,23 @@ def _list_splats(arrays: list[np.ndarray], views: np.ndarray, width: int, height
     splats = np.empty((len(views), count, SPLAT), np.float32)
     boxes = np.empty((len(views), count, 4), np.int32)
     depths = np.empty((len(views), count))
-    run_parallel(
-        [
-            (project_forward, (means, quats, scales, opacities, views, width, height, splats, boxes, depths)),
-            (colour_forward, (means, sh, views, EYE, boxes, splats)),
-        ]
-    )
+    splat_starts = np.zeros(len(views) * count + 1, np.int64)
+    splat_counts = splat_starts[1:].reshape(len(views), count)
+    out = (splats, boxes, depths, splat_counts)
+    run_parallel([(project_forward, (means, quats, scales, opacities, sh, views, width, height, *out))])
 
+    np.cumsum(splat_starts, out=splat_starts)
     tiles_x, tiles_y = -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT)
-    tile_counts = np.zeros((len(views), tiles_x * tiles_y), np.int64)
-    splat_counts = np.empty((len(views), count), np.int64)
-    run_parallel([(count_intersections, (boxes, tiles_x, tile_counts, splat_counts))], parts=len(views))
-    tile_starts, splat_starts = _starts(tile_counts), _starts(splat_counts)
-    total = int(tile_counts.sum())
-    by_tile, by_splat = np.empty(total, np.int32), np.empty(total, np.int32)
-    listing = (depths, boxes, tiles_x, tile_starts, splat_starts, by_tile, by_splat)
-    run_parallel([(list_intersections, listing)], parts=len(views))
-    return _Lists(splats, boxes, tiles_x, tile_starts, tile_counts, splat_starts, splat_counts, by_tile, by_splat)
+    tile_starts, tile_counts = np.empty((2, len(views), tiles_x * tiles_y), np.int64)
+    by_tile, by_splat = np.empty((2, int(splat_starts[-1])), np.int32)
+    listed = (tile_starts, tile_counts, by_tile, by_splat)
+    run_parallel([(list_intersections, (depths, boxes, tiles_x, splat_starts, *listed))], parts=len(views))
+    return _Lists(splats, boxes, tiles_x, splat_starts, *listed)
 
 
-def _starts(counts: np.ndarray) -> np.ndarray:
-    """Return the sum of all counts before each, in row-major order, same shape."""
-    return np.asarray((np.cumsum(counts.ravel()) - counts.ravel()).reshape(counts.shape))
+def _stacked(images: Sequence[Tensor]) -> np.ndarray:
+    """Return images [H, W, ...] as one array [V, H, W, ...]; a single one is not copied."""
+    return array_of(images[0])[None] if len(images) == 1 else np.stack([image.numpy() for image in images])
 
 
 class _Rasterize(torch.autograd.Function):
@@ -177,24 +164,14 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor | None, ...]:
         """Propagate the gradient of the images back to the Gaussians."""
         fields = [field.detach().numpy() for field in ctx.saved_tensors]
-        means, quats, scales, _, sh = fields
         views, lists, *images = ctx.kept
         splats, boxes = lists.splats, lists.boxes
-        partial = np.zeros((len(lists.by_tile), SPLAT), np.float32)
-        d_images = [np.stack([d.numpy() for d in upstream[kind::3]]) for kind in range(3)]
-        tiles = (lists.tile_starts, lists.by_tile, lists.tiles_x)
+        partial = np.empty((len(lists.by_tile), LANES), np.float32)
+        d_images = [_stacked(upstream[kind::3]) for kind in range(3)]
+        tiles = (lists.tile_starts, lists.tile_counts, lists.by_tile, lists.by_splat, lists.tiles_x)
         run_parallel([(blend_backward, (splats, boxes, *tiles, *images, *d_images, partial))])
 
-        sums = np.empty(splats.shape, np.float32)
+        summed = (lists.splat_starts, partial, np.empty((*boxes.shape[:2], LANES), np.float32))
         grads = [np.zeros_like(field) for field in fields]
-        d_means, d_quats, d_scales, d_opacities, d_sh = grads
-        by_splat = (lists.splat_starts, lists.splat_counts, lists.by_splat)
-        to_geometry = (d_means, d_quats, d_scales, d_opacities)
-        run_parallel(
-            [
-                (sum_by_splat, (*by_splat, partial, sums)),
-                (colour_backward, (means, sh, views, EYE, boxes, splats, sums, d_means, d_sh)),
-                (project_backward, (means, quats, scales, views, splats, boxes, sums, *to_geometry)),
-            ]
-        )
+        run_parallel([(project_backward, (*fields, views, splats, boxes, *summed, *grads))])
         return (*(torch.from_numpy(grad) for grad in grads), None, None, None)

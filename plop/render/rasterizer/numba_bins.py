@@ -9,15 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from plop.compute.cpu_kernels import kernel
+from plop.render.rasterizer.numba_lanes import load, spread, store
 
 TILE_WIDTH = 8
-"""One row of a tile is one vector register of eight float32 [px]."""
+"""Two rows of a tile are one register of sixteen float32 (numba_lanes) [px]."""
 TILE_HEIGHT = 16
 """[px]"""
+_DIGIT = 11
+"""Bits that one pass of the sort by depth looks at; three passes."""
 
 
 @kernel
-def _tiles(box):  # type: ignore[no-untyped-def]
+def tiles_of(box):  # type: ignore[no-untyped-def]
     """Return the range of tiles (column from, to, row from, to; ends exclusive) that a box of pixels touches."""
     return (
         box[0] // TILE_WIDTH,
@@ -28,97 +31,94 @@ def _tiles(box):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def count_intersections(part, parts, boxes, tiles_x, tile_counts, splat_counts):  # type: ignore[no-untyped-def]
-    """Count intersections per tile and per splat.
-
-    Args:
-        part: Index of the share of the views to process.
-        parts: Number of shares.
-        boxes: Pixels that each splat can reach, int32, shape [V, N, 4].
-        tiles_x: Tiles in one row of the image.
-        tile_counts: In and out, int64 zeros, shape [V, tiles].
-        splat_counts: Out, int64, shape [V, N].
-    """
-    for v in range(part, boxes.shape[0], parts):
-        for g in range(boxes.shape[1]):
-            x0, x1, y0, y1 = _tiles(boxes[v, g])
-            splat_counts[v, g] = (x1 - x0) * (y1 - y0)
-            for y in range(y0, y1):
-                for x in range(x0, x1):
-                    tile_counts[v, y * tiles_x + x] += 1
-
-
-@kernel
 def _drawn_by_depth(depths, boxes):  # type: ignore[no-untyped-def]
     """List drawn splats nearest first, ties by index: a radix sort of the leading bits of positive float64.
 
-    The keys resolve depths from 1 mm to 4000 km, to 2e-12 of their value.
+    The keys are the bits above the nearest depth's, 33 of them: where the farthest is twice as far, 1e-10 of a depth.
     """
     order = np.empty(boxes.shape[0], np.int32)
     keys = np.empty(boxes.shape[0], np.int64)
-    nearest = np.float64(2.0**-10).view(np.int64)
-    count = 0
+    nearest, farthest, count = np.int64(2**63 - 1), np.int64(0), 0
     for g in range(boxes.shape[0]):
         if boxes[g, 1] > 0:
             order[count] = g
-            bits = np.float64(depths[g]).view(np.int64) - nearest
-            keys[count] = min(max(bits, 0) >> 13, 2**44 - 1)  # type: ignore[operator]
+            keys[count] = np.float64(depths[g]).view(np.int64)
+            nearest, farthest = min(nearest, keys[count]), max(farthest, keys[count])
             count += 1
     order, keys = order[:count], keys[:count]
+    shift = 0
+    while (farthest - nearest) >> shift >= 2 ** (3 * _DIGIT):
+        shift += 1
+    starts = np.zeros((3, 2**_DIGIT + 1), np.int64)
+    for i in range(count):
+        keys[i] = (keys[i] - nearest) >> shift
+        for digit in range(3):
+            starts[digit, ((keys[i] >> (digit * _DIGIT)) & (2**_DIGIT - 1)) + 1] += 1
     other_order, other_keys = np.empty_like(order), np.empty_like(keys)
-    starts = np.empty(2049, np.int64)
-    for shift in (0, 11, 22, 33):
-        starts[:] = 0
+    for digit in range(3):
+        for value in range(2**_DIGIT):
+            starts[digit, value + 1] += starts[digit, value]
         for i in range(count):
-            starts[((keys[i] >> shift) & 2047) + 1] += 1
-        for digit in range(2048):
-            starts[digit + 1] += starts[digit]
-        for i in range(count):
-            digit = (keys[i] >> shift) & 2047
-            other_order[starts[digit]] = order[i]
-            other_keys[starts[digit]] = keys[i]
-            starts[digit] += 1
+            value = (keys[i] >> (digit * _DIGIT)) & (2**_DIGIT - 1)
+            place = starts[digit, value]
+            starts[digit, value] = place + 1
+            other_order[place] = order[i]
+            other_keys[place] = keys[i]
         order, other_order = other_order, order
         keys, other_keys = other_keys, keys
     return order
 
 
 @kernel
-def list_intersections(part, parts, depths, boxes, tiles_x, tile_starts, splat_starts, by_tile, by_splat):  # type: ignore[no-untyped-def]
+def list_intersections(  # type: ignore[no-untyped-def]
+    part, parts, depths, boxes, tiles_x, splat_starts, tile_starts, tile_counts, by_tile, by_splat
+):
     """Fill both numberings of the intersections.
 
     Args:
         part: Index of the share of the views to process.
         parts: Number of shares.
         depths: Shape [V, N] [m].
-        boxes: Shape [V, N, 4].
+        boxes: Pixels that each splat can reach, int32, shape [V, N, 4].
         tiles_x: Tiles in one row of the image.
-        tile_starts: First intersection of each tile, int64, shape [V, tiles].
-        splat_starts: First position of each splat in `by_splat`, int64, shape [V, N].
+        splat_starts: First intersection of each splat, in the order of the splats, int64, shape [V * N + 1].
+        tile_starts: Out, first intersection of each tile, int64, shape [V, tiles].
+        tile_counts: Out, number of intersections of each tile, int64, shape [V, tiles].
         by_tile: Out, int32: index g of the splat, per tile nearest first.
-        by_splat: Out, int32: position in `by_tile`, per splat.
+        by_splat: Out, int32: position of the same intersection in the order of the splats.
     """
+    count = boxes.shape[1]
     for v in range(part, boxes.shape[0], parts):
-        cursors = tile_starts[v].copy()
+        cursors = np.zeros(tile_counts.shape[1], np.int64)
+        for g in range(count):
+            x0, x1, y0, y1 = tiles_of(boxes[v, g])
+            for y in range(y0, y1):
+                for x in range(x0, x1):
+                    cursors[y * tiles_x + x] += 1
+        start = splat_starts[v * count]
+        for tile in range(len(cursors)):
+            tile_starts[v, tile], tile_counts[v, tile] = start, cursors[tile]
+            cursors[tile] = start
+            start += tile_counts[v, tile]
         for g in _drawn_by_depth(depths[v], boxes[v]):
-            x0, x1, y0, y1 = _tiles(boxes[v, g])
-            place = splat_starts[v, g]
+            x0, x1, y0, y1 = tiles_of(boxes[v, g])
+            place = splat_starts[v * count + g]
             for y in range(y0, y1):
                 for x in range(x0, x1):
                     cursor = cursors[y * tiles_x + x]
                     cursors[y * tiles_x + x] = cursor + 1
                     by_tile[cursor] = g
-                    by_splat[place] = cursor
+                    by_splat[cursor] = place
                     place += 1
 
 
 @kernel
-def sum_by_splat(part, parts, splat_starts, splat_counts, by_splat, partial, sums):  # type: ignore[no-untyped-def]
-    """Sum values of intersections [I, C], numbered by tile, into splats [V, N, C]; shares as in projection."""
-    views, count, channels = sums.shape
+def sum_by_splat(part, parts, splat_starts, partial, sums):  # type: ignore[no-untyped-def]
+    """Sum values of intersections [I, C], numbered by splat, into splats [V, N, C]; shares as in projection."""
+    views, count, _ = sums.shape
     for g in range(count * part // parts, count * (part + 1) // parts):
         for v in range(views):
-            sums[v, g, :] = 0
-            for place in range(splat_starts[v, g], splat_starts[v, g] + splat_counts[v, g]):
-                for c in range(channels):
-                    sums[v, g, c] += partial[by_splat[place], c]
+            value = spread(np.float32(0))
+            for place in range(splat_starts[v * count + g], splat_starts[v * count + g + 1]):
+                value += load(partial[place], 0)
+            store(sums[v, g], 0, value)
