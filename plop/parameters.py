@@ -211,7 +211,7 @@ def checked_values(
             raise PlopError(
                 f"A parameter of {article} {what} is out of range.",
                 where=f"{law}.{key}",
-                expected=with_unit(f"{number.low:g} to {number.high:g}", number.unit),
+                expected=f"{number.low:g} to {number.high:g} {number.unit}",
                 found=f"{values[key]:g}",
                 fix=f"Check the unit: {units}.",
             )
