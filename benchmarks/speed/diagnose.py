@@ -25,7 +25,7 @@ from plop.pipeline.execute import versions
 EPISODES = ("--episodes", "8")
 SEED, REFERENCE_SEED, SNR = 4000, 100, 4
 HIDDEN = "adhesion"
-YOUNGER = ("cohesion",)
+YOUNGER = ("cohesion", "graded", "layered", "crust")
 """Laws added after the goals and the stored times, which are for twelve laws."""
 GOALS = {"screen_min": 6, "whole_min": 15, "report_s": 30, "report_mb": 25}
 """Largest times of `diagnose` with twelve laws, and time and size of the report."""

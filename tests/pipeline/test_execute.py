@@ -158,7 +158,7 @@ def test_full_disk_while_naming_what_is_there_is_told_alike(store: Store, monkey
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch, pytest.raises(PlopError, match="disk is full"):
-        patch.setattr("plop.artifacts.store.write_json", full)
+        patch.setattr("plop.artifacts.names.write_json", full)
         run(store, fake.INGEST, inputs={"raw": raw}, name="base")
     assert store.names() == {} and run(store, fake.INGEST, inputs={"raw": raw}, name="base").skipped
 

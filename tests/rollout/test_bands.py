@@ -12,7 +12,7 @@ import torch
 
 import stages.rollout.calibrate as calibrate
 import stages.rollout.stage as rollout
-from plop.dynamics.baselines import Persistence
+from plop.dynamics.baselines import ConstantVelocity
 from plop.errors import PlopError
 from plop.gaussians.trajectory import Trajectory
 from plop.pipeline.stage import Input, Output
@@ -27,7 +27,7 @@ STEP_M = 0.001
 HELD = ["block_001", "block_002"]
 
 
-class Drifting(Persistence):
+class Drifting(ConstantVelocity):
     """Everything moves along x by a millimetre a frame."""
 
     def step(self, state, action, *, generator=None):
@@ -49,9 +49,13 @@ def inputs(tmp_path_factory):
     return made
 
 
+def still() -> ConstantVelocity:
+    return ConstantVelocity(keep=0)
+
+
 def roll(inputs, folder, *, member=Drifting):
     def loaded(path, device):
-        return Persistence() if path.name == "model" else member()
+        return still() if path.name == "model" else member()
 
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:
@@ -112,7 +116,7 @@ def test_eval_scores_the_band_beside_its_rivals(rolled, inputs, tmp_path):
 
 
 def test_members_that_do_not_differ_are_reported(inputs, tmp_path):
-    summary = roll(inputs, tmp_path / "same", member=Persistence)
+    summary = roll(inputs, tmp_path / "same", member=still)
     assert any("all models predict the same" in warning for warning in summary.warnings)
     assert Band.load(tmp_path / "same").factor > 1
 
