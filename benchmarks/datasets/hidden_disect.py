@@ -75,7 +75,7 @@ class Sets(Typed):
 
     def diagnosed(self, name: str, folder: str, reference: str) -> dict[str, Any]:
         """Diagnose one set."""
-        body = CYLINDER if reference == CYLINDER else PRISM
+        body = reference if reference in BASES else PRISM
         self.base(body)
         if reference == REPEATED:
             self.filmed(self.data / SETS[REPEATED][0], REPEATED)

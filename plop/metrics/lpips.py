@@ -163,9 +163,10 @@ def _tensors(path: Path, backbone: Backbone, fix: str) -> dict[str, Tensor]:
         PlopError: The file holds anything but tensors; no code in it is run.
     """
     try:
-        return torch.load(path, map_location="cpu", weights_only=True)  # type: ignore[no-any-return]
+        found: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
         raise _unfit(path, backbone, error, fix) from error
+    return found
 
 
 def _unfit(path: Path, backbone: Backbone, error: Exception, fix: str) -> PlopError:

@@ -32,12 +32,14 @@ def _own() -> dict[str, EffectType]:
 
 
 def _effects_of(module: object) -> list[EffectType]:
+    """List the effects that a module defines; a class whose name begins with an underscore is a base of some."""
     return [
         value
         for value in vars(module).values()
         if inspect.isclass(value)
         and issubclass(value, Effect)
         and value is not Effect
+        and not value.__name__.startswith("_")
         and value.__module__ == getattr(module, "__name__", None)
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 # Numba infers the types of kernels; their docstrings describe the arguments.
 # mypy: disallow-untyped-defs=False
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import binary_closing, distance_transform_edt, map_coordinates
@@ -21,7 +22,6 @@ from plop.physics.engine.time_step import wave_step_s
 
 CELL = 1.5
 """Width of the cells in which depth is measured, in distances between particles: lattices and draws leave no holes."""
-SOURCE = "Hooke's law with a modulus that differs from place to place; the mean of its logarithm is the base's"
 
 Fields = Callable[[Body], np.ndarray]
 
@@ -61,79 +61,58 @@ def outside(body: Body) -> np.ndarray:
     return np.asarray(2 - 2 * depth / max(depth.max(), 1e-9))
 
 
-def add_scaled(body: Body, key: str, parts: list[tuple[float, Fields]]) -> None:
-    """Add what a modulus E exp(sum of amount times field) adds to the base's stress.
-
-    The fields are those of the places at which the law first acts, with a mean of 0.
-    """
-    remembered = body.memory[key]
-    if len(remembered) and np.isnan(remembered[0]):
-        total = np.sum([amount * field(body) for amount, field in parts], 0)
-        remembered[:] = np.exp(total - np.average(total, weights=body.volume))
-    scaled_stress(body.f, *body.elastic, remembered, body.extra)
-
-
 def _end(name: str, end: str) -> Parameter:
     return Parameter(name, "-", -3.0, 3.0, step=0.05, typical=0.7, help=f"logarithm of the modulus {end}")
 
 
-def _step_s(ln_e: float, material: Material, config: EngineConfig) -> float:
-    """Waves are fastest where it is stiffest: in blocks, balls and wedges at most 1.5 amplitudes above the mean."""
-    return wave_step_s((np.exp(1.5 * ln_e) - 1) * (material.lame_pa + 2 * material.shear_pa), material, config)
+class _Uneven(Effect):
+    """The base's stress with a modulus of E exp(sum of amplitude times field), each field with a mean of 0."""
+
+    source = "Hooke's law with a modulus that differs from place to place; the mean of its logarithm is the base's"
+    fields: ClassVar[tuple[Fields, ...]]
+    """One for each amplitude; of the places at which the law first acts."""
+    remembers = {"scale": ((), np.nan)}
+
+    def stress(self, body: Body, dt: float) -> None:
+        """Scale the base's stress."""
+        scale = body.memory[f"{self.name}.scale"]
+        if len(scale) and np.isnan(scale[0]):
+            amounts = [self[p.name] for p in self.amplitudes]
+            total = np.sum([amount * field(body) for amount, field in zip(amounts, self.fields, strict=True)], 0)
+            scale[:] = np.exp(total - np.average(total, weights=body.volume))
+        scaled_stress(body.f, *body.elastic, scale, body.extra)
+
+    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
+        """Waves are fastest where it is stiffest: in blocks, balls and wedges at most 1.5 amplitudes above the mean."""
+        ln_e = sum(abs(self[p.name]) for p in self.amplitudes)
+        return wave_step_s((np.exp(1.5 * ln_e) - 1) * (material.lame_pa + 2 * material.shear_pa), material, config)
 
 
-class Graded(Effect):
+class Graded(_Uneven):
     """The modulus' logarithm changes evenly from one side to the other."""
 
     name = "graded"
     help = "one side is stiffer than the other"
     law = "E -> E exp(ln_e_x X + ln_e_y Y), X, Y from -1 to 1 across the object"
-    source = SOURCE
     amplitudes = (_end("ln_e_x", "at the end at large x"), _end("ln_e_y", "at the end at large y"))
-    remembers = {"scale": ((), np.nan)}
-
-    def stress(self, body: Body, dt: float) -> None:
-        """Scale the base's stress."""
-        add_scaled(body, "graded.scale", [(self["ln_e_x"], along(0)), (self["ln_e_y"], along(1))])
-
-    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
-        """Limit the step by the stiffest place."""
-        return _step_s(abs(self["ln_e_x"]) + abs(self["ln_e_y"]), material, config)
+    fields = (along(0), along(1))
 
 
-class Layered(Effect):
+class Layered(_Uneven):
     """The modulus' logarithm changes evenly from the bottom to the top."""
 
     name = "layered"
     help = "the top is stiffer or softer than the bottom"
     law = "E -> E exp(ln_e Z), Z from -1 to 1 from the bottom to the top"
-    source = SOURCE
     amplitudes = (_end("ln_e", "at the top"),)
-    remembers = {"scale": ((), np.nan)}
-
-    def stress(self, body: Body, dt: float) -> None:
-        """Scale the base's stress."""
-        add_scaled(body, "layered.scale", [(self["ln_e"], along(2))])
-
-    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
-        """Limit the step by the stiffest place."""
-        return _step_s(abs(self["ln_e"]), material, config)
+    fields = (along(2),)
 
 
-class Crust(Effect):
+class Crust(_Uneven):
     """The modulus' logarithm changes evenly with depth, from the innermost point to the surface."""
 
     name = "crust"
     help = "the skin is stiffer or softer than the inside"
     law = "E -> E exp(ln_e (D - mean of D)), D from -1 inside to 1 at the surface"
-    source = SOURCE
     amplitudes = (_end("ln_e", "of the skin over the mean, per half of the way in"),)
-    remembers = {"scale": ((), np.nan)}
-
-    def stress(self, body: Body, dt: float) -> None:
-        """Scale the base's stress."""
-        add_scaled(body, "crust.scale", [(self["ln_e"], outside)])
-
-    def slowest_step_s(self, material: Material, config: EngineConfig) -> float:
-        """Limit the step by the stiffest place."""
-        return _step_s(abs(self["ln_e"]), material, config)
+    fields = (outside,)

@@ -240,6 +240,15 @@ def test_a_law_of_one_s_own_may_be_a_kind_of_the_library_s(tmp_path, base):
     assert type(resting) is kind and (resting.absent or resting.values == law.values)
 
 
+def test_a_private_class_is_a_base_of_effects_and_none_itself(tmp_path):
+    path = tmp_path / "mine.py"
+    text = USER.format(hook=BEFORE, body="pass")
+    path.write_text(
+        text.replace("(Effect):", "(_Base):", 1).replace("class ", "class _Base(Effect):\n    pass\n\n\nclass ", 1)
+    )
+    assert "_Base(Effect)" in path.read_text() and {*library([path])} == {*library(), "mine"}
+
+
 def test_a_broken_file_names_its_line_and_a_taken_name_is_refused(tmp_path):
     path = tmp_path / "broken.py"
     outside = "from plop.physics.effects.effect import Parameter\nParameter('a', '-', 0.0, 1.0, step=0.1, {})\n"
