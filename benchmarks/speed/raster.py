@@ -87,7 +87,7 @@ def _operations_per_ms() -> float:
     import numpy as np
     from numba import njit
 
-    from plop.render.rasterizer.numba_lanes import load, spread, store
+    from plop.compute.numba_lanes import load, spread, store
 
     @njit(fastmath={"contract"}, nogil=True)  # type: ignore[untyped-decorator]
     def chains(times, s):  # type: ignore[no-untyped-def]

@@ -43,7 +43,7 @@ os.register_at_fork(after_in_child=_after_fork)
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function to machine code on its first call; cached on disk, runs without the interpreter lock.
 
-    It may use only functions and constants of its own folder: the cache checks only these.
+    It may use only functions and constants of its own folder and of this one: the cache checks only these.
     """
     return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=not plain(), nogil=True)(function))
 

@@ -12,6 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+_COMPUTE = Path(__file__).parent
+
 
 @lru_cache
 def sources_digest(folder: Path) -> str:
@@ -23,7 +25,7 @@ def sources_digest(folder: Path) -> str:
 
 
 def watch_sources(dispatcher: Callable[..., Any], *folders: Path) -> Callable[..., Any]:
-    """Make a kernel's cache key depend on every source file of its own folder and of `folders`.
+    """Make a kernel's cache key depend on every source file of its own folder, of `folders` and of `plop.compute`.
 
     A kernel may use functions and constants of these, and of no other folder.
 
@@ -38,5 +40,8 @@ def watch_sources(dispatcher: Callable[..., Any], *folders: Path) -> Callable[..
     file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     if file is not None and hasattr(file, "_source_stamp"):
         own = Path(compiled.py_func.__code__.co_filename).parent
-        file._source_stamp = (file._source_stamp, *(sources_digest(f) for f in dict.fromkeys((own, *folders))))
+        file._source_stamp = (
+            file._source_stamp,
+            *(sources_digest(f) for f in dict.fromkeys((own, *folders, _COMPUTE))),
+        )
     return dispatcher

@@ -24,7 +24,7 @@ KEPT_BYTES = 2_000_000_000
 """Answers that are kept for later diagnoses; the least recently used ones go first."""
 _PACKAGE = Path(__file__).parent.parent
 _CODE = ("physics/engine", "physics/effects", "physics/adapters", "geometry")
-_CODE_FILES = ("comparison/engine_run.py", "diagnosis/responses.py")
+_CODE_FILES = ("comparison/engine_run.py", "compute/numba_lanes.py", "diagnosis/responses.py")
 
 
 @dataclass

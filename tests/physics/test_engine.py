@@ -105,11 +105,11 @@ def test_endless_time_steps_are_refused_with_the_value_that_would_do(block, name
 def test_an_unstable_frame_is_repeated_with_half_the_step(block, monkeypatch):
     body, check, longest = block((0.04, 0.03, 0.03), 0.005), Engine._check, []
 
-    def refuse_long_steps(engine, dt):
+    def refuse_long_steps(engine, fastest, smallest, dt):
         longest.append(dt)
         if dt > 4e-4:
             raise UnstableStepError("a step that this test calls too long")
-        check(engine, dt)
+        check(engine, fastest, smallest, dt)
 
     plain = simulate(body, Material(), None, TIMES, EngineConfig(dx_m=0.01))
     assert plain.dt_s > 8e-4

@@ -77,18 +77,27 @@ def filled_particles(
         table_z_m: Height of the table [m]; None when there is none.
         effects: Laws that also act before the first frame.
     """
-    vertices, faces = (np.ascontiguousarray(part, kind) for part, kind in zip(surface, (float, np.int64), strict=True))
-    filled, volumes, radii = _filling(vertices.tobytes(), faces.tobytes(), base.spacing_m)
-    wanted = np.concatenate([filled, points])
-    none = np.zeros(len(points))
+    vertices, triangles = (np.ascontiguousarray(p, kind) for p, kind in zip(surface, (float, np.int64), strict=True))
+    places = vertices.tobytes(), triangles.tobytes(), np.ascontiguousarray(points, float).tobytes(), table_z_m
+    resting = [effect for effect in at_rest(effects) if not effect.absent]
+    # laws that do not act at rest share one state
+    return _settle(base, *places, resting) if resting else _at_rest(base, *places)
+
+
+def _settle(
+    base: EngineBase, vertices: bytes, faces: bytes, points: bytes, table_z_m: float | None, resting: Sequence[Effect]
+) -> Particles:
+    filled, volumes, radii = _filling(vertices, faces, base.spacing_m)
+    traced = np.frombuffer(points).reshape(-1, 3)
+    wanted = np.concatenate([filled, traced])
+    none = np.zeros(len(traced))
     particles = Particles(wanted, np.concatenate([volumes, none]), radii=np.concatenate([radii, none]))
     if not base.settled:
         return particles
-    height_m = float(np.ptp(vertices[:, 2]))
+    height_m = float(np.ptp(np.frombuffer(vertices)[2::3]))
     damping = _SETTLE_DAMPING * _slowest_per_s(base.material, height_m)
     calm = replace(base.material, damping_per_s=damping)
     config = replace(base.config, table_z_m=table_z_m)
-    resting = at_rest(effects)
     for k, lasting in enumerate((*_SETTLE_ROUNDS, *(_SETTLE_ROUNDS[:1] * _MORE_ROUNDS)), 1):
         start = replace(particles, positions=wanted, velocities=None, affine=None)
         particles = simulate(start, calm, None, np.array([0, lasting / damping]), config, effects=resting).final
@@ -98,6 +107,16 @@ def filled_particles(
         if k >= len(_SETTLE_ROUNDS) and np.sqrt(((moved - slid) ** 2).sum(1).mean()) < _AT_REST * height_m:
             break
     return replace(particles, positions=particles.positions - slid, velocities=None, affine=None)
+
+
+@lru_cache(maxsize=64)
+def _at_rest(base: EngineBase, vertices: bytes, faces: bytes, points: bytes, table_z_m: float | None) -> Particles:
+    """Cached `_settle` without laws: in a diagnosis a third of the laws act on motion or through the tool only."""
+    particles = _settle(base, vertices, faces, points, table_z_m, ())
+    for values in vars(particles).values():
+        if isinstance(values, np.ndarray):
+            values.flags.writeable = False
+    return particles
 
 
 def _slowest_per_s(material: Material, height_m: float) -> float:

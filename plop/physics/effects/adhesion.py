@@ -110,6 +110,7 @@ class Adhesion(Effect):
     help = "the tool is sticky and releases the material late"
     law = "t = -traction b s / 0.2 mm, s' = v - v_tool with |s| <= 0.2 mm, b = 1 in contact, else b' = -b / release"
     source = "constant traction: Dugdale 1960, Maugis 1992; slip: Dahl 1968; rate: Creton & Ciccotti 2016"
+    acts_at_rest = False
     amplitudes = (
         Parameter("traction_pa", "Pa", 0.0, 1e5, step=20.0, typical=300.0, help="traction of an intact bond"),
     )

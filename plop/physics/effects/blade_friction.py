@@ -16,6 +16,7 @@ class BladeFriction(Effect):
     help = "the tool is rougher or more slippery"
     law = "|t| <= (mu + d_mu) p at the tool"
     source = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
+    acts_at_rest = False
     amplitudes = (
         Parameter(
             "d_mu", "-", -2.0, 2.0, step=0.1, typical=1.0, help="change of the coefficient", tried=(-0.5, -0.25, 0.5)

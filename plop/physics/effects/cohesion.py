@@ -198,6 +198,7 @@ class Cohesion(Effect):
         "Barenblatt 1962; Dugdale 1960; Xu & Needleman 1994, J. Mech. Phys. Solids 42, 1397; bilinear: Geubelle & "
         "Baylor 1998; wear by the blade's force: Heiden et al. 2021, DiSECt"
     )
+    acts_at_rest = False
     amplitudes = (
         Parameter(
             "traction_pa",

@@ -17,6 +17,7 @@ class Damping(Effect):
     help = "all motion decays faster or slower"
     law = "v' += -d_c v"
     source = "mass-proportional Rayleigh damping; Bathe, Finite Element Procedures, 1996, ch. 9"
+    acts_at_rest = False
     amplitudes = (Parameter("d_per_s", "1/s", -100.0, 1e3, step=5.0, typical=50.0, help="change of the decay rate"),)
 
     def material(self, material: Material) -> Material:

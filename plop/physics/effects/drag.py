@@ -22,6 +22,7 @@ class Drag(Effect):
     help = "air drag: fast motion is resisted"
     law = "v' += -c |v| v"
     source = "Rayleigh's drag equation; Batchelor, An Introduction to Fluid Dynamics, 1967, ch. 5"
+    acts_at_rest = False
     amplitudes = (Parameter("per_m", "1/m", 0.0, 1e3, step=20.0, typical=200.0, help="drag coefficient c"),)
 
     def before(self, body: Body, dt: float) -> None:

@@ -46,6 +46,8 @@ class Effect:
     """Further numbers, e.g. a time constant or a direction; without effect while the amplitudes are 0."""
     variants: ClassVar[tuple[dict[str, float], ...]] = ({},)
     """Settings of the shape parameters at which the screen tries the effect."""
+    acts_at_rest: ClassVar[bool] = True
+    """Whether it changes how an object rests before its first frame: a law of the tool or of motion does not."""
     remembers: ClassVar[dict[str, tuple[tuple[int, ...], float]]] = {}
     """Arrays that the law stores per particle: name -> (shape after N, first value); in `body.memory` as
     "<effect>.<name>". The engine sorts, saves and restores them with the particles."""
@@ -87,7 +89,7 @@ class Effect:
 
     def at_rest(self) -> Effect:
         """Return the law under which an object settles before its first frame: its long-time limit."""
-        return self
+        return self if self.acts_at_rest else type(self)()
 
     def before(self, body: Body, dt: float) -> None:
         """Act before a time step: forces change `body.v` in place."""

@@ -20,13 +20,10 @@ class Swelling(Effect):
     help = "the material swells or, with a negative rate, shrinks"
     law = "F_e' = L F_e - (rate / 3) F_e"
     source = "Rodriguez, Hoger & McCulloch 1994, Stress-dependent finite growth in soft elastic tissues"
+    acts_at_rest = False
     amplitudes = (
         Parameter("rate_per_s", "1/s", -1.0, 1.0, step=0.01, typical=-0.1, help="relative change of volume per second"),
     )
-
-    def at_rest(self) -> Swelling:
-        """A growing object never settles: it settles before, and grows from the first frame on."""
-        return type(self)()
 
     def after(self, body: Body, dt: float) -> None:
         """Grow."""

@@ -16,13 +16,10 @@ class Viscosity(Effect):
     help = "the material resists fast deformation"
     law = "tau += 2 eta dev(D), D the symmetric velocity gradient"
     source = "Kelvin-Voigt solid; Larson, The Structure and Rheology of Complex Fluids, 1999"
+    acts_at_rest = False
     amplitudes = (
         Parameter("viscosity_pa_s", "Pa s", 0.0, 1e3, step=2.0, typical=100.0, help="viscosity beyond the base's"),
     )
-
-    def at_rest(self) -> Viscosity:
-        """An object at rest has no viscous stress, and settles sooner without it."""
-        return type(self)()
 
     def material(self, material: Material) -> Material:
         """Add to the base's own viscosity."""

@@ -53,6 +53,6 @@ class BackgroundGrid:
     def _allocate(self, room: int) -> None:
         self._room = room
         self.chunk_nodes = np.zeros((self._chunks, room, 8), np.float32)
-        self.chunk_uncut = np.zeros((self._chunks, room), np.float32)
-        self.nodes, self.uncut = np.zeros((room, 8), np.float32), np.zeros(room, np.float32)
+        self.chunk_passed = np.zeros((self._chunks, room), np.float32)
+        self.nodes, self.passed = np.zeros((room, 8), np.float32), np.zeros(room, np.float32)
         self.gaps, self.velocity = np.zeros(room, np.float32), np.zeros((room, 2, 4), np.float32)

@@ -10,13 +10,12 @@ import numpy as np
 from plop.physics.engine import law
 from plop.physics.engine.background_grid import BackgroundGrid
 from plop.physics.engine.config import EngineConfig
-from plop.physics.engine.kernels import tool_contact, toughness, transfer
-from plop.physics.engine.kernels.grid import grid_velocities
+from plop.physics.engine.kernels.step import advance, touch
 from plop.physics.engine.law import Hook, Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.time_step import highest_speed_m_s, run_step_s
-from plop.physics.engine.tool_motion import ToolKind, ToolMotion, ToolShape, kernel_poses
+from plop.physics.engine.tool_motion import ToolKind, ToolMotion, kernel_poses
 from plop.physics.engine.tracers import Tracers
 
 _MAX_NODES = 30_000_000
@@ -94,10 +93,13 @@ class Engine:
     def _constants(self) -> None:
         """Hold what the kernels need in their own number type."""
         material, config, tool = self.material, self.config, self.tool
-        self._shape = None if tool is None else ToolShape.from_mesh(tool.vertices, tool.faces)
+        self._shape = None if tool is None else tool.shape
         self._kind = int(ToolKind.NONE if self._shape is None else self._shape.kind)
         self._faces = np.zeros((1, 4), np.float32) if self._shape is None else self._shape.faces
         self._thickness = np.zeros(4, np.float32) if self._shape is None else self._shape.thickness
+        cuts = self._shape is not None and self._kind == ToolKind.BLADE and material.toughness_j_m2 > 0
+        self._edges = self._shape.edges if self._shape is not None and cuts else np.zeros((0, 3), np.float32)
+        self._toughness, self._pyramid = np.float32(material.toughness_j_m2), config.table_cone == "pyramid"
         self._elastic = (
             int(material.law),
             np.float32(material.shear_pa),
@@ -173,45 +175,36 @@ class Engine:
         if self._hooks["stress"]:
             self.extra[:] = 0
             self._act("stress", dt)
-        self._move(step, np.float32(np.exp(-self.material.damping_per_s * dt)))
+        fastest, smallest = self._move(step, np.float32(np.exp(-self.material.damping_per_s * dt)))
         self._act("after", dt)
         self.steps += 1
-        self._check(dt)
-        self.impulse[0] += self._grid.impulses.sum(0, dtype=np.float64)
+        self._check(fastest, smallest, dt)
         return self.impulse
 
     def _touch(self, step: np.float32) -> None:
         """Let the tool cut and push particles."""
         if self._kind == ToolKind.NONE:
             return
-        tool, bounds = (self.pose, self._faces, self._thickness), self._grid.bounds
-        if self._kind == ToolKind.BLADE:
-            band = np.float32(self.config.band_cells * self._grid.dx)
-            tool_contact.mark_sides(self.x, self.side, self.cut, self.fixed, self.radius, *tool, band, bounds)
-            self.tracers.mark_sides(*tool, band)
-        pushed = (self.x, self.v, self.mass, self.radius, self.side, self.cut, self.held, bounds)
+        grid = self._grid
+        pushed = (self.x, self.v, self.mass, self.radius, self.side, self.cut, self.held)
+        band = np.float32(self.config.band_cells * grid.dx)
         elastic = (self._friction[1], self._modulus, self._density)
-        tool_contact.push_tool(*pushed, *self.tool_now, *elastic, self._grid.dx, step, self._grid.pushes)
-        self.impulse[1] += self._grid.pushes.sum(0, dtype=np.float64)
+        sides = (self.fixed, grid.bounds, self.tracers.to_mark)
+        touch(pushed, *sides, self.tool_now, band, *elastic, grid.dx, step, grid.pushes, self.impulse[1])
 
-    def _move(self, step: np.float32, decay: np.float32) -> None:
-        """Transfer to the grid, advance its velocities, and transfer back."""
-        grid, moving = self._grid, (self.x, self.v, self.c, self.f)
-        body = (*moving, self.mass, self.volume, self.side, self.cut, grid.bounds, grid.planes)
+    def _move(self, step: np.float32, decay: np.float32) -> tuple[float, float]:
+        """Transfer to the grid, advance its velocities, and transfer back; see `kernels.step.advance`."""
+        grid = self._grid
+        moving = (self.x, self.v, self.c, self.f)
+        body = (*moving, self.mass, self.volume, self.side, self.cut, self.radius, grid.bounds, grid.planes)
+        chunks = (grid.chunk_nodes, grid.chunk_passed, grid.report, self.tracers.report)
+        nodes = (grid.nodes, grid.passed, grid.gaps, grid.velocity, grid.impulses)
         elastic = (*self._elastic, self.extra)
-        transfer.stress_p2g(*body, *grid.frame, step, decay, *elastic, grid.chunk_nodes, grid.chunk_uncut)
-        origin, dims, _ = grid.frame
-        transfer.add_chunks(grid.chunk_nodes, grid.chunk_uncut, grid.planes, dims, grid.nodes, grid.uncut)
-        toughness_j_m2 = np.float32(self.material.toughness_j_m2)
-        if self._shape is not None and self._kind == ToolKind.BLADE and toughness_j_m2 > 0:
-            edges = (self.pose, self._shape.edges, toughness_j_m2)
-            self.impulse[1] += toughness.resist_cut(grid.nodes, grid.uncut, *grid.frame, step, *edges, self._density)
-        tool_contact.table_gaps(self.x, self.radius, *grid.frame, self._table, grid.gaps)
-        table = (self._table, self.config.table_cone == "pyramid", self._friction, self._density, grid.gaps)
-        nodes = (grid.nodes, grid.uncut, origin, dims, grid.dx)
-        grid_velocities(*nodes, step, self._gravity, *table, grid.velocity, grid.impulses)
-        transfer.g2p(*moving, self.side, grid.bounds, *grid.frame, step, grid.velocity, grid.report)
-        self.tracers.advect(*grid.frame, step, grid.velocity)
+        edges = (self.pose, self._edges, self._toughness)
+        given = (edges, (self._table, self._pyramid), self._friction, self._gravity, self._density, self.impulse)
+        frame = (*grid.frame, grid.dx)
+        fastest, smallest = advance(body, self.tracers.to_move, frame, elastic, step, decay, chunks, nodes, *given)
+        return float(fastest), float(smallest)
 
     def _act(self, hook: Hook, dt: float) -> None:
         for effect in self._hooks[hook]:
@@ -219,10 +212,8 @@ class Engine:
             if trouble is not None:
                 raise UnstableStepError(trouble, effect.name)
 
-    def _check(self, dt: float) -> None:
-        fastest = float(np.maximum(self._grid.report[:, 0].max(), self.tracers.speed_squared))  # NaN if either is
-        smallest = float(self._grid.report[:, 1].min())
-        if not (np.isfinite(fastest) and np.isfinite(smallest)):
+    def _check(self, fastest: float, smallest: float, dt: float) -> None:
+        if not np.isfinite(fastest):
             raise UnstableStepError("a speed that is not a number")
         moved = float(np.sqrt(fastest)) * dt
         if moved > 0.5 * self.config.dx_m:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -135,6 +136,19 @@ class ToolMotion:
                 fix="Look for repeated times and poses of NaN in the recording.",
             )
 
+    @cached_property
+    def _rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity of the origin [m/s] and spin [rad/s] between two times, [T - 1, 3] each."""
+        poses, span = self.world_from_tool, np.diff(self.times)[:, None]
+        turn = poses[1:, :3, :3] @ np.swapaxes(poses[:-1, :3, :3], 1, 2)
+        return np.diff(poses[:, :3, 3], axis=0) / span, Rotation.from_matrix(turn).as_rotvec() / span
+
+    @property
+    def shape(self) -> ToolShape:
+        """The tool as the kernels see it; its arrays are shared."""
+        vertices, faces = np.ascontiguousarray(self.vertices, float), np.ascontiguousarray(self.faces, np.int64)
+        return _shape_of(vertices.tobytes(), faces.tobytes())
+
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Interpolate pose and velocity: straight for the origin, at constant spin for the rotation.
 
@@ -151,14 +165,18 @@ class ToolMotion:
         k = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
         since = np.clip(wanted, times[0], times[-1]) - times[k]
         moving = ((wanted >= times[0]) & (wanted < times[-1]))[:, None]
-        span = np.diff(times)[:, None]
-        velocity = (np.diff(poses[:, :3, 3], axis=0) / span)[k]
-        turn = poses[1:, :3, :3] @ np.swapaxes(poses[:-1, :3, :3], 1, 2)
-        spin = (Rotation.from_matrix(turn).as_rotvec() / span)[k]
+        velocity, spin = (rates[k] for rates in self._rates)
         out = np.tile(np.eye(4), (len(wanted), 1, 1))
         out[:, :3, :3] = Rotation.from_rotvec(spin * since[:, None]).as_matrix() @ poses[k, :3, :3]
         out[:, :3, 3] = poses[k, :3, 3] + velocity * since[:, None]
         return out, velocity * moving, spin * moving
+
+
+@lru_cache(maxsize=16)
+def _shape_of(vertices: bytes, faces: bytes) -> ToolShape:
+    """Cached `ToolShape.from_mesh`: a diagnosis moves the same tool hundreds of times."""
+    places, triangles = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3)
+    return ToolShape.from_mesh(places.copy(), triangles.copy())
 
 
 def kernel_poses(shape: ToolShape, motion: ToolMotion, times_s: np.ndarray) -> np.ndarray:

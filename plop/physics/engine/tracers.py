@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from plop.physics.engine.kernels import tool_contact, transfer
-
 _SORTED = ("x", "v", "c", "f", "side", "fixed", "cut", "number")
 
 
@@ -31,15 +29,14 @@ class Tracers:
         self.side, self.fixed, self.cut, self.number = side, fixed, cut, number
         self.radius = np.zeros(len(x), np.float32)
         self._bounds = np.zeros(2, np.int64)
-        self._report = np.zeros(1, np.float32)
-        self.speed_squared = 0.0
-        """The highest squared speed in the last step [m^2/s^2]."""
+        self.report = np.zeros(1, np.float32)
+        """Highest squared speed of each chunk in the last step [m^2/s^2]."""
 
     def __len__(self) -> int:
         return len(self.number)
 
     def save(self) -> dict[str, np.ndarray]:
-        """Copy what `advect` and `sort` change."""
+        """Copy what a time step and `sort` change."""
         return {name: getattr(self, name).copy() for name in _SORTED}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
@@ -52,19 +49,14 @@ class Tracers:
         for name in _SORTED:
             setattr(self, name, np.ascontiguousarray(getattr(self, name)[order]))
         self._bounds = np.linspace(0, len(self), chunks + 1).astype(np.int64)
-        self._report = np.zeros(chunks, np.float32)
+        self.report = np.zeros(chunks, np.float32)
 
-    def mark_sides(self, pose: np.ndarray, faces: np.ndarray, thickness: np.ndarray, band: np.float32) -> None:
-        """See `plop.physics.engine.kernels.tool_contact.mark_sides`."""
-        tool_contact.mark_sides(
-            self.x, self.side, self.cut, self.fixed, self.radius, pose, faces, thickness, band, self._bounds
-        )
+    @property
+    def to_mark(self) -> tuple[np.ndarray, ...]:
+        """What the blade changes, see `plop.physics.engine.kernels.step.touch`."""
+        return self.x, self.side, self.cut, self.fixed, self.radius, self._bounds
 
-    def advect(
-        self, origin: np.ndarray, dims: np.ndarray, inv_dx: np.float32, step: np.float32, velocity: np.ndarray
-    ) -> None:
-        """Move with the grid, see `plop.physics.engine.kernels.transfer.advect`."""
-        transfer.advect(
-            self.x, self.v, self.c, self.f, self.side, self._bounds, origin, dims, inv_dx, step, velocity, self._report
-        )
-        self.speed_squared = float(self._report.max())
+    @property
+    def to_move(self) -> tuple[np.ndarray, ...]:
+        """What the grid moves, see `plop.physics.engine.kernels.step.advance`."""
+        return self.x, self.v, self.c, self.f, self.side, self._bounds

@@ -17,13 +17,13 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from plop.compute.cpu_kernels import array_of, run_parallel
+from plop.compute.numba_lanes import LANES
 from plop.errors import PlopError
 from plop.gaussians.state import Gaussians
 from plop.geometry.cameras import Camera
 from plop.render.rasterizer.interface import Rendering
 from plop.render.rasterizer.numba_bins import TILE_HEIGHT, TILE_WIDTH, list_intersections
 from plop.render.rasterizer.numba_blend import blend_backward, blend_forward
-from plop.render.rasterizer.numba_lanes import LANES
 from plop.render.rasterizer.numba_project import (
     CENTRE,
     EYE,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from plop.compute.cpu_kernels import kernel
-from plop.render.rasterizer.numba_lanes import load, spread, store
+from plop.compute.numba_lanes import load, spread, store
 
 TILE_WIDTH = 8
 """Two rows of a tile are one register of sixteen float32 (numba_lanes) [px]."""

@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from plop.compute.cpu_kernels import kernel
+from plop.compute.numba_lanes import LANES, load, minus_abs, prefetch, spread, store, totals, where_less
 from plop.render.rasterizer.numba_bins import TILE_HEIGHT, TILE_WIDTH
-from plop.render.rasterizer.numba_lanes import LANES, load, minus_abs, prefetch, spread, store, totals, where_less
 from plop.render.rasterizer.projection import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 
 ROWS = TILE_HEIGHT + 2

@@ -21,13 +21,13 @@ _SMALLEST_J = np.float32(0.05)
 """Volume ratios below this are treated as this, so that the logarithm stays finite."""
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def determinant(a, b, c, d, e, f, g, h, i):
     """Determinant of a 3x3 matrix given row by row."""
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def _left_cauchy_green(a, b, c, d, e, f, g, h, i):
     return (
         a * a + b * b + c * c,
@@ -39,7 +39,7 @@ def _left_cauchy_green(a, b, c, d, e, f, g, h, i):
     )
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def neo_hookean(a, b, c, d, e, f, g, h, i, mu, lam):
     """Compressible neo-Hookean: tau = mu (b - I) + lambda ln(J) I (Bonet & Wood, Eq. 6.28)."""
     j = max(determinant(a, b, c, d, e, f, g, h, i), _SMALLEST_J)
@@ -48,7 +48,7 @@ def neo_hookean(a, b, c, d, e, f, g, h, i, mu, lam):
     return mu * xx + pressure, mu * yy + pressure, mu * zz + pressure, mu * xy, mu * xz, mu * yz
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def stable_neo_hookean(a, b, c, d, e, f, g, h, i, mu, lam):
     """Stable neo-Hookean: tau = mu (1 - 1/(I1 + 1)) b + lambda J (J - alpha) I (Smith et al. 2018, Eq. 18).
 
@@ -62,7 +62,7 @@ def stable_neo_hookean(a, b, c, d, e, f, g, h, i, mu, lam):
     return shear * xx + pressure, shear * yy + pressure, shear * zz + pressure, shear * xy, shear * xz, shear * yz
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def fixed_corotated(a, b, c, d, e, f, g, h, i, mu, lam):
     """Fixed corotated: tau = 2 mu (F - R) F^T + lambda J (J - 1) I (Stomakhin et al. 2012).
 
@@ -92,7 +92,7 @@ def fixed_corotated(a, b, c, d, e, f, g, h, i, mu, lam):
     )
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def kirchhoff_stress(law, a, b, c, d, e, f, g, h, i, mu, lam):
     """Choose the law by its number in `ElasticLaw`."""
     if law == 0:

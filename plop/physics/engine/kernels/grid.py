@@ -17,6 +17,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from plop.compute.numba_lanes import spread4, store
 from plop.physics.engine.jit import kernel
 from plop.physics.engine.kernels.tool_contact import coulomb
 
@@ -30,7 +31,7 @@ _TOUCHING = np.float32(0.01)
 """Gap up to which things touch [cells]."""
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def rubbed(speed, push, friction, slip):
     """Give the share of a sliding speed that is left after a push of the table [m/s].
 
@@ -39,7 +40,7 @@ def rubbed(speed, push, friction, slip):
     return max(slip / max(slip + push, _TINY), _ONE - friction * push / max(speed, _TINY))
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def rub_table(vx, vy, vz, friction, slip, pyramid):
     """Keep a velocity above a level table; `pyramid` limits x and y each on its own, not their length."""
     if vz >= _ZERO:
@@ -50,7 +51,7 @@ def rub_table(vx, vy, vz, friction, slip, pyramid):
     return vx * left, vy * left, _ZERO
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def cut_normal(grid, node, plane, row):
     """Unit normal of the cut at a node, from field 1 to field 0: the gradient of their mass difference."""
     gx = (grid[node + plane, 0] - grid[node + plane, 4]) - (grid[node - plane, 0] - grid[node - plane, 4])
@@ -60,7 +61,7 @@ def cut_normal(grid, node, plane, row):
     return gx / length, gy / length, gz / length
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def field_velocities(grid, node, plane, row, bonded, full, friction):
     """Give the velocities of both fields at a node after they acted on each other; momentum is kept.
 
@@ -88,12 +89,12 @@ def field_velocities(grid, node, plane, row, bonded, full, friction):
 
 @kernel(parallel=True)
 def grid_velocities(
-    grid, uncut, origin, dims, dx, dt, gravity, table, pyramid, friction, density, gaps, velocity, impulses
+    grid, passed, origin, dims, dx, dt, gravity, table, pyramid, friction, density, gaps, velocity, impulses
 ):
     """Turn momentum into velocity.
 
     Takes:
-        grid, uncut: Mass and momentum of both fields [nodes, 8] and mass that no blade has passed [nodes].
+        grid, passed: Mass and momentum of both fields [nodes, 8] and mass that a blade has passed [nodes].
         origin, dims, dx, dt: Grid [m] and step [s].
         gravity: Acceleration [3] [m/s^2].
         table, pyramid: Height of the table [m], -inf when there is none; whether its friction cone is square.
@@ -104,7 +105,7 @@ def grid_velocities(
         impulses: Written, [planes, 3]: impulse on the object from the table [N s].
     """
     row, plane = dims[2], dims[1] * dims[2]
-    full = density * dx * dx * dx
+    full, nothing = density * dx * dx * dx, spread4(_ZERO)
     for ix in prange(dims[0]):
         for q in range(3):
             impulses[ix, q] = _ZERO
@@ -112,14 +113,17 @@ def grid_velocities(
             for iz in range(dims[2]):
                 node = ix * plane + iy * row + iz
                 m = grid[node, 0] + grid[node, 4]
-                velocity[node, 0, 3], velocity[node, 1, 3] = _ZERO, _ZERO
+                store(velocity, 8 * node, nothing)
+                store(velocity, 8 * node + 4, nothing)
                 if m <= _TINY:
                     continue
                 pz = np.float32(iz) * dx + origin[2]
-                bonded = uncut[node] >= _HALF * m
+                bonded = passed[node] <= _HALF * m
                 ax, ay, az, bx, by, bz = field_velocities(grid, node, plane, row, bonded, full, friction[2])
                 for side in range(2):
                     mass = grid[node, 4 * side]
+                    if not (bonded or mass > _TINY):
+                        continue
                     vx, vy, vz = (ax, ay, az) if side == 0 else (bx, by, bz)
                     vx += dt * gravity[0]
                     vy += dt * gravity[1]
@@ -131,5 +135,4 @@ def grid_velocities(
                         impulses[ix, 1] += mass * (vy - uy)
                         impulses[ix, 2] += mass * (vz - uz)
                     velocity[node, side, 0], velocity[node, side, 1], velocity[node, side, 2] = vx, vy, vz
-                    if bonded or mass > _TINY:
-                        velocity[node, side, 3] = _ONE
+                    velocity[node, side, 3] = _ONE

@@ -27,7 +27,7 @@ _DAMPING = np.float32(0.3)
 """Damping of the contact, share of the critical one."""
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def coulomb(vx, vy, vz, ux, uy, uz, nx, ny, nz, friction):
     """Keep a velocity v [m/s] out of an obstacle that moves with u and whose outward unit normal is n."""
     rx, ry, rz = vx - ux, vy - uy, vz - uz
@@ -40,7 +40,7 @@ def coulomb(vx, vy, vz, ux, uy, uz, nx, ny, nz, friction):
     return ux + keep * tx, uy + keep * ty, uz + keep * tz
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def in_outline(faces, y, z, margin):
     """Tell whether a point of the blade's plane lies inside its outline, widened by `margin` [m]."""
     beyond = -np.float32(1e9)
@@ -49,13 +49,13 @@ def in_outline(faces, y, z, margin):
     return beyond <= margin
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def half_thickness(thickness, y, z):
     """Half the thickness of a blade at a point of its plane [m]."""
     return max(thickness[3], thickness[0] + thickness[1] * y + thickness[2] * z)
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def solid_height(faces, d, y, z):
     """Signed distance to a convex solid, exact inside, and the face it belongs to."""
     height, face = -np.float32(1e9), 0
@@ -66,14 +66,14 @@ def solid_height(faces, d, y, z):
     return height, face
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def faces_solid(faces, d, y, z, face, reach):
     """Tell whether going `reach` [m] straight towards a face of a solid ends in the solid, not beside it."""
     d, y, z = d - reach * faces[face, 0], y - reach * faces[face, 1], z - reach * faces[face, 2]
     return solid_height(faces, d, y, z)[0] <= _ZERO
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
     """Distance from a particle's middle to the tool [m] and the tool's outward normal, in the tool's frame.
 

@@ -18,7 +18,7 @@ _ONE = np.float32(1)
 
 
 @kernel()
-def resist_cut(grid, uncut, origin, dims, inv_dx, dt, pose, edges, toughness, density):
+def resist_cut(grid, passed, origin, dims, inv_dx, dt, pose, edges, toughness, density):
     """Push uncut material along with the cutting edge, with `toughness` newtons a metre of edge [J/m^2].
 
     The impulse at most makes the material follow the edge. Its reaction is what the cut costs:
@@ -47,7 +47,7 @@ def resist_cut(grid, uncut, origin, dims, inv_dx, dt, pose, edges, toughness, de
                 for k in range(3):
                     node, w = (bx + i) * plane + (by + j) * row + bz + k, wx[i] * wy[j] * wz[k]
                     m += w * (grid[node, 0] + grid[node, 4])
-                    rest += w * uncut[node]
+                    rest += w * (grid[node, 0] + grid[node, 4] - passed[node])
                     sx += w * (grid[node, 1] + grid[node, 5])
                     sy += w * (grid[node, 2] + grid[node, 6])
                     sz += w * (grid[node, 3] + grid[node, 7])

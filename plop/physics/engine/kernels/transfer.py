@@ -5,8 +5,10 @@ a particle talks only to the field of its own side. Grid layout, for a grid of n
 `origin + index * dx`:
 
     chunk_grid [chunks, nodes, 8] float32   mass [kg] and momentum [kg m/s] of field 0, then of field 1
-    chunk_uncut [chunks, nodes] float32     mass that no blade has passed [kg]
-    velocity [nodes, 2, 4] float32          velocity of both fields [m/s], and 1 where material moves so, else 0
+    chunk_passed [chunks, nodes] float32     mass that a blade has passed [kg]
+    velocity [nodes, 2, 4] float32          velocity of both fields [m/s] and 1 where material moves so, else four zeros
+
+The four numbers of a field at a node are one register (`plop.compute.numba_lanes`).
 
 Threads never write to the same memory: particles are sorted along x and cut into chunks, each chunk has
 its own grid of which it touches only a few planes, and the planes are added up in chunk order. The result
@@ -21,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from plop.compute.numba_lanes import lane, load4, pack4, spread4, store
 from plop.physics.engine.jit import kernel
 from plop.physics.engine.kernels.elastic import determinant, kirchhoff_stress
 
@@ -29,24 +32,28 @@ _ONE = np.float32(1)
 _THREE_QUARTERS = np.float32(0.75)
 _THREE_HALVES = np.float32(1.5)
 _FOUR = np.float32(4)
+_TWO = np.float32(2)
+_QUARTER = np.float32(0.25)
 _ZERO = np.float32(0)
 _THIRD = np.float32(1 / 3)
+_WIDE = 8
+"""Numbers at a node."""
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def spline(offset):
     """Quadratic B-spline weights of the three nodes around a particle; offset in [0.5, 1.5] cells."""
     low, mid, high = _THREE_HALVES - offset, offset - _ONE, offset - _HALF
     return _HALF * low * low, _THREE_QUARTERS - mid * mid, _HALF * high * high
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def row_major(f, p):
     """The nine numbers of matrix p of an array [N, 3, 3]."""
     return f[p, 0, 0], f[p, 0, 1], f[p, 0, 2], f[p, 1, 0], f[p, 1, 1], f[p, 1, 2], f[p, 2, 0], f[p, 2, 1], f[p, 2, 2]
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, forceinline=True)
 def base_node(x, p, origin, inv_dx):
     """The lowest of a particle's 3x3x3 nodes and the particle's place beyond it, in cells, in [0.5, 1.5]."""
     gx, gy, gz = (x[p, 0] - origin[0]) * inv_dx, (x[p, 1] - origin[1]) * inv_dx, (x[p, 2] - origin[2]) * inv_dx
@@ -54,51 +61,49 @@ def base_node(x, p, origin, inv_dx):
     return bx, by, bz, gx - np.float32(bx), gy - np.float32(by), gz - np.float32(bz)
 
 
-@njit(fastmath=True)
-def gather(velocity, q, corner, plane, row, fx, fy, fz):
-    """Sum the velocities of field q over 3x3x3 nodes from `corner` on, plain and times the way in cells [m/s].
+@njit(fastmath=True, forceinline=True)
+def gather(velocity, start, plane, row, fx, fy, fz):
+    """Sum a field's four numbers over 3x3x3 nodes, plain and times the way from the particle in cells.
+
+    Takes:
+        velocity, start: Grid [nodes, 2, 4] and where the field of the lowest node begins in it.
+        plane, row: Nodes from one to the next along x and y.
+        fx, fy, fz: See `base_node`.
 
     Returns:
-        vx, vy, vz, then the nine sums b of velocity times way, row by row.
+        Sums, and sums times the way along x, y and z: registers of velocity [m/s] and share of nodes with material.
     """
     wx, wy = spline(fx), spline(fy)
-    wz0, wz1, wz2 = spline(fz)
-    vx, vy, vz = _ZERO, _ZERO, _ZERO
-    b00, b01, b02, b10, b11, b12 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
-    b20, b21, b22 = _ZERO, _ZERO, _ZERO
+    z0, z1, z2 = spline(fz)
+    w0, w1, w2 = spread4(z0), spread4(z1), spread4(z2)
+    h0, h1, h2 = spread4(-z0 * fz), spread4(z1 * (_ONE - fz)), spread4(z2 * (_TWO - fz))
+    total = along_x = along_y = along_z = spread4(_ZERO)
     for i in range(3):
+        sums = sums_y = sums_z = spread4(_ZERO)
         for j in range(3):
-            di, dj = np.float32(i) - fx, np.float32(j) - fy
-            node = corner + i * plane + j * row
-            wij = wx[i] * wy[j]
-            w0, w1, w2 = wij * wz0, wij * wz1, wij * wz2
-            # sums over the column of three nodes: first plain, then weighted with the height
-            h0, h1, h2 = -w0 * fz, w1 * (_ONE - fz), w2 * (_ONE + _ONE - fz)
-            x0, x1, x2 = velocity[node, q, 0], velocity[node + 1, q, 0], velocity[node + 2, q, 0]
-            y0, y1, y2 = velocity[node, q, 1], velocity[node + 1, q, 1], velocity[node + 2, q, 1]
-            z0, z1, z2 = velocity[node, q, 2], velocity[node + 1, q, 2], velocity[node + 2, q, 2]
-            sx, sy, sz = w0 * x0 + w1 * x1 + w2 * x2, w0 * y0 + w1 * y1 + w2 * y2, w0 * z0 + w1 * z1 + w2 * z2
-            vx += sx
-            vy += sy
-            vz += sz
-            b00 += sx * di
-            b01 += sx * dj
-            b02 += h0 * x0 + h1 * x1 + h2 * x2
-            b10 += sy * di
-            b11 += sy * dj
-            b12 += h0 * y0 + h1 * y1 + h2 * y2
-            b20 += sz * di
-            b21 += sz * dj
-            b22 += h0 * z0 + h1 * z1 + h2 * z2
-    return vx, vy, vz, b00, b01, b02, b10, b11, b12, b20, b21, b22
+            node = start + _WIDE * (i * plane + j * row)
+            a, b, c = load4(velocity, node), load4(velocity, node + _WIDE), load4(velocity, node + 2 * _WIDE)
+            column = spread4(wy[j]) * (w0 * a + w1 * b + w2 * c)
+            sums += column
+            sums_y += spread4(np.float32(j) - fy) * column
+            sums_z += spread4(wy[j]) * (h0 * a + h1 * b + h2 * c)
+        weight = spread4(wx[i])
+        total += weight * sums
+        along_x += spread4(wx[i] * (np.float32(i) - fx)) * sums
+        along_y += weight * sums_y
+        along_z += weight * sums_z
+    return total, along_x, along_y, along_z
 
 
-@njit(fastmath=True)
-def move(x, v, c, f, p, dt, inv_dx, vx, vy, vz, b00, b01, b02, b10, b11, b12, b20, b21, b22):
-    """Move particle p with what it gathered: velocity [m/s] and the sums of velocity times way in cells [m/s]."""
-    s = _FOUR * inv_dx
-    b00, b01, b02, b10, b11, b12 = s * b00, s * b01, s * b02, s * b10, s * b11, s * b12
-    b20, b21, b22 = s * b20, s * b21, s * b22
+@njit(fastmath=True, forceinline=True)
+def move(x, v, c, f, p, dt, inv_dx, total, along_x, along_y, along_z):
+    """Move particle p with what it gathered, see `gather`; return its velocity [m/s]."""
+    scale = spread4(_FOUR * inv_dx)
+    vx, vy, vz = lane(total, 0), lane(total, 1), lane(total, 2)
+    along_x, along_y, along_z = scale * along_x, scale * along_y, scale * along_z
+    b00, b10, b20 = lane(along_x, 0), lane(along_x, 1), lane(along_x, 2)
+    b01, b11, b21 = lane(along_y, 0), lane(along_y, 1), lane(along_y, 2)
+    b02, b12, b22 = lane(along_z, 0), lane(along_z, 1), lane(along_z, 2)
     v[p, 0], v[p, 1], v[p, 2] = vx, vy, vz
     x[p, 0] += dt * vx
     x[p, 1] += dt * vy
@@ -111,6 +116,7 @@ def move(x, v, c, f, p, dt, inv_dx, vx, vy, vz, b00, b01, b02, b10, b11, b12, b2
         f[p, 0, k] = f0 + dt * (b00 * f0 + b01 * f1 + b02 * f2)
         f[p, 1, k] = f1 + dt * (b10 * f0 + b11 * f1 + b12 * f2)
         f[p, 2, k] = f2 + dt * (b20 * f0 + b21 * f1 + b22 * f2)
+    return vx, vy, vz
 
 
 @kernel(parallel=True)
@@ -136,7 +142,7 @@ def stress_p2g(
     eta,
     extra,
     chunk_grid,
-    chunk_uncut,
+    chunk_passed,
 ):
     """Scatter mass and momentum, the stress' impulse included.
 
@@ -150,14 +156,14 @@ def stress_p2g(
         decay: Factor on the velocities, for damping [-].
         law, mu, lam, eta: Elastic law, Lame parameters [Pa] and shear viscosity [Pa s].
         extra: Kirchhoff stress that effects add [N, 6] (xx, yy, zz, xy, xz, yz) [Pa], or [0, 6] for none.
-        chunk_grid, chunk_uncut: Written; see the module's layout.
+        chunk_grid, chunk_passed: Written; see the module's layout.
     """
     dx = _ONE / inv_dx
     plane, row = dims[1] * dims[2], dims[2]
     for chunk in prange(bounds.shape[0] - 1):
-        grid, uncut = chunk_grid[chunk], chunk_uncut[chunk]
+        grid, passed = chunk_grid[chunk], chunk_passed[chunk]
         for node in range(planes[chunk, 0] * plane, planes[chunk, 1] * plane):
-            uncut[node] = _ZERO
+            passed[node] = _ZERO
             for q in range(8):
                 grid[node, q] = _ZERO
         for p in range(bounds[chunk], bounds[chunk + 1]):
@@ -183,75 +189,75 @@ def stress_p2g(
             m = mass[p]
             md = m * decay
             k = -dt * volume[p] * _FOUR * inv_dx * inv_dx
-            a00, a01, a02 = (
-                dx * (md * c[p, 0, 0] + k * xx),
-                dx * (md * c[p, 0, 1] + k * xy),
-                dx * (md * c[p, 0, 2] + k * xz),
+            # mass and momentum at the lowest node, and how much more there is one cell further along each axis
+            step_x = pack4(
+                (
+                    _ZERO,
+                    dx * (md * c[p, 0, 0] + k * xx),
+                    dx * (md * c[p, 1, 0] + k * xy),
+                    dx * (md * c[p, 2, 0] + k * xz),
+                )
             )
-            a10, a11, a12 = (
-                dx * (md * c[p, 1, 0] + k * xy),
-                dx * (md * c[p, 1, 1] + k * yy),
-                dx * (md * c[p, 1, 2] + k * yz),
+            step_y = pack4(
+                (
+                    _ZERO,
+                    dx * (md * c[p, 0, 1] + k * xy),
+                    dx * (md * c[p, 1, 1] + k * yy),
+                    dx * (md * c[p, 2, 1] + k * yz),
+                )
             )
-            a20, a21, a22 = (
-                dx * (md * c[p, 2, 0] + k * xz),
-                dx * (md * c[p, 2, 1] + k * yz),
-                dx * (md * c[p, 2, 2] + k * zz),
+            step_z = pack4(
+                (
+                    _ZERO,
+                    dx * (md * c[p, 0, 2] + k * xz),
+                    dx * (md * c[p, 1, 2] + k * yz),
+                    dx * (md * c[p, 2, 2] + k * zz),
+                )
             )
-            mx = md * v[p, 0] - a00 * fx - a01 * fy - a02 * fz
-            my = md * v[p, 1] - a10 * fx - a11 * fy - a12 * fz
-            mz = md * v[p, 2] - a20 * fx - a21 * fy - a22 * fz
-            q = 4 * side[p]
-            whole = not cut[p]
+            lowest = pack4((m, md * v[p, 0], md * v[p, 1], md * v[p, 2]))
+            lowest = lowest - spread4(fx) * step_x - spread4(fy) * step_y - spread4(fz) * step_z
+            start = _WIDE * (bx * plane + by * row + bz) + 4 * side[p]
+            z0, z1, z2 = spread4(wz0), spread4(wz1), spread4(wz2)
             for i in range(3):
                 for j in range(3):
-                    fi, fj = np.float32(i), np.float32(j)
-                    node = (bx + i) * plane + (by + j) * row + bz
-                    wij = wx[i] * wy[j]
-                    px, py, pz = mx + a00 * fi + a01 * fj, my + a10 * fi + a11 * fj, mz + a20 * fi + a21 * fj
-                    w = wij * wz0
-                    grid[node, q] += w * m
-                    grid[node, q + 1] += w * px
-                    grid[node, q + 2] += w * py
-                    grid[node, q + 3] += w * pz
-                    w = wij * wz1
-                    grid[node + 1, q] += w * m
-                    grid[node + 1, q + 1] += w * (px + a02)
-                    grid[node + 1, q + 2] += w * (py + a12)
-                    grid[node + 1, q + 3] += w * (pz + a22)
-                    w = wij * wz2
-                    grid[node + 2, q] += w * m
-                    grid[node + 2, q + 1] += w * (px + a02 + a02)
-                    grid[node + 2, q + 2] += w * (py + a12 + a12)
-                    grid[node + 2, q + 3] += w * (pz + a22 + a22)
-                    if whole:
-                        w = wij * m
-                        uncut[node] += w * wz0
-                        uncut[node + 1] += w * wz1
-                        uncut[node + 2] += w * wz2
+                    node = start + _WIDE * (i * plane + j * row)
+                    share = lowest + spread4(np.float32(i)) * step_x + spread4(np.float32(j)) * step_y
+                    weight = spread4(wx[i] * wy[j])
+                    store(grid, node, load4(grid, node) + weight * z0 * share)
+                    share += step_z
+                    store(grid, node + _WIDE, load4(grid, node + _WIDE) + weight * z1 * share)
+                    share += step_z
+                    store(grid, node + 2 * _WIDE, load4(grid, node + 2 * _WIDE) + weight * z2 * share)
+            if cut[p]:
+                for i in range(3):
+                    for j in range(3):
+                        node = (bx + i) * plane + (by + j) * row + bz
+                        w = wx[i] * wy[j] * m
+                        passed[node] += w * wz0
+                        passed[node + 1] += w * wz1
+                        passed[node + 2] += w * wz2
 
 
 @kernel(parallel=True)
-def add_chunks(chunk_grid, chunk_uncut, planes, dims, grid, uncut):
+def add_chunks(chunk_grid, chunk_passed, planes, dims, grid, passed):
     """Add the chunks' grids up, plane by plane and always in the same order.
 
     Takes:
-        chunk_grid, chunk_uncut, planes, dims: See `stress_p2g`.
-        grid, uncut: Written: [nodes, 8] and [nodes].
+        chunk_grid, chunk_passed, planes, dims: See `stress_p2g`.
+        grid, passed: Written: [nodes, 8] and [nodes].
     """
     size = dims[1] * dims[2]
     for plane in prange(dims[0]):
         low, high = plane * size, (plane + 1) * size
-        for node in range(low, high):
-            uncut[node] = _ZERO
-            for q in range(8):
-                grid[node, q] = _ZERO
+        passed[low:high] = _ZERO
+        grid[low:high] = _ZERO
         for chunk in range(planes.shape[0]):
             if planes[chunk, 0] <= plane < planes[chunk, 1]:
+                first = chunk * _WIDE * grid.shape[0]
                 for node in range(low, high):
-                    uncut[node] += chunk_uncut[chunk, node]
-                    for q in range(8):
-                        grid[node, q] += chunk_grid[chunk, node, q]
+                    passed[node] += chunk_passed[chunk, node]
+                for place in range(_WIDE * low, _WIDE * high, 4):
+                    store(grid, place, load4(grid, place) + load4(chunk_grid, first + place))
 
 
 @kernel(parallel=True)
@@ -268,47 +274,51 @@ def g2p(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
         fastest, smallest = _ZERO, _ONE
         for p in range(bounds[chunk], bounds[chunk + 1]):
             bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
-            sums = gather(velocity, side[p], bx * plane + by * row + bz, plane, row, fx, fy, fz)
-            move(x, v, c, f, p, dt, inv_dx, *sums)
-            vx, vy, vz = sums[0], sums[1], sums[2]
+            start = _WIDE * (bx * plane + by * row + bz) + 4 * side[p]
+            sums = gather(velocity, start, plane, row, fx, fy, fz)
+            vx, vy, vz = move(x, v, c, f, p, dt, inv_dx, *sums)
             smallest = min(smallest, determinant(*row_major(f, p)))
             fastest = max(fastest, vx * vx + vy * vy + vz * vz)
         report[chunk, 0] = fastest
         report[chunk, 1] = smallest
 
 
-@njit(fastmath=True)
-def gather_filled(velocity, v, c, p, q, corner, plane, row, fx, fy, fz, dx):
-    """`gather` for tracer p, whose own motion of the step before stands in where there is no material."""
-    wx, wy, wz = spline(fx), spline(fy), spline(fz)
-    vx, vy, vz = _ZERO, _ZERO, _ZERO
-    b00, b01, b02, b10, b11, b12 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
-    b20, b21, b22 = _ZERO, _ZERO, _ZERO
+@njit(fastmath=True, forceinline=True)
+def moments(velocity, start, plane, row, fx, fy, fz):
+    """Sum the shares of nodes with material times the ways along two axes, as `gather` sums them times one.
+
+    Returns:
+        xx, yy, zz, xy, xz, yz [cells^2]: 1/4, 1/4, 1/4, 0, 0, 0 where there is material everywhere.
+    """
+    wx, wy = spline(fx), spline(fy)
+    w0, w1, w2 = spline(fz)
+    d0, d1, d2 = -fz, _ONE - fz, _TWO - fz
+    # sums over a column of nodes of 1, z and z^2; then of these times 1, y and y^2, then times 1, x and x^2
+    below, middle = pack4((w0, w0 * d0, w0 * d0 * d0, _ZERO)), pack4((w1, w1 * d1, w1 * d1 * d1, _ZERO))
+    above = pack4((w2, w2 * d2, w2 * d2 * d2, _ZERO))
+    of_1 = of_x = of_xx = of_y = of_xy = of_yy = spread4(_ZERO)
+    node = start >> 3
+    field = start >> 2 & 1
     for i in range(3):
+        sums = sums_y = sums_yy = spread4(_ZERO)
         for j in range(3):
-            for k in range(3):
-                di, dj, dk = np.float32(i) - fx, np.float32(j) - fy, np.float32(k) - fz
-                node = corner + i * plane + j * row + k
-                w = wx[i] * wy[j] * wz[k]
-                if velocity[node, q, 3] != _ZERO:
-                    ux, uy, uz = w * velocity[node, q, 0], w * velocity[node, q, 1], w * velocity[node, q, 2]
-                else:
-                    ux = w * (v[p, 0] + dx * (c[p, 0, 0] * di + c[p, 0, 1] * dj + c[p, 0, 2] * dk))
-                    uy = w * (v[p, 1] + dx * (c[p, 1, 0] * di + c[p, 1, 1] * dj + c[p, 1, 2] * dk))
-                    uz = w * (v[p, 2] + dx * (c[p, 2, 0] * di + c[p, 2, 1] * dj + c[p, 2, 2] * dk))
-                vx += ux
-                vy += uy
-                vz += uz
-                b00 += ux * di
-                b01 += ux * dj
-                b02 += ux * dk
-                b10 += uy * di
-                b11 += uy * dj
-                b12 += uy * dk
-                b20 += uz * di
-                b21 += uz * dj
-                b22 += uz * dk
-    return vx, vy, vz, b00, b01, b02, b10, b11, b12, b20, b21, b22
+            n = node + i * plane + j * row
+            a, b = spread4(velocity[n, field, 3]), spread4(velocity[n + 1, field, 3])
+            column = spread4(wy[j]) * (below * a + middle * b + above * spread4(velocity[n + 2, field, 3]))
+            way = spread4(np.float32(j) - fy)
+            sums += column
+            sums_y += way * column
+            sums_yy += way * way * column
+        weight, way = spread4(wx[i]), spread4(np.float32(i) - fx)
+        of_1 += weight * sums
+        of_x += way * weight * sums
+        of_xx += way * way * weight * sums
+        of_y += weight * sums_y
+        of_xy += way * weight * sums_y
+        of_yy += weight * sums_yy
+    xx, yy, zz = lane(of_xx, 0), lane(of_yy, 0), lane(of_1, 2)
+    xy, xz, yz = lane(of_xy, 0), lane(of_x, 1), lane(of_y, 1)
+    return xx, yy, zz, xy, xz, yz
 
 
 @kernel(parallel=True)
@@ -328,9 +338,22 @@ def advect(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report)
         fastest = _ZERO
         for p in range(bounds[chunk], bounds[chunk + 1]):
             bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
-            corner = bx * plane + by * row + bz
-            sums = gather_filled(velocity, v, c, p, side[p], corner, plane, row, fx, fy, fz, dx)
-            move(x, v, c, f, p, dt, inv_dx, *sums)
-            vx, vy, vz = sums[0], sums[1], sums[2]
+            start = _WIDE * (bx * plane + by * row + bz) + 4 * side[p]
+            total, along_x, along_y, along_z = gather(velocity, start, plane, row, fx, fy, fz)
+            # what the nodes without material lack: velocity v + dx c way, summed over them
+            xx, yy, zz, xy, xz, yz = moments(velocity, start, plane, row, fx, fy, fz)
+            own = pack4((v[p, 0], v[p, 1], v[p, 2], _ZERO))
+            c_x = spread4(dx) * pack4((c[p, 0, 0], c[p, 1, 0], c[p, 2, 0], _ZERO))
+            c_y = spread4(dx) * pack4((c[p, 0, 1], c[p, 1, 1], c[p, 2, 1], _ZERO))
+            c_z = spread4(dx) * pack4((c[p, 0, 2], c[p, 1, 2], c[p, 2, 2], _ZERO))
+            empty = spread4(_ONE - lane(total, 3))
+            mx, my, mz = spread4(-lane(along_x, 3)), spread4(-lane(along_y, 3)), spread4(-lane(along_z, 3))
+            xx, yy, zz = spread4(_QUARTER - xx), spread4(_QUARTER - yy), spread4(_QUARTER - zz)
+            xy, xz, yz = spread4(-xy), spread4(-xz), spread4(-yz)
+            total += empty * own + mx * c_x + my * c_y + mz * c_z
+            along_x += mx * own + xx * c_x + xy * c_y + xz * c_z
+            along_y += my * own + xy * c_x + yy * c_y + yz * c_z
+            along_z += mz * own + xz * c_x + yz * c_y + zz * c_z
+            vx, vy, vz = move(x, v, c, f, p, dt, inv_dx, total, along_x, along_y, along_z)
             fastest = max(fastest, vx * vx + vy * vy + vz * vz)
         report[chunk] = fastest
