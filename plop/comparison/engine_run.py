@@ -20,6 +20,13 @@ def start_particles(base: EngineBase, episode: Episode, effects: Sequence[Effect
 
 
 def predict_points(base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = ()) -> np.ndarray:
+    """Run the engine through an episode; see `run_points`."""
+    return run_points(base, episode, start, effects)[0]
+
+
+def run_points(
+    base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = (), step_s: float | None = None
+) -> tuple[np.ndarray, float]:
     """Run the engine through an episode.
 
     Args:
@@ -27,13 +34,14 @@ def predict_points(base: EngineBase, episode: Episode, start: Particles, effects
         episode: The episode.
         start: See `start_particles`.
         effects: Laws in addition to the base material.
+        step_s: Time step [s]; the longest that is stable when None.
 
     Returns:
-        The tracked points, [T, M, 3] [m].
+        The tracked points, [T, M, 3] [m], and the time step [s].
 
     Raises:
         PlopError: The run is unstable.
     """
-    config = replace(base.config, table_z_m=episode.table_z_m)
+    config = replace(base.config, table_z_m=episode.table_z_m, dt_s=step_s)
     run = simulate(start, base.material, episode.tool, episode.times, config, effects=effects)
-    return run.positions[:, -len(episode.patch) :].astype(np.float64)
+    return run.positions[:, -len(episode.patch) :].astype(np.float64), run.dt_s

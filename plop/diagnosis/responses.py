@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.comparison.engine_run import predict_points, start_particles
+from plop.comparison.engine_run import run_points, start_particles
 from plop.diagnosis.hypotheses import Settings, run_key
 from plop.errors import PlopError, UserCodeError
 from plop.physics.adapters.filled import EngineBase
@@ -23,11 +23,13 @@ class Job:
     base: EngineBase
     settings: Settings = ()
     """Empty: the engine without effects."""
+    step_s: float | None = None
+    """Time step [s]; the longest that is stable when None."""
 
     @property
     def key(self) -> str:
         """What is added to the engine, e.g. "viscosity().viscosity_pa_s=12"."""
-        return run_key(self.settings)
+        return run_key(self.settings) + ("" if self.step_s is None else f" dt_s={self.step_s:.6g}")
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class Answer:
     """[T, M, 3] [m]; None when the run was unstable."""
     trouble: str = ""
     """Why not."""
+    step_s: float = np.inf
+    """Time step of the run [s]."""
 
 
 def run_job(job: Job, types: Mapping[str, EffectType]) -> Answer:
@@ -52,7 +56,9 @@ def run_job(job: Job, types: Mapping[str, EffectType]) -> Answer:
         values = {c.amplitude: float(np.clip(v, c.low, c.high)) for c, v in own}
         effects.append(types[name](**values, **dict(own[0][0].shapes)))
     try:
-        return Answer(predict_points(job.base, job.episode, start_particles(job.base, job.episode, effects), effects))
+        start = start_particles(job.base, job.episode, effects)
+        points, step_s = run_points(job.base, job.episode, start, effects, job.step_s)
+        return Answer(points, step_s=step_s)
     except UserCodeError:
         raise
     except PlopError as error:

@@ -85,7 +85,7 @@ class Runs:
             return None
         try:
             with np.load(path, allow_pickle=False) as file:
-                answer = Answer(file.get("points"), str(file["trouble"]))
+                answer = Answer(file.get("points"), str(file["trouble"]), float(file["step_s"]))
             os.utime(path)
             return answer
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # cut short: run it again
@@ -95,7 +95,7 @@ class Runs:
         path = self._path(job)
         if path is None:
             return
-        arrays = {"trouble": np.array(answer.trouble)}
+        arrays = {"trouble": np.array(answer.trouble), "step_s": np.array(answer.step_s)}
         if answer.points is not None:
             arrays["points"] = answer.points.astype(np.float32)
         with whole(path) as scratch, scratch.open("wb") as file:
@@ -131,7 +131,7 @@ def answer_job(job: Job, effect_files: tuple[str, ...]) -> Answer:
     answer = run_job(job, library(effect_files))
     # single precision is what a remembered answer has, too: a resumed diagnosis says the same to the last digit
     points = None if answer.points is None else answer.points.astype(np.float32)
-    return Answer(points, answer.trouble)
+    return Answer(points, answer.trouble, answer.step_s)
 
 
 def code_digest(effect_files: Sequence[str | Path] = ()) -> str:
