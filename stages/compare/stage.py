@@ -207,7 +207,7 @@ def _short(row: ErrorRow) -> dict[str, Any]:
 
 STAGE = Stage(
     name="compare",
-    version=9,
+    version=10,
     help="Compare a model with measurements: where and when it fails, in mm and in units of the noise.",
     config=CompareConfig,
     inputs={

@@ -266,7 +266,7 @@ def _make_up(
 
 STAGE = Stage(
     name="train",
-    version=13,
+    version=14,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={
