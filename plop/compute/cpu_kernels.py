@@ -45,7 +45,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
     It may use only functions and constants of its own folder and of this one: the cache checks only these.
     """
-    return watch_sources(numba.njit(fastmath=FAST, error_model="numpy", cache=not plain(), nogil=True)(function))
+    options = {"fastmath": FAST, "error_model": "numpy", "cache": not plain(), "nogil": True, "forceinline": True}
+    return watch_sources(numba.njit(**options)(function))
 
 
 def array_of(tensor: torch.Tensor) -> np.ndarray:

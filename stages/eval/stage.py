@@ -137,7 +137,7 @@ def _all_where_none_is_for_testing(inputs: Mapping[str, Artifact]) -> tuple[dict
 
 STAGE = Stage(
     name="eval",
-    version=6,
+    version=7,
     help="Score predictions against measurements and two baselines.",
     config=EvalConfig,
     inputs={

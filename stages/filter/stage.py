@@ -131,7 +131,7 @@ def _means(frames: list[dict[str, Any]]) -> dict[str, float]:
 
 STAGE = Stage(
     name="filter",
-    version=10,
+    version=11,
     help="Track the object through an episode: predict and update.",
     config=FilterConfig,
     inputs={

@@ -181,7 +181,7 @@ def _summary(scores: dict[str, dict[str, Any]], skipped: dict[str, PlopError]) -
 
 STAGE = Stage(
     name="fit-init",
-    version=9,
+    version=10,
     help="Fit 3D Gaussians to the first frame: object and tool.",
     config=FitInitConfig,
     inputs={
