@@ -192,7 +192,7 @@ def _named(
     else:
         kind = VerdictKind.CONFOUNDED if others else VerdictKind.EFFECT
     names = tuple(f.name for f in chosen)
-    return chosen, Verdict(kind, names if kind == VerdictKind.BASE_PARAMETER else (*names, *others), "", facts)
+    return chosen, Verdict(kind, (*names, *others), "", facts)
 
 
 def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:

@@ -17,6 +17,7 @@ from joblib import Parallel, delayed, parallel_config
 from plop.artifacts.atomic_file import whole
 from plop.compute.cluster import connected
 from plop.compute.kernel_cache import sources_digest
+from plop.compute.workers import workers
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.physics.effects.library import library
 
@@ -73,7 +74,7 @@ class Runs:
     @contextmanager
     def _backend(self) -> Iterator[None]:
         if not self.scheduler:
-            with parallel_config("loky"):
+            with workers():
                 yield
             return
         with connected(self.scheduler), parallel_config("dask", wait_for_workers_timeout=60):

@@ -26,7 +26,7 @@ def verdict_text(verdict: Verdict, findings: Sequence[Finding], tried: Sequence[
         return _nothing(facts, findings, tried)
     if verdict.kind == VerdictKind.NONE_OF_THESE:
         return _none(facts, findings, tried)
-    count = len(verdict.named) - (len(facts.alternatives) if verdict.kind != VerdictKind.BASE_PARAMETER else 0)
+    count = len(verdict.named) - len(facts.alternatives)
     return f"{_start(verdict)} {_what(findings[:count], facts)}; {_size(facts)}{_sure(findings[:count], facts)}."
 
 

@@ -11,6 +11,7 @@ from joblib import Parallel, delayed
 from trimesh.triangles import area, mass_properties
 
 from plop.comparison.engine_run import predict_points, start_particles
+from plop.compute.workers import workers
 from plop.diagnosis.evidence import compared_frames
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
@@ -91,7 +92,8 @@ OUTLIER = 2.0
 
 def outliers(episodes: list[Episode], base: EngineBase, jobs: int = 1) -> dict[str, str]:
     """Find episodes that the engine follows far worse than the others; name -> why."""
-    squares = Parallel(n_jobs=jobs)(delayed(_mean_square)(TrackedCase(episode, base)) for episode in episodes)
+    with workers():
+        squares = Parallel(n_jobs=jobs)(delayed(_mean_square)(TrackedCase(episode, base)) for episode in episodes)
     rms = 1000 * np.sqrt(np.array(squares))
     middle = float(np.median(rms))
     if len(episodes) < 4:

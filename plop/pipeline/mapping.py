@@ -13,13 +13,13 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 from plop.artifacts.atomic_file import write_text
 from plop.compute.memory import available_bytes
+from plop.compute.workers import end_with_parent, workers
 from plop.errors import PlopError
 from plop.recordings.open_recordings import share_open_recordings
 
@@ -134,9 +134,9 @@ def processes(jobs: int, pieces: int) -> int:
 
 def in_processes(task: Callable[[str], Piece], names: Sequence[str], jobs: int, /) -> Iterator[Piece]:
     """Run tasks in processes of this machine, each on its share of the cores."""
-    from joblib import Parallel, delayed, parallel_config
+    from joblib import Parallel, delayed
 
-    with parallel_config("loky", initializer=_end_with_parent, initargs=(os.getpid(),)):
+    with workers():
         parallel = Parallel(n_jobs=processes(jobs, len(names)), return_as="generator_unordered")
     return iter(parallel(delayed(_in_child)(task, os.getpid(), os.getcwd(), name) for name in names))
 
@@ -217,21 +217,9 @@ def _shifted(progress: Progress, done: float, total: int, name: str) -> Progress
 
 
 def _in_child(task: Callable[[str], Piece], parent: int, folder: str, name: str) -> Piece:
-    _end_with_parent(parent)  # older versions of joblib call no initializer
+    end_with_parent(parent)  # older versions of joblib call no initializer
     os.chdir(folder)  # a reused process is in the folder of its first caller; raw data may have relative paths
     return task(name)
-
-
-@cache
-def _end_with_parent(parent: int) -> None:
-    """Let this process end when its parent is killed, or is dead already: its result is no longer needed."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_EVERY_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from plop.comparison.camera_errors import camera_rows, camera_table
 from plop.comparison.error_fields import ErrorField, error_field, tables
 from plop.comparison.field_file import stored_field, write_field
 from plop.comparison.result import Comparison, EpisodeErrors, ErrorRow
+from plop.compute.workers import workers
 from plop.errors import PlopError
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Output, Stage, Summary
 from plop.recordings.set import RecordingSet
@@ -72,7 +73,9 @@ def run(inputs: Inputs, config: CompareConfig, out: Output) -> Summary:
         delayed(_compare)(model, recordings.path(e.name), Fits(init).episode(e.name), e, config, out.path)
         for e in episodes
     )
-    for field, seen in Parallel(n_jobs=config.jobs, return_as="generator")(tasks):
+    with workers():
+        compared = Parallel(n_jobs=config.jobs, return_as="generator")(tasks)
+    for field, seen in compared:
         fields.append(field)
         cameras += seen
         rms_mm = 1000 * float(np.sqrt((field.error_m**2).mean()))

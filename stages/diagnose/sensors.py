@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from joblib import Parallel, delayed
 
+from plop.compute.workers import workers
 from plop.diagnosis.result import SensorFault
 from plop.parameters import Estimate, estimate_text
 from plop.pipeline.stage import Output
@@ -30,9 +31,11 @@ def sensor_findings(
         jobs: Processes; -1 is one a core.
     """
     per_episode: list[list[SensorFinding]] = []
-    for found in Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(estimate_sensors)(recordings.path(name)) for name in names
-    ):
+    with workers():
+        estimates = Parallel(n_jobs=jobs, return_as="generator")(
+            delayed(estimate_sensors)(recordings.path(name)) for name in names
+        )
+    for found in estimates:
         per_episode.append(found)
         out.progress(len(per_episode), len(names), f"sensors of {names[len(per_episode) - 1]}")
     rig = pool(per_episode)

@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import t as student
 
+from plop.compute.workers import workers
 from plop.errors import PlopError
 from plop.parameters import Estimate, Parameter
 from plop.physics.calibration.recorded_motion import Case
@@ -132,7 +133,9 @@ class _Fit:
         """Simulate all episodes at all points; residuals [T, M, 3] in metres, unmeasured points 0."""
         tasks = [(case, self.material(point)) for point in points for case in cases or self.cases]
         self.rollouts += len(tasks)
-        flat = Parallel(n_jobs=self.jobs)(delayed(_residual)(case, material, self.config) for case, material in tasks)
+        calls = (delayed(_residual)(case, material, self.config) for case, material in tasks)
+        with workers():
+            flat = Parallel(n_jobs=self.jobs)(calls)
         count = len(self.cases)
         return [flat[k * count : (k + 1) * count] for k in range(len(points))]
 

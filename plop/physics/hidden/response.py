@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from joblib import Parallel, delayed
 
+from plop.compute.workers import workers
 from plop.errors import PlopError
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
@@ -45,7 +46,8 @@ class Response:
         """Root mean square over all surface points and frames of one episode of each kind [m]."""
         kinds = min(self.scene.episodes, len(self.scene.motions))
         wanted = [(k, effects) for k in range(kinds)] + [(k, ()) for k in range(kinds) if k not in self._base]
-        found = Parallel(n_jobs=self.jobs)(delayed(_vertices)(self.scene, k, given) for k, given in wanted)
+        with workers():
+            found = Parallel(n_jobs=self.jobs)(delayed(_vertices)(self.scene, k, given) for k, given in wanted)
         self._base |= {k: vertices for (k, given), vertices in zip(wanted, found, strict=True) if not given}
         squares = [self.squares(k, found[k]) for k in range(kinds)]
         return float(np.sqrt(sum(total for total, _ in squares) / sum(count for _, count in squares)))
