@@ -45,6 +45,7 @@ def loss_ms() -> float:
     import torch
 
     from benchmarks.speed.measure import median_ms
+    from benchmarks.speed.raster import camera
     from plop.render.losses import Target, render_loss
     from plop.render.rasterizer.interface import Rendering
 
@@ -52,7 +53,7 @@ def loss_ms() -> float:
     mask = torch.zeros(128, 128, dtype=torch.bool)
     mask[24:104, 24:104] = True
     rgb = torch.rand(128, 128, 3, generator=generator) * mask[..., None]
-    target = Target(rgb, 0.3 * mask, mask, torch.ones_like(mask))
+    target = Target(camera(128, 0), rgb, 0.3 * mask, mask, torch.ones_like(mask))
     image = (0.9 * rgb).requires_grad_()
     alpha = (0.98 * mask).requires_grad_()
 
