@@ -19,6 +19,7 @@ _LOG_FACTORS = -12.0, 6.0
 """From nothing that is missed to all that is measured [-]."""
 _LEAST = 2
 """Episodes of a kind of motion in each of the two sets that tell how much such episodes scatter."""
+_TINY = 1e-12
 
 
 def misfits(
@@ -45,33 +46,32 @@ def misfits(
     return np.array([((freedom + 3) / 2 * np.log1p(q)).mean() for q, _ in scaled(factor)])
 
 
-def chance_of_difference(found: np.ndarray, here: np.ndarray, kinds: Sequence[str]) -> float:
-    """Give the chance that the recordings' misfits exceed the reference's by as much where nothing is hidden.
+def differences(found: np.ndarray, ways: np.ndarray, kinds: Sequence[str]) -> np.ndarray:
+    """Give how far the recordings' misfits exceed the reference's, in standard errors, for ways of dealing out, [N].
 
-    A t test within kinds of motion (Welch and Satterthwaite's degrees of freedom), one-sided; over all episodes at once
-    where a kind has too few of either.
+    Compared within kinds of motion; over all episodes at once where a kind has too few of either. That ways are counted
+    makes no assumption on how misfits scatter: some motions are far less well explained than others of their kind.
 
     Args:
         found: Misfit of every episode, [E].
-        here: Which episodes are to be explained, bool [E].
+        ways: Labels 0 or 1 of which episodes are to be explained, the real ones first, [N, E].
         kinds: Kind of motion of every episode.
     """
     groups = [np.array([k == kind for k in kinds]) for kind in dict.fromkeys(kinds)]
-    if any(min((here & g).sum(), (~here & g).sum()) < _LEAST for g in groups):
+    real = ways[0] > 0
+    if any(min((real & g).sum(), (~real & g).sum()) < _LEAST for g in groups):
         groups = [np.ones(len(found), bool)]
-    apart, variances, freedoms = 0.0, [], []
+    apart, variance = np.zeros(len(ways)), np.zeros(len(ways))
     for group in groups:
-        own, other = found[here & group], found[~here & group]
-        freedom = len(own) + len(other) - 2
-        if freedom < 1 or not len(own) or not len(other):
-            return 1.0
-        pooled = (((own - own.mean()) ** 2).sum() + ((other - other.mean()) ** 2).sum()) / freedom
-        apart += len(own) * float(own.mean() - other.mean())
-        variances.append(max(pooled, 1e-12) * len(own) ** 2 * (1 / len(own) + 1 / len(other)))
-        freedoms.append(freedom)
-    variance = np.array(variances)
-    freedom = variance.sum() ** 2 / (variance**2 / np.array(freedoms)).sum()
-    return float(student.sf(apart / np.sqrt(variance.sum()), freedom))
+        own, values = ways[:, group], found[group] - found[group].mean()
+        counts = own.sum(1), (1 - own).sum(1)
+        both = np.minimum(*counts) > 0  # a way may leave a kind to one set
+        here, there = (np.maximum(count, 1) for count in counts)
+        mean, other = own @ values / here, (1 - own) @ values / there
+        within = own @ values**2 - here * mean**2 + (1 - own) @ values**2 - there * other**2
+        apart += both * here * (mean - other)
+        variance += both * within / max(len(values) - 2, 1) * here**2 * (1 / here + 1 / there)
+    return np.asarray(apart / np.sqrt(np.maximum(variance, _TINY)))
 
 
 def outlying(found: np.ndarray, here: np.ndarray, kinds: Sequence[str], chance: float) -> list[int]:

@@ -14,7 +14,7 @@ from plop.diagnosis.description import Description, describe
 from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
-from plop.diagnosis.misfit import chance_of_difference, misfits, outlying
+from plop.diagnosis.misfit import differences, misfits, outlying
 from plop.diagnosis.score import Score
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
@@ -150,7 +150,8 @@ class Search:
     @cached_property
     def size_p(self) -> float:
         """Chance that the recordings are explained less well than the reference by as much."""
-        return chance_of_difference(self._misfits, self.here, self.kinds)
+        found = differences(self._misfits, self.ways, self.kinds)
+        return chance(float(found[0]), found) if found[0] > 0 else 1.0
 
     def alone(self, chance: float) -> list[str]:
         """Name the recordings that are explained far less well than any other of their motion."""

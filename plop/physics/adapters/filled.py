@@ -109,7 +109,7 @@ def _settle(
     return replace(particles, positions=particles.positions - slid, velocities=None, affine=None)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _at_rest(base: EngineBase, vertices: bytes, faces: bytes, points: bytes, table_z_m: float | None) -> Particles:
     """Cached `_settle` without laws: in a diagnosis a third of the laws act on motion or through the tool only."""
     particles = _settle(base, vertices, faces, points, table_z_m, ())
