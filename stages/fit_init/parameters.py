@@ -27,9 +27,9 @@ class Parameters:
             "opacities": config.lr_opacities,
             "sh": config.lr_sh,
         }
-        self._limits = (0.1 * spacing_m, config.max_scale * spacing_m)
-        self.ids = gaussians.ids
-        self._free = _to_free(gaussians)
+        self._limits = math.log(0.1), math.log(config.max_scale)
+        self.ids, self._spacing_m = gaussians.ids, spacing_m
+        self._free = self._to_free(gaussians)
         self._build()
 
     def _build(self) -> None:
@@ -46,7 +46,7 @@ class Parameters:
         return Gaussians(
             means=free["means"],
             quats=torch.nn.functional.normalize(free["quats"], dim=-1),
-            scales=free["scales"].exp(),
+            scales=self._spacing_m * free["scales"].exp(),
             opacities=torch.sigmoid(free["opacities"]),
             sh=free["sh"],
             ids=self.ids,
@@ -64,14 +64,13 @@ class Parameters:
         self.adam.step()
         self.adam.zero_grad(set_to_none=True)
         with torch.no_grad():
-            low, high = (math.log(limit) for limit in self._limits)
-            self._free["scales"].clamp_(low, high)
+            self._free["scales"].clamp_(*self._limits)
 
     def replace(self, gaussians: Gaussians, parents: Tensor) -> None:
         """Replace the Gaussians; each inherits the Adam moments of its parent row."""
         old = [(group["params"][0], name) for group, name in zip(self.adam.param_groups, self._rates, strict=True)]
         states = {name: self.adam.state.get(tensor, {}) for tensor, name in old}
-        self._free, self.ids = _to_free(gaussians), gaussians.ids
+        self._free, self.ids = self._to_free(gaussians), gaussians.ids
         self._build()
         for name, state in states.items():
             if state:
@@ -89,12 +88,12 @@ class Parameters:
             state["exp_avg"][count:] = 0
             state["exp_avg_sq"][count:] = 0
 
-
-def _to_free(gaussians: Gaussians) -> dict[str, Tensor]:
-    return {
-        "means": gaussians.means.detach(),
-        "quats": gaussians.quats.detach(),
-        "scales": gaussians.scales.detach().log(),
-        "opacities": torch.logit(gaussians.opacities.detach().clamp(_MARGIN, 1 - _MARGIN)),
-        "sh": gaussians.sh.detach(),
-    }
+    def _to_free(self, gaussians: Gaussians) -> dict[str, Tensor]:
+        """Sizes are counted in spacings: their logarithms, rounding included, are then the same in any unit."""
+        return {
+            "means": gaussians.means.detach(),
+            "quats": gaussians.quats.detach(),
+            "scales": (gaussians.scales.detach() / self._spacing_m).log(),
+            "opacities": torch.logit(gaussians.opacities.detach().clamp(_MARGIN, 1 - _MARGIN)),
+            "sh": gaussians.sh.detach(),
+        }

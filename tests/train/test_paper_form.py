@@ -32,7 +32,7 @@ from stages.train.stage import run as train
 from stages.train.windows import whole_episodes
 from tests.support.small_episode import FRAMES, write_set
 
-# With 150 or 160 Gaussians one lies at the limit of a merge, and rounding decides in what unit it is merged.
+# With 160 Gaussians one lies so near the limit of a merge that the rounding of sizes in the file decides.
 FIT = {"steps": 60, "count": 180, "tool_count": 50, "held_out": 0, "jobs": 1, "device": "cpu"}
 TRAIN = {
     "epochs": 3,

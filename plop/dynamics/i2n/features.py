@@ -8,7 +8,6 @@ in the table's x axis.
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import torch
@@ -80,7 +79,8 @@ def object_features(
         Features of order 1, shape [N, OBJECT_FEATURES[kind]].
     """
     gaussians = state.gaussians
-    log_volume = gaussians.scales.clamp_min(1e-9).prod(-1, keepdim=True).log() - 3 * math.log(length_m / 30)
+    sizes = (30 / length_m) * gaussians.scales
+    log_volume = sizes.clamp_min(1e-6).prod(-1, keepdim=True).log()
     flag = torch.full_like(log_volume, float(state.has_history))
     columns = [
         gaussians.opacities[:, None],
