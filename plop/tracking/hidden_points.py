@@ -24,7 +24,7 @@ def seen_points(tool: ToolMotion, points: np.ndarray) -> np.ndarray:
         again depends on its extrapolation in between.
     """
     distance = np.stack([tool_distance(tool, frame, place) for frame, place in enumerate(points)])
-    shape = ToolShape.from_mesh(tool.vertices, tool.faces)
+    shape = tool.shape
     near = distance < (_BLADE_M if shape.kind == ToolKind.BLADE else _SOLID_M)
     return ~np.logical_or.accumulate(near, axis=0)
 

@@ -14,7 +14,8 @@ from plop.physics.engine.jit import kernel
 from plop.physics.engine.kernels.grid import grid_velocities
 from plop.physics.engine.kernels.tool_contact import mark_sides, push_tool, table_gaps
 from plop.physics.engine.kernels.toughness import resist_cut
-from plop.physics.engine.kernels.transfer import add_chunks, advect, g2p, stress_p2g
+from plop.physics.engine.kernels.tracers import advect
+from plop.physics.engine.kernels.transfer import add_chunks, g2p, stress_p2g
 
 _BLADE = 1
 

@@ -33,10 +33,9 @@ _THREE_QUARTERS = np.float32(0.75)
 _THREE_HALVES = np.float32(1.5)
 _FOUR = np.float32(4)
 _TWO = np.float32(2)
-_QUARTER = np.float32(0.25)
 _ZERO = np.float32(0)
 _THIRD = np.float32(1 / 3)
-_WIDE = 8
+WIDE = 8
 """Numbers at a node."""
 
 
@@ -81,8 +80,8 @@ def gather(velocity, start, plane, row, fx, fy, fz):
     for i in range(3):
         sums = sums_y = sums_z = spread4(_ZERO)
         for j in range(3):
-            node = start + _WIDE * (i * plane + j * row)
-            a, b, c = load4(velocity, node), load4(velocity, node + _WIDE), load4(velocity, node + 2 * _WIDE)
+            node = start + WIDE * (i * plane + j * row)
+            a, b, c = load4(velocity, node), load4(velocity, node + WIDE), load4(velocity, node + 2 * WIDE)
             column = spread4(wy[j]) * (w0 * a + w1 * b + w2 * c)
             sums += column
             sums_y += spread4(np.float32(j) - fy) * column
@@ -216,18 +215,18 @@ def stress_p2g(
             )
             lowest = pack4((m, md * v[p, 0], md * v[p, 1], md * v[p, 2]))
             lowest = lowest - spread4(fx) * step_x - spread4(fy) * step_y - spread4(fz) * step_z
-            start = _WIDE * (bx * plane + by * row + bz) + 4 * side[p]
+            start = WIDE * (bx * plane + by * row + bz) + 4 * side[p]
             z0, z1, z2 = spread4(wz0), spread4(wz1), spread4(wz2)
             for i in range(3):
                 for j in range(3):
-                    node = start + _WIDE * (i * plane + j * row)
+                    node = start + WIDE * (i * plane + j * row)
                     share = lowest + spread4(np.float32(i)) * step_x + spread4(np.float32(j)) * step_y
                     weight = spread4(wx[i] * wy[j])
                     store(grid, node, load4(grid, node) + weight * z0 * share)
                     share += step_z
-                    store(grid, node + _WIDE, load4(grid, node + _WIDE) + weight * z1 * share)
+                    store(grid, node + WIDE, load4(grid, node + WIDE) + weight * z1 * share)
                     share += step_z
-                    store(grid, node + 2 * _WIDE, load4(grid, node + 2 * _WIDE) + weight * z2 * share)
+                    store(grid, node + 2 * WIDE, load4(grid, node + 2 * WIDE) + weight * z2 * share)
             if cut[p]:
                 for i in range(3):
                     for j in range(3):
@@ -253,10 +252,10 @@ def add_chunks(chunk_grid, chunk_passed, planes, dims, grid, passed):
         grid[low:high] = _ZERO
         for chunk in range(planes.shape[0]):
             if planes[chunk, 0] <= plane < planes[chunk, 1]:
-                first = chunk * _WIDE * grid.shape[0]
+                first = chunk * WIDE * grid.shape[0]
                 for node in range(low, high):
                     passed[node] += chunk_passed[chunk, node]
-                for place in range(_WIDE * low, _WIDE * high, 4):
+                for place in range(WIDE * low, WIDE * high, 4):
                     store(grid, place, load4(grid, place) + load4(chunk_grid, first + place))
 
 
@@ -274,86 +273,10 @@ def g2p(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
         fastest, smallest = _ZERO, _ONE
         for p in range(bounds[chunk], bounds[chunk + 1]):
             bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
-            start = _WIDE * (bx * plane + by * row + bz) + 4 * side[p]
+            start = WIDE * (bx * plane + by * row + bz) + 4 * side[p]
             sums = gather(velocity, start, plane, row, fx, fy, fz)
             vx, vy, vz = move(x, v, c, f, p, dt, inv_dx, *sums)
             smallest = min(smallest, determinant(*row_major(f, p)))
             fastest = max(fastest, vx * vx + vy * vy + vz * vz)
         report[chunk, 0] = fastest
         report[chunk, 1] = smallest
-
-
-@njit(fastmath=True, forceinline=True)
-def moments(velocity, start, plane, row, fx, fy, fz):
-    """Sum the shares of nodes with material times the ways along two axes, as `gather` sums them times one.
-
-    Returns:
-        xx, yy, zz, xy, xz, yz [cells^2]: 1/4, 1/4, 1/4, 0, 0, 0 where there is material everywhere.
-    """
-    wx, wy = spline(fx), spline(fy)
-    w0, w1, w2 = spline(fz)
-    d0, d1, d2 = -fz, _ONE - fz, _TWO - fz
-    # sums over a column of nodes of 1, z and z^2; then of these times 1, y and y^2, then times 1, x and x^2
-    below, middle = pack4((w0, w0 * d0, w0 * d0 * d0, _ZERO)), pack4((w1, w1 * d1, w1 * d1 * d1, _ZERO))
-    above = pack4((w2, w2 * d2, w2 * d2 * d2, _ZERO))
-    of_1 = of_x = of_xx = of_y = of_xy = of_yy = spread4(_ZERO)
-    node = start >> 3
-    field = start >> 2 & 1
-    for i in range(3):
-        sums = sums_y = sums_yy = spread4(_ZERO)
-        for j in range(3):
-            n = node + i * plane + j * row
-            a, b = spread4(velocity[n, field, 3]), spread4(velocity[n + 1, field, 3])
-            column = spread4(wy[j]) * (below * a + middle * b + above * spread4(velocity[n + 2, field, 3]))
-            way = spread4(np.float32(j) - fy)
-            sums += column
-            sums_y += way * column
-            sums_yy += way * way * column
-        weight, way = spread4(wx[i]), spread4(np.float32(i) - fx)
-        of_1 += weight * sums
-        of_x += way * weight * sums
-        of_xx += way * way * weight * sums
-        of_y += weight * sums_y
-        of_xy += way * weight * sums_y
-        of_yy += weight * sums_yy
-    xx, yy, zz = lane(of_xx, 0), lane(of_yy, 0), lane(of_1, 2)
-    xy, xz, yz = lane(of_xy, 0), lane(of_x, 1), lane(of_y, 1)
-    return xx, yy, zz, xy, xz, yz
-
-
-@kernel(parallel=True)
-def advect(x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity, report):
-    """Move tracers with the material around them: `g2p` for particles that have not scattered themselves.
-
-    A node that holds no material of the tracer's side moves as the tracer did in the step before, as if
-    the tracer's were the only mass there.
-
-    Takes:
-        x, v, c, f, side, bounds, origin, dims, inv_dx, dt, velocity: As in `g2p`.
-        report: Written, [chunks]: highest squared speed [m^2/s^2].
-    """
-    plane, row = dims[1] * dims[2], dims[2]
-    dx = _ONE / inv_dx
-    for chunk in prange(bounds.shape[0] - 1):
-        fastest = _ZERO
-        for p in range(bounds[chunk], bounds[chunk + 1]):
-            bx, by, bz, fx, fy, fz = base_node(x, p, origin, inv_dx)
-            start = _WIDE * (bx * plane + by * row + bz) + 4 * side[p]
-            total, along_x, along_y, along_z = gather(velocity, start, plane, row, fx, fy, fz)
-            # what the nodes without material lack: velocity v + dx c way, summed over them
-            xx, yy, zz, xy, xz, yz = moments(velocity, start, plane, row, fx, fy, fz)
-            own = pack4((v[p, 0], v[p, 1], v[p, 2], _ZERO))
-            c_x = spread4(dx) * pack4((c[p, 0, 0], c[p, 1, 0], c[p, 2, 0], _ZERO))
-            c_y = spread4(dx) * pack4((c[p, 0, 1], c[p, 1, 1], c[p, 2, 1], _ZERO))
-            c_z = spread4(dx) * pack4((c[p, 0, 2], c[p, 1, 2], c[p, 2, 2], _ZERO))
-            empty = spread4(_ONE - lane(total, 3))
-            mx, my, mz = spread4(-lane(along_x, 3)), spread4(-lane(along_y, 3)), spread4(-lane(along_z, 3))
-            xx, yy, zz = spread4(_QUARTER - xx), spread4(_QUARTER - yy), spread4(_QUARTER - zz)
-            xy, xz, yz = spread4(-xy), spread4(-xz), spread4(-yz)
-            total += empty * own + mx * c_x + my * c_y + mz * c_z
-            along_x += mx * own + xx * c_x + xy * c_y + xz * c_z
-            along_y += my * own + xy * c_x + yy * c_y + yz * c_z
-            along_z += mz * own + xz * c_x + yz * c_y + zz * c_z
-            vx, vy, vz = move(x, v, c, f, p, dt, inv_dx, total, along_x, along_y, along_z)
-            fastest = max(fastest, vx * vx + vy * vy + vz * vz)
-        report[chunk] = fastest
