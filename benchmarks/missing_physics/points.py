@@ -112,22 +112,38 @@ class Points:
         if not law:
             return {}, {}, [_renoised(maker.episode(first + k, {}), k) for k in range(EPISODES)], 0.0
         plain = [maker.episode(first + k, {}) for k in range(EPISODES)]
-        hidden, truth, episodes, snr = {}, {}, plain, 0.0
+        hidden, truth, episodes, snr = {}, {}, plain, np.inf
+        for each in law.split("+"):  # each law of a pair must be seen by itself
+            values, found, alone, own = self._seen(maker, seeds, each, first, plain)
+            hidden[each], truth, episodes, snr = values, truth | found, alone, min(snr, own)
+        if len(hidden) > 1:
+            both = _recorded(maker, first, hidden)
+            episodes, snr = (plain, 0.0) if both is None else (both, snr)
+        return hidden, truth, [_renoised(e, k) for k, e in enumerate(episodes)], snr
+
+    def _seen(
+        self, maker: Any, seeds: Sequence[int], law: str, first: int, plain: Sequence[Episode]
+    ) -> tuple[Values, dict[str, Values], list[Episode], float]:
+        """Make one law large enough: give its values, what is to be found, the episodes, and its SNR."""
+        values, truth, episodes, snr = dict[str, float](), dict[str, Values](), list(plain), 0.0
         for number in range(TRIES):
-            hidden, truth = {}, {}
-            for each in law.split("+"):
-                random = np.random.default_rng([*map(int, seeds), 5])
-                hidden[each], found = maker.drawn(each, random, 1.5**number)
-                truth |= found
-            try:
-                trial = [maker.episode(first + k, hidden) for k in range(EPISODES)]
-            except Exception as error:
-                sys.stdout.write(f"  {law} x {1.5**number:.2f}: {error}\n")
+            larger, found = maker.drawn(law, np.random.default_rng([*map(int, seeds), 5]), 1.5**number)
+            trial = _recorded(maker, first, {law: larger})
+            if trial is None:
                 break
-            episodes, snr = trial, _rms_m(trial, plain) / (NOISE_M * 3**0.5)
+            values, truth, episodes, snr = larger, found, trial, _rms_m(trial, plain) / (NOISE_M * 3**0.5)
             if snr >= LEAST_SNR:
                 break
-        return hidden, truth, [_renoised(e, k) for k, e in enumerate(episodes)], snr
+        return values, truth, episodes, snr
+
+
+def _recorded(maker: Any, first: int, hidden: dict[str, Values]) -> list[Episode] | None:
+    """Make the episodes; None where the world cannot run so."""
+    try:
+        return [maker.episode(first + k, hidden) for k in range(EPISODES)]
+    except Exception as error:
+        sys.stdout.write(f"  {hidden}: {error}\n")
+        return None
 
 
 def alarms(search: Search) -> list[bool]:

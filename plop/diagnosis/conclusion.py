@@ -98,7 +98,7 @@ def _explains(search: Search, score: Score, scores: Sequence[Score], rule: Decis
     settled, found = _settled(search, finding_of(score, [], sizes, rule), scores, rule)
     rest = settled.beside(found.score)
     closed = closed_by(settled, rest)
-    return closed is not None and closed >= rule.part and not stands_out(rest, rule)
+    return closed is not None and closed >= rule.most and not stands_out(rest, rule)
 
 
 def _findings(search: Search, scores: list[Score], rule: DecisionRule) -> list[Finding]:
@@ -171,7 +171,7 @@ def _named(
         chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()
         gain = 1 - float(left[search.here].sum() / search.sizes()[search.here].sum())
     share = closed or 0.0  # a share that cannot be measured is none that could be claimed
-    part = stands_out(rest, rule) and share < rule.part
+    part = stands_out(rest, rule) and share < rule.whole
     if part and share < rule.nothing:
         return [], None
     facts = replace(

@@ -137,7 +137,7 @@ def gains_worse(best: np.ndarray, other: np.ndarray, rule: DecisionRule = RULE) 
         other: By another one.
         rule: Margins.
     """
-    if other.sum() > (1 - rule.response_error**2) * best.sum():
+    if other.sum() > rule.whole * best.sum():
         return False
     apart = roots(best) - roots(other)
     error = apart.std(ddof=1) / np.sqrt(len(apart))

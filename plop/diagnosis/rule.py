@@ -17,17 +17,23 @@ class DecisionRule:
     alike: float = 0.05
     """Chance with which a law that does as well as the best one is called worse, and below which the strongest law is
     taken for what it is where something is there for certain."""
-    part: float = 0.6
-    """Share of the difference to the reference below which a law is named only as a part, if what is left still stands
-    out: most of what a law outside the library does, a neighbour can do as well."""
+    most: float = 0.6
+    """Share of the difference to the reference that a law must take away, with nothing left that stands out, to be
+    taken for what it is where something is there for certain and the law alone might be chance."""
     nothing: float = 0.3
     """The share below which it is not named at all: what explains so little is not what is missing."""
     response_error: float = 0.25
     """Standard deviation of how much too strongly or too weakly the engine responds to a law [-]: the same in all
     episodes, so that no scatter between them shows it (from runs where the truth is known, docs/results/parts.md). It
-    widens intervals, and a second law must do more than what is wrong with the response to the first."""
+    widens intervals; a second law must do more than what is wrong with the response to the first; and what a law leaves
+    beyond that, where it stands out, is the work of another law."""
     seen: float = 0.9
     """How often an effect as large as a detection limit would have been named."""
+
+    @property
+    def whole(self) -> float:
+        """Share of the difference to the reference that a law takes away if only its response is wrong."""
+        return 1 - self.response_error**2
 
     @property
     def response_width(self) -> float:

@@ -94,6 +94,13 @@ def test_a_law_outside_the_library_is_none_of_these():
     assert found.verdict.evidence.change_p <= 0.01 and "--effect-file" in next_step(found)
 
 
+def test_a_law_that_leaves_more_than_a_wrong_response_would_is_a_part():
+    found = Fields().diagnosed({"swelling": 0.06, "outside": 0.3}, LAWS)
+    assert (found.verdict.kind, found.verdict.named) == ("PARTLY", ("swelling",)), found.verdict
+    facts = found.verdict.evidence
+    assert 0.8 < facts.closed < 0.9 and facts.rest_p <= 0.01 and "what is left still stands out" in found.verdict.text
+
+
 def test_a_decoy_is_none_of_these():
     found = Fields().diagnosed({"drag": 150.0}, LAWS)
     assert found.verdict.kind == "NONE OF THESE" and found.verdict.evidence.decoys == ("drag",)
