@@ -112,7 +112,8 @@ class Points:
         if not law:
             return {}, {}, [_renoised(maker.episode(first + k, {}), k) for k in range(EPISODES)], 0.0
         plain = [maker.episode(first + k, {}) for k in range(EPISODES)]
-        hidden, truth, episodes, snr = {}, {}, plain, np.inf
+        hidden, truth = dict[str, Values](), dict[str, Values]()
+        episodes, snr = plain, np.inf
         for each in law.split("+"):  # each law of a pair must be seen by itself
             values, found, alone, own = self._seen(maker, seeds, each, first, plain)
             hidden[each], truth, episodes, snr = values, truth | found, alone, min(snr, own)

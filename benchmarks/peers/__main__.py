@@ -52,12 +52,15 @@ def run(options: argparse.Namespace) -> None:
                 found="nothing",
                 fix="Pack DPI-Net's data as benchmarks/peers/particle_data.py says, and name the folder.",
             )
-        for environment in options.env or ["FluidFall"]:
-            folds, seeds = tuple(options.folds), tuple(options.seeds)
-            carry_out(ParticlePlan(options.data, environment, folds, seeds, options.cpu_seconds), options.work)
+        folds, seeds = tuple(options.folds), tuple(options.seeds)
+        plans = [
+            ParticlePlan(options.data, environment, folds, seeds, options.seconds, options.device)
+            for environment in options.env or ["FluidFall"]
+        ]
+        carry_out(plans, options.work, options.jobs)
         _note(options.work, "particles", {})
     else:
-        found = measured(tuple(options.counts), options.limit_s, options.memory_gb, options.rounds)
+        found = measured(tuple(options.counts), options.limit_s, options.memory_gb, options.rounds, options.device)
         _note(options.work, "scaling", {"models": found, "rounds": options.rounds})
 
 
@@ -153,7 +156,9 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     making.add_argument("--full", action="store_true", help="pipeline: the demo's or DiSECt's sizes, not small ones")
     making.add_argument("--no-engine", action="store_true", help="pipeline: without the rivals that need an engine")
     making.add_argument("--folds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="particles: rollouts that test")
-    making.add_argument("--cpu-seconds", type=float, default=300, help="particles: CPU time of one training")
+    making.add_argument("--seconds", type=float, default=300, help="particles: CPU or GPU time of one training")
+    making.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="particles, scaling")
+    making.add_argument("--jobs", type=int, default=1, help="particles: trainings at the same time")
     making.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="scaling: numbers of particles")
     making.add_argument("--rounds", type=int, default=5, help="scaling: repetitions")
     making.add_argument("--limit-s", type=float, default=120, help="scaling: most CPU time of both steps")

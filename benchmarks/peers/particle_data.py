@@ -8,7 +8,7 @@ The published files of DPI-Net (github.com/YunzhuLi/DPI-Net) have no licence: th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,11 @@ class ParticleRollout:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def to(self, device: str) -> ParticleRollout:
+        """Copy it to a device."""
+        rest = None if self.rest is None else self.rest.to(device)
+        return replace(self, positions=self.positions.to(device), rest=rest, shapes=self.shapes.to(device))
+
     def features(self, frame: int, now: Tensor, before: Tensor, motion_m: float) -> Tensor:
         """Describe every particle at a frame: its kind, motion, rest position, and where the shapes are.
 
@@ -76,8 +81,8 @@ class ParticleRollout:
             return []
         moved = (self.shapes[min(frame + 1, len(self) - 1)] - shapes) / motion_m
         if len(shapes) == _WALLS:
-            axes, signs = torch.tensor([1, 0, 0, 2, 2]), now.new_tensor([1.0, 1, -1, 1, -1])
-            apart = (now[:, axes] - shapes[torch.arange(_WALLS), axes]) * signs / RADIUS_M
+            axes, signs = [1, 0, 0, 2, 2], now.new_tensor([1.0, 1, -1, 1, -1])
+            apart = (now[:, axes] - shapes[range(_WALLS), axes]) * signs / RADIUS_M
             return [apart.clamp(-_FAR, _FAR), moved[1].expand(len(now), 3)]
         apart = ((now[:, None] - shapes) / RADIUS_M).clamp(-_FAR, _FAR).flatten(1)
         return [apart[:, : FEATURES - 15], moved.flatten().expand(len(now), -1)[:, :6]]

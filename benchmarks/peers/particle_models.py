@@ -52,8 +52,9 @@ class OnGrid(nn.Module):
 
     def forward(self, positions: list[Tensor], features: list[Tensor]) -> list[Tensor]:
         """Predict, [N, 3] each."""
-        batch = torch.cat([torch.full((len(each),), b, dtype=torch.int64) for b, each in enumerate(positions)])
         none = positions[0].new_zeros(0, 8)
+        counts = torch.tensor([len(each) for each in positions], device=none.device)
+        batch = torch.arange(len(positions), device=none.device).repeat_interleave(counts)
         tool = ParticleBatch(none[:, :3], none, batch[:0])
         particles = ParticleBatch(torch.cat(positions), torch.cat(features), batch)
         out: Tensor = self.network(particles, tool, len(positions), RADIUS_M)[:, :3]
@@ -107,8 +108,8 @@ def stepped(
 
 def _kept_rigid(rollout: ParticleRollout, moved: Tensor) -> Tensor:
     """Replace the motion of the rigid body by the best rigid one, as DPI-Net does."""
-    shape = rollout.positions[0, : rollout.rigid].double().numpy()
-    pose = torch.from_numpy(kabsch(shape, moved[: rollout.rigid].double().numpy())).to(moved)
+    shape, after = (each[: rollout.rigid].double().cpu().numpy() for each in (rollout.positions[0], moved))
+    pose = torch.from_numpy(kabsch(shape, after)).to(moved)
     body = rollout.positions[0, : rollout.rigid] @ pose[:3, :3].T + pose[:3, 3]
     return torch.cat([body, moved[rollout.rigid :]])
 

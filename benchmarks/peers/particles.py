@@ -1,19 +1,22 @@
 """Table IV: dynamics of bare particles, one rollout left out.
 
 For each fold k: rollout k tests, rollout k + 1 chooses the checkpoint, the others train. Every network trains for the
-same CPU time with the same objective: one step from two true frames that random noise has moved.
+same time (of the CPU; of the clock on a GPU) with the same objective: one step from two true frames that random noise
+has moved.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from joblib import Parallel, delayed
 from torch import Tensor, nn
 
 from benchmarks.peers.particle_data import SAME_SCENE, ParticleRollout, read_rollouts
@@ -31,8 +34,9 @@ class ParticlePlan:
     environment: str
     folds: tuple[int, ...]
     seeds: tuple[int, ...]
-    cpu_seconds: float
-    """CPU time of one training, without the validation rollouts."""
+    seconds: float
+    """CPU time of one training, without the validation rollouts; on a GPU its wall time."""
+    device: str = "cpu"
     batch: int = 4
     learning_rate: float = 1e-3
     noise: float = 0.5
@@ -57,20 +61,40 @@ def errors(predicted: Tensor, true: Tensor) -> dict[str, float]:
     }
 
 
-def carry_out(plan: ParticlePlan, work: Path) -> None:
-    """Train and test what is lacking; one row a file."""
-    rollouts = read_rollouts(plan.data, plan.environment)
-    for fold in plan.folds:
-        test, chooser, training = split(rollouts, fold, SAME_SCENE.get(plan.environment, ()))
-        for name in rivals(test, training) if not _row(work, plan, "rigid", fold, 0).is_file() else ():
-            found = errors(rivals(test, training)[name], test.positions)
+def carry_out(plans: Iterable[ParticlePlan], work: Path, jobs: int = 1) -> None:
+    """Train and test what is lacking; one row a file.
+
+    Args:
+        plans: One for each environment.
+        work: Folder of the rows.
+        jobs: Trainings at the same time; they share the device, all models alike.
+    """
+    wanted = []
+    for plan in plans:
+        rollouts = read_rollouts(plan.data, plan.environment)
+        for fold in plan.folds:
+            _untrained(plan, rollouts, fold, work)
+        wanted += [(plan, fold, seed, name) for seed in plan.seeds for fold in plan.folds for name in MODELS]
+    # All environments with one seed, then the next; the models take turns, so that each shares the device with all.
+    wanted.sort(key=lambda each: each[2])
+    lacking = [each for each in wanted if not _row(work, each[0], each[3], each[1], each[2]).is_file()]
+    Parallel(n_jobs=jobs)(delayed(_training)(*each, work) for each in lacking)
+
+
+def _untrained(plan: ParticlePlan, rollouts: list[ParticleRollout], fold: int, work: Path) -> None:
+    test, _, training = split(rollouts, fold, SAME_SCENE.get(plan.environment, ()))
+    if not _row(work, plan, "rigid", fold, 0).is_file():
+        for name, predicted in rivals(test, training).items():
+            found = errors(predicted, test.positions)
             write_json(_row(work, plan, name, fold, 0), {"errors": found, **_facts(plan, name, fold, 0, test)})
-        for seed in plan.seeds:
-            for name in MODELS:
-                path = _row(work, plan, name, fold, seed)
-                if not path.is_file():
-                    found = trained(plan, name, training, chooser, test, seed)
-                    write_json(path, found | _facts(plan, name, fold, seed, test))
+
+
+def _training(plan: ParticlePlan, fold: int, seed: int, name: str, work: Path) -> None:
+    torch.set_num_threads(1)
+    rollouts = [each.to(plan.device) for each in read_rollouts(plan.data, plan.environment)]
+    test, chooser, training = split(rollouts, fold, SAME_SCENE.get(plan.environment, ()))
+    found = trained(plan, name, training, chooser, test, seed)
+    write_json(_row(work, plan, name, fold, seed), found | _facts(plan, name, fold, seed, test))
 
 
 def split(
@@ -100,7 +124,7 @@ def split(
 def _row(work: Path, plan: ParticlePlan, name: str, fold: int, seed: int) -> Path:
     folder = work / "rows"
     folder.mkdir(parents=True, exist_ok=True)
-    return folder / f"{plan.environment}-{plan.cpu_seconds:g}s-{name}-{fold}-{seed}.json"
+    return folder / f"{plan.environment}-{plan.device}-{plan.seconds:g}s-{name}-{fold}-{seed}.json"
 
 
 def _facts(plan: ParticlePlan, name: str, fold: int, seed: int, test: ParticleRollout) -> dict[str, Any]:
@@ -110,7 +134,8 @@ def _facts(plan: ParticlePlan, name: str, fold: int, seed: int, test: ParticleRo
         "fold": fold,
         "seed": seed,
         "test": test.name,
-        "cpu_seconds": plan.cpu_seconds,
+        "seconds": plan.seconds,
+        "device": plan.device,
     }
 
 
@@ -122,14 +147,14 @@ def trained(
     test: ParticleRollout,
     seed: int,
 ) -> dict[str, Any]:
-    """Train one network for the plan's CPU time, choose its weights on one rollout, test it on another."""
+    """Train one network for the plan's time, choose its weights on one rollout, test it on another."""
     torch.manual_seed(seed)
     units, random = Units.of(training), np.random.default_rng(seed)
-    network = MODELS[name](units)
+    network = MODELS[name](units).to(plan.device)
     optimiser = torch.optim.Adam(network.parameters(), lr=plan.learning_rate)
     averaged = averaged_model(network, 0.99)
     best, chosen, steps, spent, judged = math.inf, dict[str, Tensor](), 0, 0.0, 0
-    checks = np.linspace(0.5, 1, plan.validations) * plan.cpu_seconds
+    checks = np.linspace(0.5, 1, plan.validations) * plan.seconds
     while judged < plan.validations:
         if spent >= checks[judged]:
             error = errors(open_loop(averaged.module, units, chooser), chooser.positions)["mean_l2_mm"]
@@ -138,8 +163,8 @@ def trained(
                 chosen = {key: value.clone() for key, value in averaged.module.state_dict().items()}
             judged += 1
             continue
-        began = time.process_time()
-        share = min(1.0, spent / plan.cpu_seconds)
+        began = now(plan.device)
+        share = min(1.0, spent / plan.seconds)
         for group in optimiser.param_groups:
             group["lr"] = plan.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
         loss = one_step_loss(network, units, training, plan, random)
@@ -148,17 +173,25 @@ def trained(
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimiser.step()
         averaged.update_parameters(network)
-        steps, spent = steps + 1, spent + time.process_time() - began
+        steps, spent = steps + 1, spent + now(plan.device) - began
     network.load_state_dict(chosen)
-    began = time.process_time()
+    began = now(plan.device)
     predicted = open_loop(network.eval(), units, test)
     return {
         "errors": errors(predicted, test.positions),
         "validation_mean_l2_mm": best,
         "steps": steps,
         "parameters": sum(weight.numel() for weight in network.parameters()),
-        "step_ms": 1e3 * (time.process_time() - began) / max(1, len(test) - 2),
+        "step_ms": 1e3 * (now(plan.device) - began) / max(1, len(test) - 2),
     }
+
+
+def now(device: str) -> float:
+    """Read the clock of the budget [s]."""
+    if device == "cpu":
+        return time.process_time()
+    torch.cuda.synchronize()
+    return time.perf_counter()
 
 
 def one_step_loss(
@@ -170,7 +203,8 @@ def one_step_loss(
         rollout = training[int(random.integers(len(training)))]
         frame = int(random.integers(1, len(rollout) - 1))
         before, now, after = rollout.positions[frame - 1 : frame + 2]
-        noise = torch.from_numpy(random.normal(size=now.shape).astype(np.float32)) * (plan.noise * units.change_m)
+        drawn = torch.from_numpy(random.normal(size=now.shape).astype(np.float32)).to(now)
+        noise = drawn * (plan.noise * units.change_m)
         # The noise is on the past: the network learns to return to the true next position.
         now = now + noise
         positions.append(now)

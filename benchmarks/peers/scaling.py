@@ -10,7 +10,6 @@ import multiprocessing
 import resource
 import signal
 import statistics
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -21,6 +20,7 @@ from torch import Tensor, nn
 from benchmarks.peers.dense import DensePropagationNetwork
 from benchmarks.peers.particle_data import FEATURES, RADIUS_M
 from benchmarks.peers.particle_models import OnAll, OnGraph, OnGrid, Units
+from benchmarks.peers.particles import now
 
 COUNTS = (300, 1000, 2000, 5000, 10_000, 30_000, 100_000)
 _ACROSS = 6
@@ -37,14 +37,17 @@ MODELS: dict[str, Callable[[Units], nn.Module]] = {
 }
 
 
-def measured(counts: tuple[int, ...], limit_s: float, memory_gb: float, rounds: int) -> dict[str, dict[str, Any]]:
-    """Measure forward and training step on one thread; CPU time, which other programs hardly change.
+def measured(
+    counts: tuple[int, ...], limit_s: float, memory_gb: float, rounds: int, device: str = "cpu"
+) -> dict[str, dict[str, Any]]:
+    """Measure forward and training step on one thread; CPU time, which other programs hardly change; a GPU's wall time.
 
     Args:
         counts: Numbers of particles, ascending.
         limit_s: A model is not measured any more once both steps take more CPU time than this.
         memory_gb: A process may have so much memory.
         rounds: Repetitions; the models take turns.
+        device: "cpu" or "cuda".
 
     Returns:
         Model -> number of particles -> {"forward_ms", "training_ms", "peak_mb"}, or {"left_out": why}.
@@ -57,10 +60,13 @@ def measured(counts: tuple[int, ...], limit_s: float, memory_gb: float, rounds: 
         row: dict[str, Any] = {}
         for count in counts:
             if "left_out" not in row:
-                row = _in_a_process(make, count, memory_gb, limit_s)
+                trial = _in_a_process if device == "cpu" else _on_the_gpu
+                row = trial(make, count, memory_gb, limit_s)
             found[name][str(count)] = dict(row)
     for count in counts:
-        running = {name: make(_UNITS) for name, make in MODELS.items() if "left_out" not in found[name][str(count)]}
+        running = {
+            name: make(_UNITS).to(device) for name, make in MODELS.items() if "left_out" not in found[name][str(count)]
+        }
         times: dict[str, list[tuple[float, float]]] = {name: [] for name in running}
         for network in running.values():
             _timed(network, _WARM_UP)
@@ -83,13 +89,32 @@ def _cloud(count: int) -> tuple[Tensor, Tensor]:
 def _timed(network: nn.Module, count: int) -> tuple[float, float]:
     """Time one forward and one training step, neighbours searched anew [ms]."""
     positions, features = _cloud(count)
-    began = time.process_time()
+    device = next(network.parameters()).device.type
+    positions, features = positions.to(device), features.to(device)
+    began = now(device)
     with torch.no_grad():
         network([positions], [features])
-    middle = time.process_time()
+    middle = now(device)
     network.zero_grad()
     network([positions], [features])[0].square().mean().backward()
-    return 1e3 * (middle - began), 1e3 * (time.process_time() - middle)
+    return 1e3 * (middle - began), 1e3 * (now(device) - middle)
+
+
+def _on_the_gpu(make: Callable[[Units], nn.Module], count: int, memory_gb: float, limit_s: float) -> dict[str, Any]:
+    """Try both steps; return the peak of the GPU's memory."""
+    torch.cuda.set_per_process_memory_fraction(min(1.0, 1e9 * memory_gb / torch.cuda.mem_get_info()[1]))
+    network = make(_UNITS).to("cuda")
+    _timed(network, _WARM_UP)
+    torch.cuda.empty_cache()
+    torch.cuda.reset_peak_memory_stats()
+    before = torch.cuda.memory_allocated()
+    try:
+        spent = 1e-3 * sum(_timed(network, count))
+    except torch.OutOfMemoryError:
+        return {"left_out": f"more than {memory_gb:g} GB"}
+    if spent > limit_s:
+        return {"left_out": f"longer than {limit_s:g} s"}
+    return {"peak_mb": round((torch.cuda.max_memory_allocated() - before) / 2**20)}
 
 
 def _in_a_process(make: Callable[[Units], nn.Module], count: int, memory_gb: float, limit_s: float) -> dict[str, Any]:

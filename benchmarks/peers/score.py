@@ -88,7 +88,7 @@ def particle_tables(rows: Iterable[Mapping[str, Any]]) -> tuple[dict[str, Table]
             }
             if learned:
                 steps, seconds, rollout_ms = (
-                    sum(row[key] for row in mine) / len(mine) for key in ("steps", "cpu_seconds", "step_ms")
+                    sum(row[key] for row in mine) / len(mine) for key in ("steps", "seconds", "step_ms")
                 )
                 facts[environment][name] = {
                     "parameters": mine[0]["parameters"],

@@ -144,14 +144,14 @@ def test_no_scene_is_on_both_sides_of_a_split():
 
 
 def test_a_stopped_run_goes_on_and_is_scored(data, tmp_path):
-    plan = ParticlePlan(data, "FluidFall", (0, 1), (0,), cpu_seconds=0.05, validations=2)
-    carry_out(plan, tmp_path)
+    plan = ParticlePlan(data, "FluidFall", (0, 1), (0,), seconds=0.05, validations=2)
+    carry_out([plan], tmp_path)
     rows = read_rows(tmp_path)
     assert len(rows) == 2 * (4 + len(MODELS))
     path = next((tmp_path / "rows").glob("*transformer-1-0.json"))
     others = {each: each.stat().st_mtime_ns for each in (tmp_path / "rows").iterdir() if each != path}
     path.unlink()
-    carry_out(plan, tmp_path)
+    carry_out([plan], tmp_path)
     assert path.is_file() and all(each.stat().st_mtime_ns == time for each, time in others.items())
     tables, facts = particle_tables(read_rows(tmp_path))
     table = tables["FluidFall"]

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch.testing import assert_close
 
 from benchmarks.peers.dense import DensePropagationNetwork
+from plop.dynamics.peers import edges
 from plop.dynamics.peers.edges import Edges, radius_edges
 from plop.dynamics.peers.propagation import PropagationNetwork
 from plop.dynamics.peers.sampling import farthest_points
@@ -149,6 +150,20 @@ def test_particles_without_neighbours_have_no_edges():
     for most in (0, 4):
         assert len(radius_edges(apart, 2, 1.0, most).senders) == 0
     assert graph_network()(apart, torch.zeros(3, INPUTS), radius_edges(apart, 2, 1.0, 4)).shape == (3, 3)
+
+
+@pytest.mark.parametrize("most", [0, 3])
+def test_comparing_all_pairs_finds_the_edges_of_the_tree(most, monkeypatch):
+    """The search of a GPU, in parts; on the CPU it can be compared."""
+    inner, outer = torch.rand(40, 3), torch.rand(12, 3)
+    monkeypatch.setattr(edges, "_PAIRS", 100)
+    for other, own in ((inner, True), (outer, False)):
+        tree, pairs = (
+            {*zip(*(each.tolist() for each in search(inner, other, 0.3, most, own=own)), strict=True)}
+            for search in (edges._in_tree, edges._compared)
+        )
+        assert tree == pairs and tree
+    assert len(edges._compared(inner[:0], outer, 0.3, most, own=False)[0]) == 0
 
 
 def test_sampled_points_cover_the_cloud():

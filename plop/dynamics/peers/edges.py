@@ -9,6 +9,9 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+_PAIRS = 2**26
+"""Pairs that are compared at once."""
+
 
 @dataclass(frozen=True)
 class Edges:
@@ -34,16 +37,44 @@ def radius_edges(positions: Tensor, objects: int, radius: float, most: int) -> E
     Returns:
         The edges; no particle is its own neighbour.
     """
-    points = positions.detach().cpu().double().numpy()
-    inner, outer = points[:objects], points[objects:]
-    found = [_neighbours(inner, inner, radius, most, own=True)]
+    places = positions.detach()
+    inner, outer = places[:objects], places[objects:]
+    search = _compared if places.is_cuda else _in_tree
+    found = [search(inner, inner, radius, most, own=True)]
     if len(outer):
-        sender, receiver = _neighbours(inner, outer, radius, most, own=False)
+        sender, receiver = search(inner, outer, radius, most, own=False)
         found.append((sender + objects, receiver))
-    sender, receiver = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    order = np.argsort(receiver, kind="stable")
-    device = positions.device
-    return Edges(torch.from_numpy(sender[order]).to(device), torch.from_numpy(receiver[order]).to(device))
+    sender, receiver = (torch.cat(parts) for parts in zip(*found, strict=True))
+    order = torch.argsort(receiver, stable=True)
+    return Edges(sender[order], receiver[order])
+
+
+def _compared(receivers: Tensor, senders: Tensor, radius: float, most: int, *, own: bool) -> tuple[Tensor, Tensor]:
+    """Return senders and receivers of all edges by comparing all pairs, which a GPU does faster than building a tree.
+
+    `own` leaves out those from a particle to itself.
+    """
+    found, rows = [], max(1, _PAIRS // max(len(senders), 1))
+    for first in range(0, max(len(receivers), 1), rows):
+        part = receivers[first : first + rows]
+        apart = torch.cdist(part, senders, compute_mode="donot_use_mm_for_euclid_dist")
+        if own:
+            apart.diagonal(first).fill_(torch.inf)
+        if most == 0:
+            receiver, sender = torch.nonzero(apart <= radius, as_tuple=True)
+        else:
+            distance, index = apart.topk(min(most, len(senders)), dim=1, largest=False)
+            receiver, number = torch.nonzero(distance <= radius, as_tuple=True)
+            sender = index[receiver, number]
+        found.append((sender, receiver + first))
+    sender, receiver = (torch.cat(parts) for parts in zip(*found, strict=True))
+    return sender, receiver
+
+
+def _in_tree(receivers: Tensor, senders: Tensor, radius: float, most: int, *, own: bool) -> tuple[Tensor, Tensor]:
+    """Do the same with a k-d tree, on the CPU."""
+    sender, receiver = _neighbours(receivers.double().numpy(), senders.double().numpy(), radius, most, own=own)
+    return torch.from_numpy(sender), torch.from_numpy(receiver)
 
 
 def _neighbours(
