@@ -1,7 +1,7 @@
-"""The model beside its peers: `python -m benchmarks.peers run pipeline|particles|scaling`, then `score`, `tables`.
+"""The model beside its peers: `python -m benchmarks.peers run pipeline|particles|scaling`, then `score`.
 
 `run` makes what is lacking and can be stopped at any time; `score` gathers it into docs/results/peers.json, whose
-other entries stay; `tables` prints that file in Markdown.
+other entries stay; `tables` prints that file in Markdown; `strips` draws a picture of every environment.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from benchmarks.peers.score import (
     scaling_to_markdown,
     table_to_markdown,
 )
+from benchmarks.peers.strips import strip
 from plop.artifacts.atomic_file import write_json
 from plop.errors import PlopError
 from plop.pipeline.execute import versions
@@ -61,7 +62,8 @@ def run(options: argparse.Namespace) -> None:
         _note(options.work, "particles", {})
     else:
         found = measured(tuple(options.counts), options.limit_s, options.memory_gb, options.rounds, options.device)
-        _note(options.work, "scaling", {"models": found, "rounds": options.rounds})
+        name = "scaling" if options.device == "cpu" else f"scaling-{options.device}"
+        _note(options.work, name, {"models": found, "rounds": options.rounds})
 
 
 def _pipeline_plan(options: argparse.Namespace, environment: str) -> PipelinePlan:
@@ -76,8 +78,9 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 
 def _note(work: Path, name: str, more: dict[str, Any]) -> None:
     """Write how something was made: its command, without folders, and the machine."""
-    words = [word for word in sys.argv[1:] if not word.startswith("/")]
-    command = shlex.join([word if word not in ("--data", "--work") else f"{word}=FOLDER" for word in words])
+    words = sys.argv[1:]
+    given = [k + 1 for k, word in enumerate(words) if word in ("--data", "--work")]
+    command = shlex.join(["FOLDER" if k in given else word for k, word in enumerate(words)])
     write_json(work / f"{name}.json", {"command": f"{COMMAND} {command}", "machine": machine(), **more})
 
 
@@ -87,12 +90,9 @@ def score(options: argparse.Namespace) -> None:
     kept = json.loads(path.read_text()) if path.is_file() else {}
     environments, training = kept.get("environments", {}), kept.get("training", {})
     made = kept.get("made", {})
-    for noted in sorted(options.work.glob("pipeline-*.json")):
-        facts = json.loads(noted.read_text())
-        plan = facts["plan"]
-        given = {**plan, "seeds": tuple(plan["seeds"]), "data": Path() if plan["data"] else None}
-        pipeline = Pipeline(options.work, PipelinePlan(**given))
-        name = f"{plan['environment']}, simulated" if plan["data"] is None else plan["environment"]
+    for pipeline, facts in _pipelines(options.work):
+        environment = pipeline.plan.environment
+        name = f"{environment}, simulated" if pipeline.plan.data is None else environment
         environments[name], training[name] = pipeline_table(pipeline), pipeline_facts(pipeline)
         made[name] = {key: facts[key] for key in ("command", "machine", "plan")}
     tables, trained = particle_tables(read_rows(options.work))
@@ -100,11 +100,12 @@ def score(options: argparse.Namespace) -> None:
     training |= trained
     if (options.work / "particles.json").is_file():
         made |= dict.fromkeys(tables, json.loads((options.work / "particles.json").read_text()))
-    scaling = kept.get("scaling", {})
-    if (options.work / "scaling.json").is_file():
-        facts = json.loads((options.work / "scaling.json").read_text())
-        scaling, made["scaling"] = facts["models"], {key: facts[key] for key in ("command", "machine", "rounds")}
-    if not environments and not scaling:
+    scaling = {name: kept.get(name, {}) for name in ("scaling", "scaling-cuda")}
+    for name in scaling:
+        if (options.work / f"{name}.json").is_file():
+            facts = json.loads((options.work / f"{name}.json").read_text())
+            scaling[name], made[name] = facts["models"], {key: facts[key] for key in ("command", "machine", "rounds")}
+    if not environments and not any(scaling.values()):
         raise PlopError("There is nothing to score.", where=options.work, fix=f"{COMMAND} run pipeline, for example.")
     found = {
         "command": f"{COMMAND} score",
@@ -113,10 +114,27 @@ def score(options: argparse.Namespace) -> None:
         "made": made,
         "environments": environments,
         "training": training,
-        "scaling": scaling,
+        **scaling,
     }
     write_json(path, found, sort_keys=False)
     tables_of(options)
+
+
+def _pipelines(work: Path) -> Iterator[tuple[Pipeline, dict[str, Any]]]:
+    """Give the environments that have been carried out, with what was noted of each."""
+    for noted in sorted(work.glob("pipeline-*.json")):
+        facts = json.loads(noted.read_text())
+        plan = facts["plan"]
+        given = {**plan, "seeds": tuple(plan["seeds"]), "data": Path() if plan["data"] else None}
+        yield Pipeline(work, PipelinePlan(**given)), facts
+
+
+def strips(options: argparse.Namespace) -> None:
+    """Draw every environment beside the result file."""
+    folder = options.result.parent / "pictures"
+    folder.mkdir(parents=True, exist_ok=True)
+    for pipeline, _ in _pipelines(options.work):
+        strip(pipeline, folder / f"peers-{pipeline.plan.environment}.jpg")
 
 
 def tables_of(options: argparse.Namespace) -> None:
@@ -127,7 +145,7 @@ def tables_of(options: argparse.Namespace) -> None:
             f"{name}\n\n{table_to_markdown(table, PIPELINE_COLUMNS | PARTICLE_COLUMNS)}"
             for name, table in found["environments"].items()
         ]
-        parts += [scaling_to_markdown(found["scaling"])] if found["scaling"] else []
+        parts += [scaling_to_markdown(found[name]) for name in ("scaling", "scaling-cuda") if found.get(name)]
     except (OSError, ValueError, KeyError) as error:
         raise PlopError(
             "This is not a result of this benchmark.", where=options.result, found=str(error), fix=f"{COMMAND} score"
@@ -165,6 +183,7 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     making.add_argument("--memory-gb", type=float, default=8, help="scaling: most memory of a process")
     command("score", score)
     command("tables", tables_of)
+    command("strips", strips)
     return parser.parse_args(words)
 
 

@@ -41,6 +41,11 @@ cameras.count = 4
 cameras.texture = "dough"
 cameras.depth_noise_m = 0.0005
 
+[ingest.disect]
+episodes = "*_part_*"
+cameras.size = 80
+cameras.count = 4
+
 [fit-init]
 steps = 300
 count = 1000

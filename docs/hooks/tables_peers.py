@@ -33,10 +33,10 @@ def _training() -> str:
     )
 
 
-def _scaling() -> str:
+def _scaling(name: str) -> str:
     from benchmarks.peers.score import scaling_to_markdown
 
-    return scaling_to_markdown(read("peers")["scaling"])
+    return scaling_to_markdown(read("peers")[name])
 
 
 PEERS = ("peers",)
@@ -44,6 +44,7 @@ TABLES: dict[str, Table] = {
     "peers-pipeline": (lambda: _scores("PIPELINE_COLUMNS", "cd_mm"), PEERS),
     "peers-particles": (lambda: _scores("PARTICLE_COLUMNS", "mean_l2_mm"), PEERS),
     "peers-training": (_training, PEERS),
-    "peers-scaling": (_scaling, PEERS),
+    "peers-scaling": (lambda: _scaling("scaling"), PEERS),
+    "peers-scaling-gpu": (lambda: _scaling("scaling-cuda"), PEERS),
 }
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""

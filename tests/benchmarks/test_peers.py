@@ -15,7 +15,11 @@ from benchmarks.peers.particle_rivals import rivals
 from benchmarks.peers.particles import ParticlePlan, carry_out, errors, split
 from benchmarks.peers.scaling import measured
 from benchmarks.peers.score import particle_tables, read_rows, scaling_to_markdown, table_to_markdown
+from benchmarks.peers.strips import _sheet
 from plop.errors import PlopError
+from plop.geometry.cameras import Camera
+from plop.geometry.view import MaskLabel, View
+from plop.render.pictures.panels import PANEL
 
 FRAMES, COUNT, FALL_M = 9, 20, 0.01
 
@@ -184,3 +188,13 @@ def test_scaling_says_what_was_left_out_and_why():
     assert found["i2n"]["4000"]["training_ms"] > 0
     text = scaling_to_markdown(json.loads(json.dumps(found)))
     assert "4,000" in text and "more than 1 GB" in text
+
+
+def test_a_strip_shows_object_and_tool_on_paper():
+    camera = Camera("c0", 16, 12, np.array([[20.0, 0, 8], [0, 20, 6], [0, 0, 1]]), np.eye(4))
+    mask = np.zeros((12, 16), np.uint8)
+    mask[3:9, 4:12] = MaskLabel.OBJECT
+    view = View(camera, np.full((12, 16, 3), 7, np.uint8), np.ones((12, 16), np.float32), mask)
+    picture = _sheet([[view] * 3] * 2, ["t = 0", "t = 1"])
+    colours = {tuple(map(int, colour)) for colour in picture.reshape(-1, 3)}
+    assert picture.shape[0] % 2 == 0 and PANEL in colours and (7, 7, 7) in colours
