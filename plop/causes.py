@@ -15,12 +15,11 @@ class Cause(IntEnum):
 
     CLOCK = 1
     PICTURES = 2
-    INTRINSICS = 3
-    EXTRINSICS = 4
-    DEPTH = 5
-    MASKS = 6
-    TOOL = 7
-    TOUCH = 8
+    EXTRINSICS = 3
+    DEPTH = 4
+    MASKS = 5
+    TOOL = 6
+    TOUCH = 7
 
 
 class Noticed(str):

@@ -16,8 +16,9 @@ from plop.physics.engine.kernels.tool_contact import mark_sides, push_tool, tabl
 from plop.physics.engine.kernels.toughness import resist_cut
 from plop.physics.engine.kernels.tracers import advect
 from plop.physics.engine.kernels.transfer import add_chunks, g2p, stress_p2g
+from plop.physics.engine.tool_motion import ToolKind
 
-_BLADE = 1
+_BLADE = int(ToolKind.BLADE)
 
 
 @kernel()
