@@ -23,7 +23,7 @@ from plop.physics.effects.library import effect_type
 from tests.support.coarse_episodes import BASE, actions, coarse_episode, gaussians, paths, rollout
 
 FRAMES = 4
-TILT, STIFFER = effect_type("tilt")(gx_m_s2=3.0), effect_type("stiffness")(d_ln_e=0.5)
+TILT, SOFTER = effect_type("tilt")(gx_m_s2=3.0), effect_type("stiffness")(d_ln_e=-0.5)
 
 
 def run(model: DynamicsModel) -> np.ndarray:
@@ -35,10 +35,18 @@ def difference(*effects) -> np.ndarray:
 
 
 def test_over_persistence_the_prediction_is_the_difference():
-    added = difference(STIFFER)
+    added = difference(SOFTER)
     assert np.abs(added).max() > 2e-4
-    found = run(AugmentedModel(ConstantVelocity(keep=0), BASE, (STIFFER,)))
+    found = run(AugmentedModel(ConstantVelocity(keep=0), BASE, (SOFTER,)))
     np.testing.assert_allclose(found, run(ConstantVelocity(keep=0)) + added, atol=1e-6)
+
+
+def test_what_needs_shorter_steps_but_does_nothing_moves_nothing():
+    """Cohesion acts on cut faces, and nothing is cut; shorter time steps alone would move what is pushed."""
+    added = difference(effect_type("cohesion")(traction_pa=1500.0))
+    base = ConstantVelocity(keep=0)
+    found = run(AugmentedModel(base, BASE, (effect_type("cohesion")(traction_pa=1500.0),))) - run(base)
+    assert np.abs(found).max() < 0.05 * np.abs(added).max() and np.abs(added).max() > 5e-6
 
 
 def test_amplitude_zero_is_the_base():
@@ -49,7 +57,7 @@ def test_amplitude_zero_is_the_base():
 
 def test_the_order_of_effects_does_not_matter():
     one, other = (
-        run(AugmentedModel(ConstantVelocity(keep=0), BASE, pair)) for pair in ((TILT, STIFFER), (STIFFER, TILT))
+        run(AugmentedModel(ConstantVelocity(keep=0), BASE, pair)) for pair in ((TILT, SOFTER), (SOFTER, TILT))
     )
     np.testing.assert_allclose(one, other, atol=2e-6)
 
@@ -67,9 +75,9 @@ class Shuffling:
 
 
 def test_descendants_get_what_their_ancestor_gets():
-    episode, model = coarse_episode(0), AugmentedModel(Shuffling(), BASE, (STIFFER,))
+    episode, model = coarse_episode(0), AugmentedModel(Shuffling(), BASE, (SOFTER,))
     states = rollout(model, episode, 3)
-    added = difference(STIFFER)[1]
+    added = difference(SOFTER)[1]
     ids = states[1].gaussians.ids.numpy()
     start = episode.points[0][ids] + [0, 0.02, 0]
     np.testing.assert_allclose(states[1].gaussians.means.numpy(), start + added[ids], atol=1e-6)
@@ -85,7 +93,7 @@ def test_neighbours_of_the_same_side_stand_in_without_lineage():
 
 
 def test_an_episode_starts_anew():
-    model = AugmentedModel(ConstantVelocity(keep=0), BASE, (STIFFER,))
+    model = AugmentedModel(ConstantVelocity(keep=0), BASE, (SOFTER,))
     np.testing.assert_array_equal(run(model), run(model))
 
 

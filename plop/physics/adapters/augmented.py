@@ -53,13 +53,15 @@ class AugmentedModel(DynamicsModel):
     ) -> ParticleState:
         """Advance one frame: the base's step, and the displacement caused by the effects in the engine.
 
-        The two engine runs start at a state without history, or of another model, and then continue independently.
+        The two engine runs start at a state without history, or of another model, and then continue independently, in
+        time steps of the same length.
         """
         twins = state.inner
         if not isinstance(twins, Twins) or not state.has_history:
             fresh = replace(state, has_history=False, inner=None)
             twins = Twins(fresh, fresh, twins.of_base if isinstance(twins, Twins) else state.inner)
-        acted, plain = self._with.step(twins.acted, action), self._without.step(twins.plain, action)
+        acted, step_s = self._with.stepped(twins.acted, action)
+        plain, _ = self._without.stepped(twins.plain, action, step_s)
         stepped = self.base.step(replace(state, inner=twins.of_base), action, generator=generator)
         after = Twins(acted, plain, stepped.inner)
         means = stepped.gaussians.means

@@ -59,12 +59,19 @@ class FilledEngineModel(DynamicsModel):
         A state without history, or of another model, starts a new run. Gaussians that a filter has moved or resampled
         since the last step move the material around them.
         """
+        return self.stepped(state, action)[0]
+
+    def stepped(
+        self, state: ParticleState, action: ToolStep, most_step_s: float = np.inf
+    ) -> tuple[ParticleState, float]:
+        """Advance one frame in time steps of at most `most_step_s`; return the time step, too [s]."""
         gaussians = state.gaussians
         particles = self._particles(state, action)
         motion = tool_motion(action)
         config = replace(self.base.config, table_z_m=action.table_z_m)
+        times = np.array([0.0, action.dt_s])
         run = simulate(
-            particles, self.base.material, motion, np.array([0.0, action.dt_s]), config, effects=self.effects
+            particles, self.base.material, motion, times, config, effects=self.effects, most_step_s=most_step_s
         )
         own = slice(len(particles) - len(gaussians), None)
         # displacements, not positions: a settled object lies a little deeper in the grid than it was measured
@@ -74,7 +81,7 @@ class FilledEngineModel(DynamicsModel):
         side = torch.from_numpy(normal * run.sides[-1][own].astype(np.float32)).to(state.side)
         inner = EngineState(run.final, after.means.detach(), after.ids)
         moved = ParticleState(after, after.means - gaussians.means, rotation, side, has_history=True, inner=inner)
-        return narrowed_at_cut(state.side, moved, action) if self.cut_faces else moved
+        return narrowed_at_cut(state.side, moved, action) if self.cut_faces else moved, run.dt_s
 
     def _particles(self, state: ParticleState, action: ToolStep) -> Particles:
         means = state.gaussians.means.detach().cpu().double().numpy()

@@ -55,6 +55,7 @@ def simulate(
     config: EngineConfig | None = None,
     *,
     effects: Sequence[Law] = (),
+    most_step_s: float = np.inf,
     on_frame: Callable[[Engine, int], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EngineTrajectory:
@@ -67,6 +68,8 @@ def simulate(
         times: Strictly increasing, shape [T] [s]; the first is the start.
         config: Grid, gravity, table, time step.
         effects: Laws that act besides the material's own.
+        most_step_s: Longest time step [s], where it is less than the stable one: of a run to compare another one with,
+            since more steps dissipate more.
         on_frame: Called with the engine and the frame's number when a frame has been reached and stored; may
             move the particles (an observer).
         progress: Called after each time with (done, total).
@@ -87,7 +90,9 @@ def simulate(
     before = get_num_threads()
     set_num_threads(min(config.threads, before))
     try:
-        return _simulate(Engine(particles, material, tool_motion, config, effects), times, on_frame, progress)
+        return _simulate(
+            Engine(particles, material, tool_motion, config, effects, most_step_s), times, on_frame, progress
+        )
     finally:
         set_num_threads(before)
 
