@@ -21,6 +21,7 @@ from benchmarks.peers.scaling import COUNTS, measured
 from benchmarks.peers.score import (
     PARTICLE_COLUMNS,
     PIPELINE_COLUMNS,
+    columns_of,
     particle_tables,
     pipeline_facts,
     pipeline_table,
@@ -142,7 +143,7 @@ def tables_of(options: argparse.Namespace) -> None:
     try:
         found = json.loads(options.result.read_text())
         parts = [
-            f"{name}\n\n{table_to_markdown(table, PIPELINE_COLUMNS | PARTICLE_COLUMNS)}"
+            f"{name}\n\n{table_to_markdown(table, columns_of([table], PIPELINE_COLUMNS | PARTICLE_COLUMNS))}"
             for name, table in found["environments"].items()
         ]
         parts += [scaling_to_markdown(found[name]) for name in ("scaling", "scaling-cuda") if found.get(name)]

@@ -113,9 +113,14 @@ def read_rows(work: Path) -> list[dict[str, Any]]:
     return [json.loads(path.read_text()) for path in sorted((work / "rows").glob("*.json"))]
 
 
-def table_to_markdown(table: Mapping[str, Mapping[str, Cell]], columns: Mapping[str, str]) -> str:
-    """Print a table, one model a line, as "mean [low, high]"; a dash is undefined."""
-    shown = {key: title for key, title in columns.items() if any(key in row for row in table.values())}
+def columns_of(tables: Iterable[Mapping[str, Mapping[str, Cell]]], columns: Mapping[str, str]) -> dict[str, str]:
+    """Keep the columns that some of the tables have."""
+    found = {key for table in tables for row in table.values() for key in row}
+    return {key: title for key, title in columns.items() if key in found}
+
+
+def table_to_markdown(table: Mapping[str, Mapping[str, Cell]], shown: Mapping[str, str]) -> str:
+    """Print the given columns of a table, one model a line, as "mean [low, high]"; a dash is undefined."""
     lines = ["| model | n | seeds | " + " | ".join(shown.values()) + " |", "|---|---|---|" + "---|" * len(shown)]
     for name, row in table.items():
         first: Cell = next(iter(row.values()), {})

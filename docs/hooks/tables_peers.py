@@ -11,14 +11,13 @@ from result_files import Table, read
 def _scores(columns: str, of: str) -> str:
     from benchmarks.peers import score
 
-    shown: dict[str, str] = getattr(score, columns)
     found = {name: table for name, table in read("peers")["environments"].items() if of in next(iter(table.values()))}
+    shown = score.columns_of(found.values(), getattr(score, columns))
     lines = []
     for environment, table in found.items():
         for line in score.table_to_markdown(table, shown).splitlines()[2:]:
             lines.append([environment, *(cell.strip() for cell in line.strip("|").split("|"))])
-    head = [title for key, title in shown.items() if any(key in row for t in found.values() for row in t.values())]
-    return rows(["environment", "model", "n", "seeds", *head], lines)
+    return rows(["environment", "model", "n", "seeds", *shown.values()], lines)
 
 
 def _training() -> str:
