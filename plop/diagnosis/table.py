@@ -14,14 +14,12 @@ from plop.diagnosis.hypotheses import Hypothesis, Settings, run_key
 from plop.diagnosis.responses import Answer, Job
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
+from plop.physics.engine.time_step import STEP_RATIO
 from plop.tracking.episode import Episode
 from plop.tracking.phases import motion_kind
 
 RunJobs = Callable[[Sequence[Job]], list[Answer]]
 """Runs jobs in any order, in parallel, and gives their answers in the order of the jobs."""
-
-STEP_RATIO = 1.1
-"""Time steps within half of this are alike: what they dissipate differs by a hundredth of a millimetre at most."""
 
 
 @dataclass(frozen=True)

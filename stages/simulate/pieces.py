@@ -40,7 +40,7 @@ class Pieces:
 
     def keep_response(self, k: int, sequence: MeshSequence, hidden: Sequence[Effect]) -> None:
         """Store the displacement caused by the hidden effects in episode k."""
-        squares = self.response.squares(k, sequence.vertices) if hidden else (0.0, 1)
+        squares = self.response.squares(k, sequence.vertices, hidden) if hidden else (0.0, 1)
         self.folder.mkdir(exist_ok=True)
         (self.folder / f"response_{k:03d}.json").write_text(json.dumps(squares))
 

@@ -164,7 +164,7 @@ def _find_raw(name: str, path: Path) -> Path:
 
 STAGE = Stage(
     name="simulate",
-    version=5,
+    version=6,
     help="Simulate a scene (TOML) of a soft object and a tool, with or without hidden effects, into recordings.",
     config=SimulateConfig,
     inputs={

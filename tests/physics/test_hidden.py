@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ import pytest
 from plop.errors import PlopError, SignalTooWeakError
 from plop.physics.effects.library import library
 from plop.physics.hidden.choose import choose
-from plop.physics.hidden.response import scaled_to
+from plop.physics.hidden.response import Response, scaled_to
 from plop.physics.hidden.wish import parse_hidden
-from plop.physics.scenes.scene import Scene
+from plop.physics.scenes import find_scene
+from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.physics.scenes.sealed import open_answer, seal_answer
 
 
@@ -67,6 +69,17 @@ def test_the_amplitude_gives_the_wanted_signal(curve):
     found = scaled_to(curve, wish, wanted)
     assert curve.rms_m(found) == pytest.approx(wanted, rel=0.06)
     assert curve.asked <= 9
+
+
+def test_shorter_time_steps_are_no_response():
+    """Cohesion acts on cut faces, and nothing is cut."""
+    scene = replace(Scene.read(find_scene(Path("block.toml"))), spacing_m=0.009, dx_m=0.018, episodes=2)
+    cohesion = library()["cohesion"](traction_pa=1500.0)
+    response = Response(scene)
+    plain, acted = (simulate_episode(scene, 1, effects).vertices for effects in ((), (cohesion,)))
+    alone = np.sqrt(((acted - plain) ** 2).mean())
+    total, count = response.squares(1, acted, (cohesion,))
+    assert alone > 1e-5 and np.sqrt(total / count) < 0.2 * alone
 
 
 BOTH_WAYS = """

@@ -13,6 +13,8 @@ from plop.physics.engine.tool_motion import ToolMotion
 
 LEAST_STEP_S = 2e-6
 """Shortest time step that a run begins with [s]: half a million steps for a second of motion."""
+STEP_RATIO = 1.1
+"""Time steps within half of this are alike: what they dissipate differs by a hundredth of a millimetre at most."""
 _PARTICLE_STEP_S = 2.2e-7
 """Time that a step takes for one particle [s], see docs/results/parts.md; it estimates the duration in messages."""
 _VISCOUS = 0.25

@@ -12,7 +12,7 @@ from plop.errors import PlopError
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
-from plop.physics.engine.time_step import stable_step_s
+from plop.physics.engine.time_step import STEP_RATIO, stable_step_s
 from plop.physics.hidden.wish import Wish
 from plop.physics.scenes.scene import Scene, simulate_episode
 
@@ -23,7 +23,10 @@ _SLOWER = 8.0
 
 
 class Response:
-    """Displacement caused by effects in the episodes of a scene; runs without effects are cached."""
+    """Displacement caused by effects in the episodes of a scene; runs without effects are cached.
+
+    Both runs take time steps of the same length: more of them dissipate more, which no effect causes.
+    """
 
     def __init__(self, scene: Scene, *, jobs: int = 1) -> None:
         """Create the response of a scene.
@@ -33,45 +36,64 @@ class Response:
             jobs: Number of processes; effects of the user's files are known in this one only.
         """
         self.scene, self.jobs = scene, jobs
-        self._base: dict[int, np.ndarray] = {}
+        self._base: dict[tuple[int, int], np.ndarray] = {}
+        """Runs without effects, by episode, and by how many times STEP_RATIO their time steps are shorter."""
 
     def affordable(self, wish: Wish) -> float:
         """Return the largest factor of a wish that needs at most `_SLOWER` times as many time steps."""
         config, factor = EngineConfig(dx_m=self.scene.dx_m), wish.most()
-        while factor > 1e-3 and slowdown(wish.scaled(factor), self.scene.material, config) > _SLOWER:
+        while factor > 1e-3 and slowdown([wish.scaled(factor)], self.scene.material, config) > _SLOWER:
             factor *= 0.8
         return factor
 
     def rms_m(self, *effects: Effect) -> float:
         """Root mean square over all surface points and frames of one episode of each kind [m]."""
         kinds = min(self.scene.episodes, len(self.scene.motions))
-        wanted = [(k, effects) for k in range(kinds)] + [(k, ()) for k in range(kinds) if k not in self._base]
+        shorter = self._shorter(effects)
+        lacking = [k for k in range(kinds) if (k, shorter) not in self._base]
+        wanted = [(k, effects, np.inf) for k in range(kinds)] + [(k, (), self._step_s(shorter)) for k in lacking]
         with workers():
-            found = Parallel(n_jobs=self.jobs)(delayed(_vertices)(self.scene, k, given) for k, given in wanted)
-        self._base |= {k: vertices for (k, given), vertices in zip(wanted, found, strict=True) if not given}
-        squares = [self.squares(k, found[k]) for k in range(kinds)]
+            found = Parallel(n_jobs=self.jobs)(delayed(_vertices)(self.scene, *each) for each in wanted)
+        self._base |= {(k, shorter): vertices for k, vertices in zip(lacking, found[kinds:], strict=True)}
+        squares = [self.squares(k, found[k], effects) for k in range(kinds)]
         return float(np.sqrt(sum(total for total, _ in squares) / sum(count for _, count in squares)))
 
-    def squares(self, k: int, vertices: np.ndarray) -> tuple[float, int]:
+    def squares(self, k: int, vertices: np.ndarray, effects: Sequence[Effect]) -> tuple[float, int]:
         """Sum of squared displacements from the run without effect [m^2], and their number.
 
         Args:
             k: Number of the episode.
             vertices: The run with effects, [T, V, 3] [m].
+            effects: They.
         """
-        if k not in self._base:
-            self._base[k] = simulate_episode(self.scene, k).vertices
-        return float(((vertices - self._base[k]) ** 2).sum()), vertices.shape[0] * vertices.shape[1]
+        key = k, self._shorter(effects)
+        if key not in self._base:
+            self._base[key] = _vertices(self.scene, k, (), self._step_s(key[1]))
+        return float(((vertices - self._base[key]) ** 2).sum()), vertices.shape[0] * vertices.shape[1]
+
+    def _shorter(self, effects: Sequence[Effect]) -> int:
+        """Tell by how many times STEP_RATIO the time steps with some effects are shorter than without."""
+        factor = slowdown(effects, self.scene.material, EngineConfig(dx_m=self.scene.dx_m))
+        return max(0, round(float(np.log(factor) / np.log(STEP_RATIO))))
+
+    def _step_s(self, shorter: int) -> float:
+        """Give the longest time step of runs that are to be compared [s]."""
+        if shorter == 0:
+            return np.inf
+        return stable_step_s(self.scene.material, EngineConfig(dx_m=self.scene.dx_m)) / STEP_RATIO**shorter
 
 
-def _vertices(scene: Scene, k: int, effects: Sequence[Effect]) -> np.ndarray:
-    return simulate_episode(scene, k, effects).vertices
+def _vertices(scene: Scene, k: int, effects: Sequence[Effect], most_step_s: float) -> np.ndarray:
+    return simulate_episode(scene, k, effects, most_step_s).vertices
 
 
-def slowdown(effect: Effect, material: Material, config: EngineConfig) -> float:
-    """Return the factor in the number of time steps caused by an effect."""
-    own, around = effect.material(material), effect.config(config)
-    return stable_step_s(material, config) / min(stable_step_s(own, around), effect.slowest_step_s(own, around))
+def slowdown(effects: Sequence[Effect], material: Material, config: EngineConfig) -> float:
+    """Return the factor in the number of time steps caused by effects."""
+    own, around = material, config
+    for effect in effects:
+        own, around = effect.material(own), effect.config(around)
+    steps = [stable_step_s(own, around), *(effect.slowest_step_s(own, around) for effect in effects)]
+    return stable_step_s(material, config) / min(steps)
 
 
 def scaled_to(response: Response, wish: Wish, wanted_m: float) -> Effect | None:

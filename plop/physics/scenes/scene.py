@@ -147,7 +147,7 @@ class Scene:
         return f"{self.name}_{k:03d}"
 
 
-def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> MeshSequence:
+def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = (), most_step_s: float = np.inf) -> MeshSequence:
     """Simulate one episode; the same scene, k and effects give the same numbers.
 
     Effects also act while the object settles: it starts in equilibrium with them. The sequence's facts contain
@@ -157,17 +157,23 @@ def simulate_episode(scene: Scene, k: int, effects: Sequence[Effect] = ()) -> Me
         scene: The scene.
         k: Number of the episode, from 0.
         effects: Laws in addition to the base material.
+        most_step_s: Longest time step, see `simulate` [s].
 
     Raises:
         PlopError: The tool never touches the object, the cut is outside it, or the run is unstable.
     """
     plan = scene.motion_plan(k)
     motion = tool_motion(plan, scene.shape, scene.frame_rate_hz)
-    return simulate_motion(scene, scene.episode_name(k), plan, motion, effects)
+    return simulate_motion(scene, scene.episode_name(k), plan, motion, effects, most_step_s)
 
 
 def simulate_motion(
-    scene: Scene, name: str, plan: MotionPlan, motion: ToolMotion, effects: Sequence[Effect] = ()
+    scene: Scene,
+    name: str,
+    plan: MotionPlan,
+    motion: ToolMotion,
+    effects: Sequence[Effect] = (),
+    most_step_s: float = np.inf,
 ) -> MeshSequence:
     """Simulate any motion of a tool; see `simulate_episode`.
 
@@ -177,6 +183,7 @@ def simulate_motion(
         plan: What kind of motion it is; a cut is where it says.
         motion: The tool's path.
         effects: Laws in addition to the base material.
+        most_step_s: Longest time step, see `simulate` [s].
     """
     body = (
         halved_body(scene.shape, scene.spacing_m, plan.x_m, plan.yaw_rad)
@@ -186,7 +193,7 @@ def simulate_motion(
     config = EngineConfig(dx_m=scene.dx_m)
     try:
         start = settled(body.particles, scene.material, config, effects) if scene.settle else body.particles
-        run = simulate(start, scene.material, motion, motion.times, config, effects=effects)
+        run = simulate(start, scene.material, motion, motion.times, config, effects=effects, most_step_s=most_step_s)
     except PlopError as error:
         raise PlopError(
             error.problem,
