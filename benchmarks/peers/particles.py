@@ -163,7 +163,7 @@ def trained(
                 chosen = {key: value.clone() for key, value in averaged.module.state_dict().items()}
             judged += 1
             continue
-        began = now(plan.device)
+        began = clock_s(plan.device)
         share = min(1.0, spent / plan.seconds)
         for group in optimiser.param_groups:
             group["lr"] = plan.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
@@ -173,20 +173,20 @@ def trained(
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimiser.step()
         averaged.update_parameters(network)
-        steps, spent = steps + 1, spent + now(plan.device) - began
+        steps, spent = steps + 1, spent + clock_s(plan.device) - began
     network.load_state_dict(chosen)
-    began = now(plan.device)
+    began = clock_s(plan.device)
     predicted = open_loop(network.eval(), units, test)
     return {
         "errors": errors(predicted, test.positions),
         "validation_mean_l2_mm": best,
         "steps": steps,
         "parameters": sum(weight.numel() for weight in network.parameters()),
-        "step_ms": 1e3 * (now(plan.device) - began) / max(1, len(test) - 2),
+        "step_ms": 1e3 * (clock_s(plan.device) - began) / max(1, len(test) - 2),
     }
 
 
-def now(device: str) -> float:
+def clock_s(device: str) -> float:
     """Read the clock of the budget [s]."""
     if device == "cpu":
         return time.process_time()

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from benchmarks.peers.dense import DensePropagationNetwork
 from benchmarks.peers.particle_data import FEATURES, RADIUS_M
 from benchmarks.peers.particle_models import OnAll, OnGraph, OnGrid, Units
-from benchmarks.peers.particles import now
+from benchmarks.peers.particles import clock_s
 
 COUNTS = (300, 1000, 2000, 5000, 10_000, 30_000, 100_000)
 _ACROSS = 6
@@ -91,13 +91,13 @@ def _timed(network: nn.Module, count: int) -> tuple[float, float]:
     positions, features = _cloud(count)
     device = next(network.parameters()).device.type
     positions, features = positions.to(device), features.to(device)
-    began = now(device)
+    began = clock_s(device)
     with torch.no_grad():
         network([positions], [features])
-    middle = now(device)
+    middle = clock_s(device)
     network.zero_grad()
     network([positions], [features])[0].square().mean().backward()
-    return 1e3 * (middle - began), 1e3 * (now(device) - middle)
+    return 1e3 * (middle - began), 1e3 * (clock_s(device) - middle)
 
 
 def _on_the_gpu(make: Callable[[Units], nn.Module], count: int, memory_gb: float, limit_s: float) -> dict[str, Any]:

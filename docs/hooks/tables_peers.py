@@ -27,7 +27,14 @@ def _training() -> str:
             times = [f"{facts[key]:.0f}" if key in facts else "" for key in ("training_step_ms", "rollout_step_ms")]
             lines.append([environment, name, f"{facts['parameters']:,}", facts["steps"], *times])
     return rows(
-        ["environment", "model", "parameters", "training steps", "CPU ms of one", "CPU ms of a step of a rollout"],
+        [
+            "environment",
+            "model",
+            "parameters",
+            "training steps",
+            "ms of one (CPU; particles: a shared GPU)",
+            "ms of a step of a rollout",
+        ],
         lines,
     )
 
