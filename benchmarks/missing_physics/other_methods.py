@@ -25,7 +25,7 @@ def other_methods(found: Conclusion) -> dict[str, Any]:
         firsts.setdefault(hypothesis.candidate.key, hypothesis)
     effects = [hypothesis.effect for hypothesis in firsts.values()]
     responses = [search.response(hypothesis) for hypothesis in firsts.values()]
-    scale = [np.sqrt(w)[:, None] for w in search.field.weights]
+    scale = [np.sqrt(w)[:, None] for w in search.field.noise.weights]
     here = np.flatnonzero(search.here)
     residual = np.concatenate([(scale[k] * search.evidence[k].residual.reshape(-1, 3)).ravel() for k in here])
     columns = np.stack(

@@ -61,6 +61,28 @@ def ways_to_deal(here: np.ndarray, kinds: Sequence[str], least: int, seed: int =
     return np.array([here, *found], float)
 
 
+def between_repeats(here: np.ndarray, groups: Sequence[np.ndarray], ways: np.ndarray) -> np.ndarray:
+    """Let episodes change places with repeats of their own motion only, where every motion was repeated.
+
+    What the base misses is the same in these, so that they can be exchanged more nearly than others of their kind. That
+    they are few does not matter to a scale.
+
+    Args:
+        here: Which episodes are to be explained, bool [E].
+        groups: Episodes of one motion.
+        ways: Where some motion was not repeated in the other set.
+
+    Returns:
+        Labels 0 or 1, the real ones first, [N, E].
+    """
+    if not all(0 < here[group].sum() < len(group) for group in groups):
+        return ways
+    motion = np.zeros(len(here), int)
+    for k, group in enumerate(groups):
+        motion[group] = k
+    return ways_to_deal(here, [str(k) for k in motion], 0)
+
+
 def _count(here: np.ndarray, groups: Sequence[np.ndarray]) -> int:
     return prod(comb(len(group), int(here[group].sum())) for group in groups)
 
@@ -86,13 +108,22 @@ class ByChance:
 
     found: np.ndarray
     """Strength of the strongest law for each way of dealing out, [N]."""
+    tried: int
+    """Hypotheses."""
+    episodes: int
+    """Recordings to explain."""
 
     def chance(self, strength: float, freedom: float) -> float:
-        """Give the chance of a strength, of which the scale is known with some degrees of freedom."""
+        """Give the chance of a strength, of which the scale is known with some degrees of freedom.
+
+        It is no smaller than by the noise of the model alone, were that known, for one of all hypotheses (Bonferroni):
+        a strength S is reached most easily by the same gain in every episode, S^2 / H together.
+        """
         if strength <= 0:
             return 1.0
         shares = freedom * (np.maximum(self.found, 0.0) / strength) ** 2
-        return max(float(chi2.cdf(shares, freedom).mean()), LEAST)
+        by_noise = self.tried * float(chi2.sf(2 * strength**2 / self.episodes, 1))
+        return min(max(float(chi2.cdf(shares, freedom).mean()), by_noise, LEAST), 1.0)
 
     def critical(self, p: float, freedom: float) -> float:
         """Give the strength that has so small a chance."""

@@ -161,6 +161,8 @@ def _named(
     if first.kind == "decoy":
         return [], None
     search, first = _settled(search, first, scores, rule)
+    if not first.stands:
+        return [], None
     others = [s.hypothesis.effect for s in rivals if s.hypothesis.effect != first.name]
     rest = search.beside(first.score)
     chosen, gain = [first], first.gain

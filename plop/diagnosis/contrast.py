@@ -80,28 +80,20 @@ class Products:
         """
         z, alone = labels, bool((labels > 0).all())
         row, pulled, own = self.gram.sum(1), labels @ self.gram, np.diag(self.gram)
-        # sums over all episodes but one, [N, E]: of s with s, s with a, a with a, and both with the residuals
-        ss = row.sum() - 2 * row + own
-        sa = (z @ row)[:, None] - z * row - pulled + z * own
-        aa = (pulled * z).sum(1)[:, None] - 2 * z * pulled + z * own
-        s, a = self.onto.sum() - self.onto, (z @ self.onto)[:, None] - z * self.onto
-        if alone:
-            volume, pull = aa, a
-        else:
-            safe = np.where(ss > 0, ss, np.inf)
-            volume, pull = aa - sa**2 / safe, a - sa * s / safe
-        usable = volume > _SINGULAR * max(float(own.sum()), 1e-300)
-        amount = np.where(usable, np.maximum(pull / np.where(usable, volume, 1.0), 0.0), 0.0)
-        plain = np.zeros(z.shape[1]) if alone else s / np.where(ss > 0, ss, np.inf)
-        shared = plain if alone else (s - sa * amount) / np.where(ss > 0, ss, np.inf)
-
-        def density(s: np.ndarray, a: np.ndarray) -> np.ndarray:
-            """Log density over that without any amount, all other episodes given."""
-            total = s + a * z
-            left = self.onto - s * (row - own) - a * (pulled - z * own)
-            return np.asarray(total * left - 0.5 * total**2 * own)
-
-        gains = np.where(amount > 0, density(shared, amount) - density(plain, 0.0 * amount), 0.0)
+        nothing = _SINGULAR * max(float(own.sum()), 1e-300)
+        own = np.where(own > nothing, own, np.inf)
+        # [N, E]: products of s and a with each other and with the residuals, an episode not being there: its part of
+        # the covariance is taken out (Schur's complement)
+        aa, a = (pulled * z).sum(1)[:, None] - pulled**2 / own, (z @ self.onto)[:, None] - pulled * self.onto / own
+        sa, s = (z @ row)[:, None] - pulled * row / own, self.onto.sum() - row * self.onto / own
+        ss = row.sum() - row**2 / own
+        ss = np.where((ss > nothing) & (not alone), ss, np.inf)
+        volume = aa - sa**2 / ss
+        usable = volume > nothing
+        amount = np.where(usable, np.maximum((a - sa * s / ss) / np.where(usable, volume, 1.0), 0.0), 0.0)
+        # log density of the amount in an episode, all others given, over that without a
+        left = [self.onto - (s - sa * each) / ss * row - each * pulled for each in (0.0 * amount, amount)]
+        gains = 0.5 * (left[0] ** 2 - left[1] ** 2) / own
         return gains * z, amount * z
 
     def strength(self, labels: np.ndarray) -> np.ndarray:

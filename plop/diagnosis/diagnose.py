@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
 from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
+from plop.diagnosis.repeats import with_shared_patches
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.diagnosis.score import one_per_law
 from plop.diagnosis.search import Search
@@ -55,7 +57,10 @@ def diagnose(
     wanted = [*types] if effects is None else list(effects)
     candidates = candidates_of(types, wanted)
     announce("no law")
-    tables = [Table(m, base, run_jobs) for m in (measured, reference) if m is not None]
+    given = [m for m in (measured, reference) if m is not None]
+    shared = with_shared_patches([m.episodes for m in given])
+    given = [replace(m, episodes=episodes) for m, episodes in zip(given, shared, strict=True)]
+    tables = [Table(m, base, run_jobs) for m in given]
     check_enough(len(tables[0].episodes), tables[0].dropped)
     announce("every law")
     search = Search(tables, candidates, base_hypotheses(candidates_of(types)))

@@ -10,7 +10,8 @@ For episode e, at patch p and compared frame t, in three coordinates,
           J. R. Statist. Soc. B 63, 2001)
     m     how far the patch moves: a base errs in proportion to the motion
     noise Student-t per patch and frame, as a scale mixture of Gaussians: where a part breaks loose or starts to slide
-          a trajectory is chaotic, and squared error would let it decide everything (Lange et al., JASA 84, 1989)
+          a trajectory is chaotic, and squared error would let it decide everything (Lange et al., JASA 84, 1989).
+          What u is too smooth to follow is noise, too, but a repeated motion shows it again, see `noise`
 
 u is kept in inducing features, so that all is linear algebra on some hundred numbers. Nothing here knows which episodes
 are to be explained: dealing the episodes out anew changes none of it.
@@ -24,8 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from plop.diagnosis.contrast import FREEDOM, Products
+from plop.diagnosis.contrast import Products
 from plop.diagnosis.evidence import Evidence
+from plop.diagnosis.noise import Leftover, Noise, Scales, repeats_of
 
 FEATURES = 24
 """Inducing points of the field."""
@@ -70,33 +72,34 @@ class Field:
         self.episodes = list(episodes)
         features = inducing_features(episodes)
         size = np.sqrt(np.mean(np.concatenate([(e.residual**2)[e.seen].ravel() for e in episodes])))
-        self.unknown = [size * np.kron(f, np.eye(3)) for f in features]
+        self._smooth = [size * f for f in features]
+        self.unknown = [np.kron(f, np.eye(3)) for f in self._smooth]
         """A smooth field of displacements as large as the residuals, columns [3 F K, 3 M] of each episode."""
         self._base = [
             np.concatenate([columns.reshape(e.residual.size, -1), field], 1)
             for columns, e, field in zip(base, episodes, self.unknown, strict=True)
         ]
         self._local = [spread.share * _motion(e)[:, None] * f for e, f in zip(episodes, features, strict=True)]
-        alike = np.exp(-0.5 * (path_distances(episodes) / spread.reach) ** 2)
-        kernel = spread.repeat * alike + (1 - spread.repeat) * np.eye(len(episodes))
+        distances = path_distances(episodes)
+        kernel = spread.repeat * np.exp(-0.5 * (distances / spread.reach) ** 2)
+        kernel += (1 - spread.repeat) * np.eye(len(episodes))
         self._inverse_kernel = np.linalg.inv(kernel)
-        scale2 = [(e.variance_m2 + (spread.rough * e.size_m) ** 2).reshape(-1) for e in episodes]
-        self._seen = [e.seen.reshape(-1) for e in episodes]
-        self._weigh([np.where(seen, 1 / scale, 0.0) for seen, scale in zip(self._seen, scale2, strict=True)])
+        scales = Scales.of(self.episodes, spread.rough, kernel, repeats_of(distances))
+        self.groups = scales.groups
+        self._weigh(scales.noise(None))
         for _ in range(_ROUNDS):
-            squares = [(left**2).sum(1) for left in self._left_over()]
-            weights = [(FREEDOM + 3) / (FREEDOM * scale + q) for scale, q in zip(scale2, squares, strict=True)]
-            self._weigh([np.where(seen, w, 0.0) for seen, w in zip(self._seen, weights, strict=True)])
+            self._weigh(scales.noise(self._leftovers()))
 
-    def _weigh(self, weights: list[np.ndarray]) -> None:
-        """Take inverse variances of the noise, [F K] [1/m^2] each; 0 where nothing was seen."""
-        self.weights = weights
-        count, size = len(weights), self._local[0].shape[1]
+    def _weigh(self, noise: Noise) -> None:
+        """Take the noise, and factor the model."""
+        self.noise = noise
+        count, size = len(self.episodes), self._local[0].shape[1]
         precision = np.zeros((count, size, count, size))
         for k in range(size):
             precision[:, k, :, k] = self._inverse_kernel
-        for k, (local, w) in enumerate(zip(self._local, weights, strict=True)):
-            precision[k, :, k, :] += local.T @ (w[:, None] * local)
+        for e, local in enumerate(self._local):
+            for f, weights in noise.inverse[e].items():
+                precision[e, :, f, :] += local.T @ (weights[:, None] * self._local[f])
         self._covariance = np.linalg.inv(precision.reshape(count * size, count * size))
         self._base_left = self._without_field(self._base)
         seen = sum(b.T @ left for b, left in zip(self._base, self._base_left, strict=True))
@@ -104,14 +107,20 @@ class Field:
 
     def _without_field(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Apply the inverse covariance of noise and field to columns [3 F K, X] of each episode."""
-        wide = columns[0].shape[1]
-        weighted = [w[:, None] * x.reshape(len(w), 3 * wide) for w, x in zip(self.weights, columns, strict=True)]
+        return self._weighted([x - f for x, f in zip(columns, self._in_field(columns), strict=True)])
+
+    def _in_field(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Give the part of columns [3 F K, X] of each episode that the model takes for its field."""
+        weighted = [x.reshape(len(f), -1) for x, f in zip(self._weighted(columns), self._local, strict=True)]
         means = self._covariance @ np.concatenate([f.T @ x for f, x in zip(self._local, weighted, strict=True)])
-        parts = means.reshape(len(columns), -1, 3 * wide)
-        return [
-            (x - w[:, None] * (f @ part)).reshape(-1, wide)
-            for x, w, f, part in zip(weighted, self.weights, self._local, parts, strict=True)
-        ]
+        parts = means.reshape(len(columns), -1, weighted[0].shape[1])
+        return [(f @ part).reshape(x.shape) for f, part, x in zip(self._local, parts, columns, strict=True)]
+
+    def _weighted(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Apply the inverse covariance of the noise to columns [3 F K, X] of each episode."""
+        wide = [x.reshape(len(x) // 3, -1) for x in columns]
+        found = [sum(w[:, None] * wide[f] for f, w in row.items()) for row in self.noise.inverse]
+        return [np.asarray(each).reshape(x.shape) for each, x in zip(found, columns, strict=True)]
 
     def products(self, responses: Sequence[Sequence[np.ndarray]], residuals: Sequence[np.ndarray]) -> list[Products]:
         """Multiply responses and residuals with the inverse covariance.
@@ -140,38 +149,44 @@ class Field:
         count, wide = len(residuals), columns[0].shape[1]
         left = self._without_field([residual.reshape(-1, 1) for residual in residuals])
         onto = np.stack([r.T @ x[:, 0] for r, x in zip(columns, left, strict=True)])
-        # what a column of one episode does, through the field, in every other
         seen = [self._seen_by_field(e, each) for e, each in enumerate(columns)]
-        size = len(seen[0])
+        size = self._local[0].shape[1]
         covariance = self._covariance.reshape(count, size, count, size)
-        flat = [each.reshape(size * 3, wide) for each in seen]
         gram = np.zeros((count, wide, count, wide))
-        for e in range(count):
-            gram[e, :, e] = columns[e].T @ (np.repeat(self.weights[e], 3)[:, None] * columns[e])
-            for f in range(e + 1):
-                through = flat[e].T @ (covariance[e, :, f] @ seen[f]).reshape(size * 3, wide)
-                gram[e, :, f] -= through
-                if f < e:
-                    gram[f, :, e] -= through.T
+        for e, row in enumerate(self.noise.inverse):
+            for f, weights in row.items():
+                gram[e, :, f] = columns[e].T @ (np.repeat(weights, 3)[:, None] * columns[f])
+        for f in range(count):
+            # what a column of one episode does, through the field, in every other
+            through = {e: sum(covariance[e, :, g] @ own for g, own in seen[f].items()) for e in range(count)}
+            for e in range(count):
+                for g, own in seen[e].items():
+                    gram[e, :, f] -= own.reshape(3 * size, wide).T @ np.reshape(through[g], (3 * size, wide))
         base = np.stack([b.T @ r for b, r in zip(self._base_left, columns, strict=True)])  # E, P, X
         flat_base = base.transpose(1, 0, 2).reshape(base.shape[1], count * wide)
         fitted = self._base_covariance @ sum(b.T @ x for b, x in zip(self._base, left, strict=True))
         gram -= (flat_base.T @ self._base_covariance @ flat_base).reshape(gram.shape)
         return gram, onto - np.einsum("epx,p->ex", base, fitted[:, 0])
 
-    def _seen_by_field(self, e: int, columns: np.ndarray) -> np.ndarray:
-        """Project weighted columns [3 F K, X] of an episode onto the field's features, [M, 3 X]."""
-        weighted = self.weights[e][:, None] * columns.reshape(len(self.weights[e]), -1)
-        return np.asarray(self._local[e].T @ weighted)
+    def _seen_by_field(self, e: int, columns: np.ndarray) -> dict[int, np.ndarray]:
+        """Project weighted columns [3 F K, X] of an episode onto the features of it and its repeats, [M, 3 X] each."""
+        wide = columns.reshape(len(columns) // 3, -1)
+        return {f: self._local[f].T @ (weights[:, None] * wide) for f, weights in self.noise.inverse[e].items()}
 
-    def _left_over(self) -> list[np.ndarray]:
-        """Residuals without what the model expects of field and base, [F K, 3] [m]."""
-        left = self._without_field([e.residual.reshape(-1, 1) for e in self.episodes])
-        base = self._base_covariance @ sum(b.T @ x for b, x in zip(self._base, left, strict=True))
-        applied = [x - b @ base for x, b in zip(left, self._base_left, strict=True)]
-        return [
-            x.reshape(-1, 3) / np.where(w > 0, w, np.inf)[:, None] for x, w in zip(applied, self.weights, strict=True)
-        ]
+    def _leftovers(self) -> list[Leftover]:
+        """Give what is left of the residuals of every episode once the base is refitted."""
+        fitted = self.base_fitted()
+        columns = [each.reshape(-1, 1) for each in fitted]
+        field = self._in_field(columns)
+        found = []
+        for whole, own, smooth, weights in zip(columns, field, self._smooth, self.noise.weights, strict=True):
+            whole, own = whole.reshape(-1, 3), own.reshape(-1, 3)
+            onto = weights[:, None] * smooth
+            hat = np.linalg.solve(smooth.T @ onto + np.eye(smooth.shape[1]), onto.T)
+            share = np.einsum("xm,mx->x", smooth, hat)
+            rough = (whole - smooth @ (hat @ whole)) / (1 - share)[:, None]  # each left out in turn
+            found.append(Leftover(whole, whole - own, rough))
+        return found
 
     def base_fitted(self) -> list[np.ndarray]:
         """Give the residuals with the base's own parameters refitted to all episodes together, [F, K, 3] [m] each."""

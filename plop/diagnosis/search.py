@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.calibration import ByChance, chance, strongest, ways_to_deal
+from plop.diagnosis.calibration import ByChance, between_repeats, chance, strongest, ways_to_deal
 from plop.diagnosis.contrast import FREEDOM, Products, roots
 from plop.diagnosis.description import Description, describe
 from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
@@ -93,6 +93,11 @@ class Search:
             return np.ones((1, len(self.here)))
         return ways_to_deal(self.here, self.kinds, ENOUGH_WAYS)
 
+    @cached_property
+    def law_ways(self) -> np.ndarray:
+        """Ways that give the scale of what chance finds of a law: between repeats, where every motion was repeated."""
+        return between_repeats(self.here, self.field.groups, self.ways)
+
     def beside(self, score: Score) -> Search:
         """Search what a law leaves that has been found: it is taken off the episodes to explain."""
         other = self._copy()
@@ -113,12 +118,13 @@ class Search:
         return [score.amount * changes * here for changes, here in zip(response, self.here, strict=True)]
 
     def reweighted(self, score: Score) -> Search:
-        """Weigh patches and frames by what they leave with a law that was found, which is no chance any more.
+        """Weigh patches and frames by what they leave with laws that were found, which are no chance any more.
 
         The search itself weighs them without any law, so that no way of dealing the episodes out is preferred; a strong
         law then looks as if parts had broken loose.
         """
-        other, change = self._copy(), self._change(score)
+        other = self._copy()
+        change = [known + c for known, c in zip(self.known, self._change(score), strict=True)]
         left = [replace(e, residual=e.residual - c) for e, c in zip(self.evidence, change, strict=True)]
         other.field = Field(left, self._base, self.spread)
         other.fitted = [f + c for f, c in zip(other.field.base_fitted(), change, strict=True)]
@@ -188,8 +194,9 @@ class Search:
         amount = max(products.contrast(self.here).amount, 0.0)
         changes = zip(self._residuals, self.response(best), self.here, strict=True)
         left = [residual - amount * change * here for residual, change, here in changes]
-        without = strongest(self.field.products([self.response(h) for h in self.first], left), self.ways)
-        return ByChance(np.sqrt((products.freedom + 2) / products.freedom) * without)
+        without = strongest(self.field.products([self.response(h) for h in self.first], left), self.law_ways)
+        scale = np.sqrt((products.freedom + 2) / products.freedom)
+        return ByChance(scale * without, len(self.first), int(self.here.sum()))
 
     def _found(self, products: Products) -> float:
         return float(products.strength(self.here[None].astype(float))[0])
@@ -214,6 +221,7 @@ class Search:
         """Search as if another way of dealing the episodes out were the real one: how a null is examined closely."""
         other = self._copy()
         other.here = self.ways[way] > 0
+        other.__dict__.pop("law_ways", None)
         other.__dict__["ways"] = np.concatenate([self.ways[way : way + 1], np.delete(self.ways, way, 0)])
         return other
 
@@ -260,7 +268,7 @@ class Search:
 
     def squares(self, episode: int, residual: np.ndarray) -> float:
         """Mean squared error of an episode in units of its expectation, patches that broke loose counting less."""
-        weights = self.field.weights[episode]
+        weights = self.field.noise.weights[episode]
         return float((weights * (residual.reshape(-1, 3) ** 2).sum(1)).sum() / (3 * max((weights > 0).sum(), 1)))
 
     def sizes(self, score: Score | None = None) -> np.ndarray:

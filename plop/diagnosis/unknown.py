@@ -15,6 +15,7 @@ import numpy as np
 from plop.diagnosis.discrepancy import Field
 
 _AT_ONCE = 200
+_SINGULAR = 1e-9
 
 
 @dataclass(frozen=True)
@@ -43,19 +44,17 @@ class Unknown:
             found.append(0.5 * (onto * solved).sum(1) - 0.5 * np.linalg.slogdet(precision)[1])
         return np.concatenate(found)
 
-    def fitted(self, here: np.ndarray) -> np.ndarray:
-        """Weights of the field, all episodes to explain together, [X]."""
-        z = here.astype(float)
-        precision = np.einsum("e,exfy,f->xy", z, self.gram, z, optimize=True) + np.eye(self.onto.shape[1])
-        return np.asarray(np.linalg.solve(precision, z @ self.onto))
-
     def held_out(self, here: np.ndarray) -> np.ndarray:
         """Gain of log density of each episode to explain, the field fitted to all others, [H] [nats]."""
+        z, wide = here.astype(float), self.onto.shape[1]
+        rows = np.tensordot(self.gram, z, (2, 0))  # E, X, X: what the field in all episodes does in each
+        precision, onto = np.tensordot(z, rows, 1) + np.eye(wide), z @ self.onto
         gains = []
         for e in np.flatnonzero(here):
-            z = here.astype(float)
-            z[e] = 0
-            weights = self.fitted(z)
-            left = self.onto[e] - np.einsum("xfy,f,y->x", self.gram[e], z, weights, optimize=True)
-            gains.append(float(weights @ left - 0.5 * weights @ self.gram[e, :, e] @ weights))
+            own = np.linalg.pinv(self.gram[e, :, e], rcond=_SINGULAR, hermitian=True)
+            # the episode is not there: its part of the covariance is taken out (Schur's complement)
+            kept = precision - rows[e].T @ own @ rows[e]
+            weights = np.linalg.solve(kept, onto - rows[e].T @ own @ self.onto[e])
+            left = self.onto[e] - rows[e] @ weights
+            gains.append(0.5 * float(self.onto[e] @ own @ self.onto[e] - left @ own @ left))
         return np.array(gains)

@@ -42,7 +42,7 @@ def diagnosis_of(
         ranking=tuple(_row(finding, types) for finding in found.findings),
         limits=found.limits,
         sensors=sensors,
-        searches=len(search.ways),
+        searches=len(search.law_ways),
         error=facts.error or 0.0,
         floor=facts.floor,
         next_step=next_step(found),

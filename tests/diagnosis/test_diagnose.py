@@ -158,6 +158,30 @@ def test_laws_that_do_the_same_are_confounded_and_a_plan_is_advised():
     assert "plop plan --diagnosis" in next_step(found) and "viscosity" in next_step(found)
 
 
+class Rough(Fields):
+    """The base misses about 1 mm everywhere, another in each place and the same whenever a motion is repeated."""
+
+    def measured(self, seed, hidden):
+        episodes = []
+        for k, episode in enumerate(super().measured(seed, hidden).episodes):
+            draw = np.random.default_rng([3, k % 2])
+            places = (episode.points[0] - episode.points[0].mean(0)) / 0.02
+            waves = np.sin(places @ draw.normal(0, 4, (3, 40)) + draw.uniform(0, 2 * np.pi, 40))
+            missed = 1e-3 * waves @ draw.normal(0, 20**-0.5, (40, 3))
+            ramp = np.linspace(0, 1, len(episode.times))[:, None, None]
+            episodes.append(replace(episode, points=episode.points + ramp * missed))
+        return Measured(episodes)
+
+
+def test_what_the_base_misses_in_every_repeat_hides_no_law():
+    """The law moves the points by 0.02 mm; an error of 1 mm that is not the same in a repeat hides it."""
+    found = Rough().diagnosed({"swelling": 0.0007}, LAWS)
+    assert (found.verdict.kind, found.verdict.named) == ("EFFECT", ("swelling",)), found.verdict
+    assert finding(found, "swelling").parameters["rate_per_s"].value == pytest.approx(0.0007, rel=0.3)
+    assert [len(group) for group in found.search.field.groups] == [6, 6]
+    assert Rough().diagnosed({}, LAWS).verdict.kind == "NOTHING DETECTABLE"
+
+
 class Once(Fields):
     """Swelling acts in one episode only."""
 

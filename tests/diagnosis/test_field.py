@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from math import comb
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, multivariate_normal
 
-from plop.diagnosis.calibration import chance, ways_to_deal
-from plop.diagnosis.contrast import Products, roots
-from plop.diagnosis.discrepancy import FREEDOM, SPREAD, Field, inducing_features, path_distances
+from plop.diagnosis.calibration import LEAST, ByChance, between_repeats, chance, ways_to_deal
+from plop.diagnosis.contrast import FREEDOM, Products, roots
+from plop.diagnosis.discrepancy import SPREAD, Field, inducing_features, path_distances
 from plop.diagnosis.evidence import PATH_STEPS, Evidence
+from plop.diagnosis.noise import Scales, repeats_of
 from plop.diagnosis.unknown import Unknown
 
 FRAMES, PATCHES, EPISODES = 4, 9, 5
@@ -22,8 +25,11 @@ def evidence(k: int, same_path_as: int | None = None, loose_m: float = 0.0) -> E
     path = np.random.default_rng([7, k if same_path_as is None else same_path_as]).uniform(0, 1, (PATH_STEPS, 8, 3))
     seen = np.ones((FRAMES, PATCHES), bool)
     seen[1, 2] = False
+    if same_path_as is not None:
+        seen[2, 5] = False
     residual = draw.normal(0, 1e-3, (FRAMES, PATCHES, 3))
     residual[-1, 0] += loose_m
+    place = np.random.default_rng([8, k if same_path_as is None else same_path_as]).uniform(-0.5, 0.5, (PATCHES, 3))
     return Evidence(
         f"e{k}",
         0.06,
@@ -33,7 +39,7 @@ def evidence(k: int, same_path_as: int | None = None, loose_m: float = 0.0) -> E
         draw.uniform(1e-4, 3e-4, PATCHES),
         draw.uniform(0, 2e-4, (FRAMES, PATCHES)),
         seen,
-        draw.uniform(-0.5, 0.5, (PATCHES, 3)),
+        place,
         draw.uniform(-1, 1, (FRAMES, PATCHES, 3)),
         np.linspace(0.25, 1, FRAMES),
         path,
@@ -74,10 +80,12 @@ def dense(episodes: list[Evidence], base: list[np.ndarray], field: Field) -> np.
             ]
             smooth = SPREAD.share**2 * np.outer(*motion) * (features[e] @ features[f].T)
             found[e, :, f] = alike[e, f] * np.kron(smooth, np.eye(3)) + shared[e] @ shared[f].T
-        with np.errstate(divide="ignore"):
-            noise = np.where(field.weights[e] > 0, 1 / field.weights[e], 1e12)
-        found[e, :, e] += np.diag(np.repeat(noise, 3))
-    return found.reshape(len(episodes) * size, -1)
+    precision = np.zeros((len(episodes), size // 3, len(episodes), size // 3))
+    for e, row in enumerate(field.noise.inverse):
+        for f, weights in row.items():
+            precision[e, :, f] = np.diag(np.maximum(weights, 1e-12) if e == f else weights)
+    noise = np.linalg.inv(precision.reshape(len(episodes) * size // 3, -1))
+    return found.reshape(len(episodes) * size, -1) + np.kron(noise, np.eye(3))
 
 
 def test_products_are_those_with_the_dense_inverse_covariance(episodes, base, field):
@@ -100,10 +108,30 @@ def test_products_are_those_with_the_dense_inverse_covariance(episodes, base, fi
 
 def test_a_part_that_broke_loose_loses_its_weight(episodes, base):
     loose = [evidence(0, loose_m=0.03), *episodes[1:]]
-    weights = [Field(each, base).weights[0].reshape(FRAMES, PATCHES) for each in (episodes, loose)]
+    weights = [Field(each, base).noise.weights[0].reshape(FRAMES, PATCHES) for each in (episodes, loose)]
     assert weights[1][-1, 0] < 0.02 * weights[0][-1, 0] and weights[1][1, 2] == 0
     scale = episodes[0].variance_m2 + (SPREAD.rough * 0.06) ** 2
     assert (weights[0] <= (FREEDOM + 3) / (FREEDOM * scale) * (1 + 1e-9)).all()
+
+
+def test_repeats_differ_by_the_measurement_alone(episodes):
+    """Before anything is known of the residuals the covariance is that of the model."""
+    kernel = np.full((EPISODES, EPISODES), SPREAD.repeat) + (1 - SPREAD.repeat) * np.eye(EPISODES)
+    repeats = repeats_of(path_distances(episodes))
+    scales = Scales.of(episodes, SPREAD.rough, kernel, repeats)
+    assert [group.tolist() for group in scales.groups] == [[0, EPISODES - 1], [1], [2], [3]]
+    found = scales.noise(None)
+    both = [found.inverse[e][f].reshape(FRAMES, PATCHES) for e in (0, EPISODES - 1) for f in (0, EPISODES - 1)]
+    for frame, patch in ((0, 0), (3, 7)):
+        one, other = episodes[0], episodes[-1]
+        measured = np.mean([e.noise_m[patch] ** 2 for e in (one, other)])
+        missed = np.mean([e.spread_m[frame, patch] ** 2 for e in (one, other)]) + (SPREAD.rough * 0.06) ** 2
+        expected = np.linalg.inv(measured * np.eye(2) + missed * np.array([[1, SPREAD.repeat], [SPREAD.repeat, 1]]))
+        np.testing.assert_allclose([each[frame, patch] for each in both], expected.ravel(), rtol=1e-9)
+    own, across, _, other = both
+    assert own[1, 2] == other[1, 2] == other[2, 5] == across[2, 5] == 0 < own[2, 5]  # hidden in one, or in both
+    elsewhere = replace(episodes[-1], place=episodes[-1].place + 0.2)
+    assert len(Scales.of([*episodes[:-1], elsewhere], SPREAD.rough, kernel, repeats).groups) == EPISODES
 
 
 def products(seed: int) -> Products:
@@ -112,30 +140,36 @@ def products(seed: int) -> Products:
     return Products(root @ root.T, draw.normal(size=EPISODES) * 3 + 2)
 
 
+def density(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray, given: np.ndarray) -> float:
+    """Log density of Gaussian values, some of them given."""
+    known = multivariate_normal(mean[given], covariance[np.ix_(given, given)]).logpdf(values[given])
+    return float(multivariate_normal(mean, covariance).logpdf(values) - known)
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("alone", [False, True])
-def test_gains_are_differences_of_log_density_with_the_others_amounts(seed, alone):
+def test_gains_are_differences_of_log_density_given_all_others(seed, alone):
+    """Amounts of single episodes are Gaussian with the inverse of the products as covariance."""
     one = products(seed)
+    covariance = np.linalg.inv(one.gram)
+    single = covariance @ one.onto
     labels = np.ones((1, EPISODES)) if alone else np.array([[1.0, 1, 0, 1, 0], [0, 1, 1, 0, 0], [0, 0, 1, 1, 1]])
     gains, amounts = one.held_out(labels)
     for row, z in enumerate(labels):
         for e in np.flatnonzero(z):
             others = np.arange(EPISODES) != e
-            full = z[:, None] if alone else np.stack([z, np.ones(EPISODES)], 1)
             less = np.zeros((EPISODES, 0)) if alone else np.ones((EPISODES, 1))
 
             def fitted(design, others=others):
+                precision = np.linalg.inv(covariance[np.ix_(others, others)])
                 left = design[others]
-                solved = np.linalg.solve(left.T @ one.gram[np.ix_(others, others)] @ left, left.T @ one.onto[others])
+                solved = np.linalg.solve(left.T @ precision @ left, left.T @ precision @ single[others])
                 return design @ solved, solved
 
-            def density(x, e=e, others=others):
-                return x[e] * (one.onto[e] - one.gram[e, others] @ x[others]) - 0.5 * x[e] ** 2 * one.gram[e, e]
-
-            total, solved = fitted(full)
+            total, solved = fitted(np.concatenate([z[:, None], less], 1))
             expected = max(solved[0], 0.0)
             assert amounts[row, e] == pytest.approx(expected, rel=1e-6, abs=1e-9)
-            gain = density(total) - density(fitted(less)[0] if less.shape[1] else np.zeros(EPISODES))
+            gain = np.subtract(*(density(single, mean, covariance, others) for mean in (total, fitted(less)[0])))
             assert gains[row, e] == pytest.approx(gain if expected > 0 else 0.0, rel=1e-6, abs=1e-7)
         assert not gains[row][z == 0].any()
     assert one.strength(labels) == pytest.approx(roots(gains).sum(1))
@@ -151,8 +185,26 @@ def test_the_field_of_whatever_it_is_is_found_where_it_is_and_not_elsewhere(epis
     ]
     ways = ways_to_deal(here, ["m"] * EPISODES, 1)
     with_it, without = (Unknown.of(field, r).evidence(ways) for r in (added, [e.residual for e in episodes]))
-    assert with_it.argmax() == 0 and with_it[0] > 50 and without[0] < 10
+    assert with_it.argmax() == 0 and with_it[0] > 50 and chance(without[0], without) > 0.1
     assert Unknown.of(field, added).held_out(here).sum() > 0
+
+
+def test_the_gain_of_a_field_is_a_difference_of_log_density_given_all_others():
+    draw = np.random.default_rng(4)
+    root = draw.normal(size=(EPISODES * 2, 14))
+    gram, onto, here = root @ root.T, draw.normal(size=EPISODES * 2) * 3, np.array([1.0, 1, 0, 1, 0])
+    covariance, design = np.linalg.inv(gram), np.kron(here[:, None], np.eye(2))
+    single = covariance @ onto
+    gains = Unknown(gram.reshape(EPISODES, 2, EPISODES, 2), onto.reshape(EPISODES, 2)).held_out(here > 0)
+    for found, e in zip(gains, np.flatnonzero(here), strict=True):
+        others = np.repeat(np.arange(EPISODES) != e, 2)
+        precision = np.linalg.inv(covariance[np.ix_(others, others)])
+        left = design[others]
+        weights = np.linalg.solve(left.T @ precision @ left + np.eye(2), left.T @ precision @ single[others])
+
+        means = (design @ weights, 0 * single)
+        gain = np.subtract(*(density(single, mean, covariance, others) for mean in means))
+        assert found == pytest.approx(gain, rel=1e-6)
 
 
 def test_all_ways_are_dealt_once_within_kinds_where_these_leave_enough():
@@ -166,6 +218,21 @@ def test_all_ways_are_dealt_once_within_kinds_where_these_leave_enough():
     many = ways_to_deal(np.array([True] * 9 + [False] * 9), ["m"] * 18, 1, seed=3)
     assert len(many) == 2000 and (many.sum(1) == 9).all()
     np.testing.assert_array_equal(many, ways_to_deal(np.array([True] * 9 + [False] * 9), ["m"] * 18, 1, seed=3))
+
+
+def test_where_every_motion_is_repeated_episodes_change_places_with_repeats_only():
+    here = np.array([True, True, False, False, False])
+    every = ways_to_deal(here, ["m"] * 5, 1)
+    ways = between_repeats(here, [np.array([0, 2]), np.array([1, 3, 4])], every)
+    assert len(ways) == 2 * 3 and (ways[0] == here).all() and (ways[:, [0, 2]].sum(1) == 1).all()
+    assert between_repeats(here, [np.array([0, 2, 3, 4]), np.array([1])], every) is every
+
+
+def test_what_the_noise_of_the_model_may_gain_is_no_law_however_little_the_other_ways_find():
+    quiet = ByChance(np.zeros(64), tried=50, episodes=6)
+    assert quiet.chance(1.5, 4.0) == quiet.chance(4.0, 4.0) == 1.0 and quiet.chance(8.0, 4.0) == LEAST
+    assert quiet.chance(quiet.critical(0.01, 4.0), 4.0) == pytest.approx(0.01, rel=1e-3)
+    assert quiet.critical(0.01, 4.0) == pytest.approx(np.sqrt(3 * chi2.isf(0.01 / 50, 1)), rel=1e-3)
 
 
 def test_a_chance_counts_the_real_way_and_is_never_zero():

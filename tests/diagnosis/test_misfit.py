@@ -4,7 +4,7 @@ import numpy as np
 
 from plop.diagnosis.calibration import chance as share_of
 from plop.diagnosis.calibration import ways_to_deal
-from plop.diagnosis.discrepancy import FREEDOM
+from plop.diagnosis.contrast import FREEDOM
 from plop.diagnosis.misfit import differences, misfits, outlying
 
 HERE = np.repeat([True, False], 6)
