@@ -116,6 +116,8 @@ class Pipeline(Typed):
         self.plop("fit-init", "--recordings", "recordings", "--name", "init")
         if plan.engine:
             self.plop("identify", "--recordings", "recordings", "--name", "engine")
+            name = f"rollout-engine-{plan.seeds[0]}"
+            self.plop("rollout", "--recordings", "recordings", "--model", "engine", "--name", name)
         for seed in plan.seeds:
             self._train("i2n", seed, plan.steps)
             for name in NAMES:

@@ -16,8 +16,8 @@ from plop.render.pictures.enlarge import Crop, resized
 from plop.render.pictures.panels import PANEL, Layout, Titles, sheet
 from plop.render.view_file import ViewFile
 
-SHOWN = {"i2n": "PLOP", "gs-dynamics": "gs-dynamics"}
-"""Model -> its title."""
+SHOWN = {"i2n": "PLOP", "gs-dynamics": "gs-dynamics", "engine": "engine"}
+"""Model -> its title; the engine where it was fitted."""
 _PANEL_PX, _QUALITY = 384, 85
 
 
@@ -31,9 +31,10 @@ def strip(pipeline: Pipeline, path: Path) -> None:
     known = RecordingSet.load(pipeline.store.find("recordings").path)
     episode = known.test[-1]
     seed = pipeline.plan.seeds[0]
+    titles = {model: title for model, title in SHOWN.items() if model != "engine" or pipeline.plan.engine}
     with ExitStack() as stack:
         recording = stack.enter_context(known.open(episode))
-        files = [pipeline.store.find(f"rollout-{model}-{seed}").path / episode for model in SHOWN]
+        files = [pipeline.store.find(f"rollout-{model}-{seed}").path / episode for model in titles]
         predicted = [stack.enter_context(ViewFile(Rollout(file).images)) for file in files]
         camera = recording.camera_names[0]
         frames = [0, len(recording) // 2, len(recording) - 1]
@@ -42,12 +43,12 @@ def strip(pipeline: Pipeline, path: Path) -> None:
             for frame, measured in ((frame, recording.view(camera, frame)) for frame in frames)
         ]
         times = [f"t = {recording.time_s[frame] - recording.time_s[0]:.2f} s" for frame in frames]
-    Image.fromarray(_sheet(rows, times)).save(path, quality=_QUALITY)
+    Image.fromarray(_sheet(rows, times, ["measured", *titles.values()])).save(path, quality=_QUALITY)
 
 
-def _sheet(rows: list[list[View]], times: list[str]) -> np.ndarray:
+def _sheet(rows: list[list[View]], times: list[str], titles: list[str]) -> np.ndarray:
     crop = Crop.around([view.object_mask for row in rows for view in row], _PANEL_PX)
-    layout = Layout(tuple(Titles(title) for title in ("measured", *SHOWN.values())), crop.size, None)
+    layout = Layout(tuple(Titles(title) for title in titles), crop.size, None)
     shown = [[resized(crop.of(_on_paper(view)).astype(np.float32), crop.size) for view in row] for row in rows]
     panels = [[panel.clip(0, 255).astype(np.uint8) for panel in row] for row in shown]
     return sheet([layout.page(row, [time]) for row, time in zip(panels, times, strict=True)])

@@ -195,6 +195,6 @@ def test_a_strip_shows_object_and_tool_on_paper():
     mask = np.zeros((12, 16), np.uint8)
     mask[3:9, 4:12] = MaskLabel.OBJECT
     view = View(camera, np.full((12, 16, 3), 7, np.uint8), np.ones((12, 16), np.float32), mask)
-    picture = _sheet([[view] * 3] * 2, ["t = 0", "t = 1"])
+    picture = _sheet([[view] * 3] * 2, ["t = 0", "t = 1"], ["measured", "PLOP", "engine"])
     colours = {tuple(map(int, colour)) for colour in picture.reshape(-1, 3)}
     assert picture.shape[0] % 2 == 0 and PANEL in colours and (7, 7, 7) in colours
