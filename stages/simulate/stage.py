@@ -46,6 +46,8 @@ class SimulateConfig(Settings):
     depth_scale, depth_bias."""
     episodes: Annotated[int, Range(0, 999), COMMON] = 0
     """Number of episodes; 0 uses the scene's."""
+    motions: tuple[str, ...] = ()
+    """Kinds of motion, in turn; none uses the scene's."""
     test: Annotated[tuple[str, ...], COMMON] = ()
     """Globs of the test episodes; empty selects the last quarter of the names, at least one."""
     colour_noise: Annotated[float, Range(0, 255)] = 2.0
@@ -103,10 +105,11 @@ def run(inputs: Inputs, config: SimulateConfig, out: Output) -> Summary:
 
 
 def read_scene(path: Path, config: SimulateConfig) -> Scene:
-    """Read the scene, with the seed and the number of episodes of the settings."""
+    """Read the scene, with the seed, the number of episodes and the motions of the settings."""
     scene = Scene.read(path)
     seed = config.seed if config.motions_seed < 0 else config.motions_seed
-    return replace(scene, seed=scene.seed + seed, episodes=config.episodes or scene.episodes)
+    episodes, motions = config.episodes or scene.episodes, config.motions or scene.motions
+    return replace(scene, seed=scene.seed + seed, episodes=episodes, motions=motions)
 
 
 def noise_floor_m(config: SimulateConfig) -> float:

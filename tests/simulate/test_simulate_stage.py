@@ -22,7 +22,7 @@ from plop.render.virtual_cameras.settings import CameraSettings
 from plop_cli.app import main
 from stages.ingest.droid import INGEST_DROID, DroidConfig
 from stages.simulate import stage
-from stages.simulate.stage import STAGE, SimulateConfig
+from stages.simulate.stage import STAGE, SimulateConfig, read_scene
 
 SCENE = """
 name = "gel"
@@ -158,6 +158,7 @@ def test_droid_episodes_are_read_back_with_the_object_where_it_was(scene, tmp_pa
         ({"fault": ("clok=0.02",)}, "Did you mean clock"),
         ({"fault": ("clock=0.02@cam_07",)}, "does not exist"),
         ({"test": ("gel_99",)}, "no episode of this name"),
+        ({"motions": ("pusk",)}, "Did you mean push"),
         ({"snr": -1.0}, r"simulate\.snr[\s\S]*0 to 1e6"),
         ({"cameras.size": 2}, r"simulate\.cameras\.size[\s\S]*8 to 8192 px"),
         ({"cameras.depth_noise_m": 5.0}, r"depth_noise_m[\s\S]*0 to 0.1 m"),
@@ -169,6 +170,12 @@ def test_bad_settings_are_refused_and_leave_no_recording(scene, tmp_path, change
     with pytest.raises(PlopError, match=message):
         simulate(scene, tmp_path, resolve(SimulateConfig, "simulate", ("test", {"episodes": 1, **change})))
     assert payload(tmp_path) == {}
+
+
+def test_motions_are_the_scenes_or_those_asked_for(scene):
+    asked = read_scene(scene, replace(SMALL, motions=("push",)))
+    assert read_scene(scene, SMALL).motions == ("hold", "push") and asked.motions == ("push",)
+    assert {asked.motion_plan(k).kind for k in range(asked.episodes)} == {"push"}
 
 
 def test_the_command_takes_shipped_scenes_and_repeated_options(tmp_path, monkeypatch, capsys):
