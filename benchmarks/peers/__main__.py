@@ -79,9 +79,9 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 
 def _note(work: Path, name: str, more: dict[str, Any]) -> None:
     """Write how something was made: its command, without folders, and the machine."""
-    words = sys.argv[1:]
-    given = [k + 1 for k, word in enumerate(words) if word in ("--data", "--work")]
-    command = shlex.join(["FOLDER" if k in given else word for k, word in enumerate(words)])
+    folders = "--data", "--work"
+    words = [part for word in sys.argv[1:] for part in (word.split("=", 1) if word.startswith(folders) else [word])]
+    command = shlex.join("FOLDER" if k and words[k - 1] in folders else word for k, word in enumerate(words))
     write_json(work / f"{name}.json", {"command": f"{COMMAND} {command}", "machine": machine(), **more})
 
 

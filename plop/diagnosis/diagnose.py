@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 
 from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
@@ -57,9 +56,7 @@ def diagnose(
     wanted = [*types] if effects is None else list(effects)
     candidates = candidates_of(types, wanted)
     announce("no law")
-    given = [m for m in (measured, reference) if m is not None]
-    shared = with_shared_patches([m.episodes for m in given])
-    given = [replace(m, episodes=episodes) for m, episodes in zip(given, shared, strict=True)]
+    given = with_shared_patches(*(m for m in (measured, reference) if m is not None))
     tables = [Table(m, base, run_jobs) for m in given]
     check_enough(len(tables[0].episodes), tables[0].dropped)
     announce("every law")

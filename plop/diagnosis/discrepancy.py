@@ -80,7 +80,7 @@ class Field:
             for columns, e, field in zip(base, episodes, self.unknown, strict=True)
         ]
         self._local = [spread.share * _motion(e)[:, None] * f for e, f in zip(episodes, features, strict=True)]
-        distances = path_distances(episodes)
+        distances = path_distances([e.tool_path for e in episodes], [e.duration_s for e in episodes])
         kernel = spread.repeat * np.exp(-0.5 * (distances / spread.reach) ** 2)
         kernel += (1 - spread.repeat) * np.eye(len(episodes))
         self._inverse_kernel = np.linalg.inv(kernel)
@@ -234,12 +234,11 @@ def _motion(episode: Evidence) -> np.ndarray:
     return np.asarray(np.hypot(sizes, _STILL * np.sqrt((sizes**2).mean(-1, keepdims=True))).reshape(-1))
 
 
-def path_distances(episodes: Sequence[Evidence]) -> np.ndarray:
+def path_distances(tool_paths: Sequence[np.ndarray], durations_s: Sequence[float]) -> np.ndarray:
     """Give how unlike the motions of episodes are, [E, E] [object sizes].
 
     The RMS distance of the tool's corners over the motion, in the object's frame, and how much slower one is.
     """
-    paths = np.stack([e.tool_path for e in episodes])
-    slower = np.log([e.duration_s for e in episodes])
+    paths, slower = np.stack(tool_paths), np.log(durations_s)
     apart = np.sqrt(((paths[:, None] - paths[None]) ** 2).sum(-1).mean((-1, -2)))
     return np.asarray(np.hypot(apart, _SLOWER * np.abs(slower[:, None] - slower)))

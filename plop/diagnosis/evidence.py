@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from trimesh import Trimesh
 
 from plop.tracking.episode import Episode
 
@@ -73,8 +74,8 @@ def evidence_of(episode: Episode, predictions: Sequence[np.ndarray]) -> Evidence
     seen = episode.seen_patches[frames]
     each = [moved(episode, points) for points in predictions]
     predicted = np.mean(each, 0)
-    size = float(np.ptp(episode.vertices, axis=0).max())
-    foot = np.array([*episode.vertices.mean(0)[:2], episode.vertices[:, 2].min()])
+    size = size_of(episode)
+    foot = foot_of(episode)
     poses = episode.tool.world_from_tool
     now = episode.pooled(episode.points[0]) + predicted
     places = [(points - pose[:3, 3]) @ pose[:3, :3] for points, pose in zip(now, poses[frames], strict=True)]
@@ -90,7 +91,7 @@ def evidence_of(episode: Episode, predictions: Sequence[np.ndarray]) -> Evidence
         (episode.pooled(episode.points[0]) - foot) / size,
         np.stack(places) / size,
         frames / (len(episode.times) - 1),
-        (_tool_corners(episode) - foot) / size,
+        tool_path(episode),
         float(episode.times[-1] - episode.times[0]),
     )
 
@@ -100,13 +101,28 @@ def moved(episode: Episode, points: np.ndarray) -> np.ndarray:
     return episode.pooled((points - points[:1])[compared_frames(len(episode.times))])
 
 
-def _tool_corners(episode: Episode) -> np.ndarray:
-    """Corners of the tool's box at evenly spaced times, [PATH_STEPS, 8, 3] [m]."""
+def size_of(episode: Episode) -> float:
+    """Give the longest side of the object at the start [m]."""
+    return float(np.ptp(episode.vertices, axis=0).max())
+
+
+def foot_of(episode: Episode) -> np.ndarray:
+    """Give the middle of the object's surface at the start, at the height of its lowest point, [3] [m].
+
+    It does not depend on where a mesh has many vertices: the same object, measured again, has another mesh.
+    """
+    surface = Trimesh(episode.vertices, episode.faces, process=False)
+    return np.array([*surface.centroid[:2], episode.vertices[:, 2].min()])
+
+
+def tool_path(episode: Episode) -> np.ndarray:
+    """Corners of the tool's box at evenly spaced times, from the object's foot, [PATH_STEPS, 8, 3] [object sizes]."""
     low, high = episode.tool.vertices.min(0), episode.tool.vertices.max(0)
     corners = np.array(list(product(*zip(low, high, strict=True))))
     steps = np.linspace(0, len(episode.times) - 1, PATH_STEPS).round().astype(int)
     poses = episode.tool.world_from_tool[steps]
-    return np.asarray(corners @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3])
+    at = corners @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    return np.asarray((at - foot_of(episode)) / size_of(episode))
 
 
 def _scatter(predictions: Sequence[np.ndarray]) -> np.ndarray:

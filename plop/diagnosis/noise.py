@@ -17,14 +17,15 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from plop.diagnosis.contrast import FREEDOM
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.rule import RULE
 
-_SAME_MOTION, _SAME_PLACE = 0.02, 0.05
-"""Distance of tool paths up to which a motion is repeated, and mean distance up to which patches are the same [object
-sizes]."""
+_SAME_MOTION = 0.02
+"""Distance of tool paths up to which a motion is repeated [object sizes]: what the base misses keeps its values over
+more than that, and a robot that repeats, before an object measured anew, stays well below."""
 _ROUNDING = 1e-9
 
 
@@ -72,7 +73,7 @@ class Scales:
         """Measure episodes.
 
         Args:
-            episodes: They; repeats of a motion are repeats only if their patches are the same.
+            episodes: They; repeats of a motion have the same patches.
             rough: Scale of what the field does not follow [object sizes].
             kernel: How alike motions are.
             repeats: Episodes of one motion, see `repeats_of`.
@@ -125,20 +126,11 @@ def _weights(scale2: np.ndarray, left: np.ndarray | None) -> np.ndarray:
 
 def repeats_of(distances: np.ndarray) -> list[np.ndarray]:
     """Find the repeats of every motion, from how far tool paths are apart, [E, E] [object sizes]."""
-    label = np.arange(len(distances))
-    for e in range(len(distances)):
-        for f in range(e):
-            if distances[e, f] <= _SAME_MOTION:
-                label[label == label[e]] = label[f]
-    return [np.flatnonzero(label == k) for k in np.unique(label)]
+    count, label = connected_components(distances <= _SAME_MOTION, directed=False)
+    return [np.flatnonzero(label == k) for k in range(count)]
 
 
 def _with_same_patches(group: np.ndarray, episodes: Sequence[Evidence]) -> list[np.ndarray]:
-    """Part a group: what has other patches than the first cannot be compared with it."""
-    first = episodes[group[0]]
-    same = [episodes[k].seen.shape == first.seen.shape and _near(episodes[k], first) for k in group]
-    return [group[same], *(np.array([k]) for k in group[~np.array(same)])]
-
-
-def _near(one: Evidence, other: Evidence) -> bool:
-    return bool(np.linalg.norm(one.place - other.place, axis=1).mean() < _SAME_PLACE)
+    """Part a group: what has fewer points than patches, or frames, than the first cannot be compared with it."""
+    same = np.array([episodes[k].seen.shape == episodes[group[0]].seen.shape for k in group])
+    return [group[same], *(np.array([k]) for k in group[~same])]

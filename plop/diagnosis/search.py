@@ -108,7 +108,8 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = ("_by_chance", "_tried", "unknown", "unknown_p", "unknown_gain", "_misfits", "size_p", "field_p")
+        computed = {"law_ways", "_by_chance", "_tried", "unknown", "unknown_p", "unknown_gain"}
+        computed |= {"_misfits", "size_p", "field_p"}
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -221,7 +222,6 @@ class Search:
         """Search as if another way of dealing the episodes out were the real one: how a null is examined closely."""
         other = self._copy()
         other.here = self.ways[way] > 0
-        other.__dict__.pop("law_ways", None)
         other.__dict__["ways"] = np.concatenate([self.ways[way : way + 1], np.delete(self.ways, way, 0)])
         return other
 

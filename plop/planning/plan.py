@@ -9,6 +9,7 @@ import numpy as np
 
 from plop.diagnosis.evidence import evidence_of
 from plop.diagnosis.hypotheses import Hypothesis, Settings, base_hypotheses, candidates_of, hypotheses_of
+from plop.diagnosis.repeats import with_shared_patches
 from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -100,6 +101,7 @@ def plan(
         asked = found_by(wish.diagnosis, candidates_of(types))
         tried = [*tried, *asked.hypotheses]
     announce("no law")
+    (measured,) = with_shared_patches(measured)
     table = Table(measured, base, run_jobs)
     announce("every law")
     table.respond(_settings([*tried, *own]))

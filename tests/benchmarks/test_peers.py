@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.peers.__main__ import main, parsed
+from benchmarks.peers.__main__ import _note, main, parsed
 from benchmarks.peers.particle_data import FEATURES, ParticleRollout, read_rollouts
 from benchmarks.peers.particle_models import MODELS, Units, open_loop, stepped
 from benchmarks.peers.particle_rivals import rivals
@@ -198,3 +198,10 @@ def test_a_strip_shows_object_and_tool_on_paper():
     picture = _sheet([[view] * 3] * 2, ["t = 0", "t = 1"], ["measured", "PLOP", "engine"])
     colours = {tuple(map(int, colour)) for colour in picture.reshape(-1, 3)}
     assert picture.shape[0] % 2 == 0 and PANEL in colours and (7, 7, 7) in colours
+
+
+def test_a_command_is_noted_without_folders(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["peers", "run", "pipeline", "--data=/a/b", "--work", "/c d", "--steps", "150"])
+    _note(tmp_path, "noted", {})
+    command = json.loads((tmp_path / "noted.json").read_text())["command"]
+    assert command == "python -m benchmarks.peers run pipeline --data FOLDER --work FOLDER --steps 150"

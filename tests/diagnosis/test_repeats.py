@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from trimesh import Trimesh
 
+from plop.diagnosis.discrepancy import path_distances
+from plop.diagnosis.evidence import foot_of, tool_path
+from plop.diagnosis.noise import repeats_of
 from plop.diagnosis.repeats import with_shared_patches
+from plop.diagnosis.table import Measured
 from plop.physics.scenes.scene import simulate_episode
 from plop.tracking.episode import episode_from_sequence
 from tests.support.coarse_episodes import SCENE
@@ -26,7 +31,8 @@ def middles(episode):
 
 def test_repeats_get_the_patches_of_the_first_and_others_keep_their_own():
     first, again, other = followed(0, 1), followed(0, 2, points=170), followed(1, 3)
-    (found, unlike), (repeat,) = with_shared_patches([[first, other], [again]])
+    here, reference = with_shared_patches(Measured([first, other]), Measured([again]))
+    (found, unlike), (repeat,) = here.episodes, reference.episodes
     assert found is first and unlike is other
     assert repeat.patches == first.patches != again.patches and len(repeat.patch) == 170
     nearest = cKDTree(middles(again)).query(middles(first))[0].mean()
@@ -36,10 +42,23 @@ def test_repeats_get_the_patches_of_the_first_and_others_keep_their_own():
 def test_an_episode_with_fewer_points_than_patches_keeps_its_own():
     first, few = followed(0, 1), followed(0, 2, points=30)
     many = replace(first, patch=np.arange(150))
-    assert with_shared_patches([[many], [few]])[1][0] is few
+    assert with_shared_patches(Measured([many]), Measured([few]))[1].episodes[0] is few
 
 
 @pytest.mark.parametrize("k", [0, 1])
 def test_an_episode_is_its_own_repeat(k):
-    (same,), (repeat,) = with_shared_patches([[followed(k, 1)], [followed(k, 1)]])
+    same, repeat = (m.episodes[0] for m in with_shared_patches(Measured([followed(k, 1)]), Measured([followed(k, 1)])))
     np.testing.assert_array_equal(same.patch, repeat.patch)
+
+
+def test_a_repeat_is_one_whatever_mesh_the_object_was_given():
+    """Measured anew, an object has many vertices where it had few: its foot stays where it was."""
+    one = followed(0, 1)
+    mesh = Trimesh(one.vertices, one.faces, process=False)
+    finer = mesh.subdivide(np.flatnonzero(mesh.triangles_center[:, 0] > mesh.centroid[0]))
+    other = replace(one, vertices=np.asarray(finer.vertices), faces=np.asarray(finer.faces))
+    size = np.ptp(one.vertices, axis=0).max()
+    assert np.linalg.norm(one.vertices.mean(0) - other.vertices.mean(0)) > 0.05 * size
+    np.testing.assert_allclose(foot_of(other), foot_of(one), atol=1e-6)
+    distances = path_distances([tool_path(e) for e in (one, other)], [1.0, 1.0])
+    assert distances[0, 1] < 1e-3 and len(repeats_of(distances)) == 1
