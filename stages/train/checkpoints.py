@@ -1,5 +1,6 @@
-"""Checkpoints: the complete state of a training run, for resuming with identical results.
+"""Checkpoints: the complete state of a training run, for resuming with identical results on as many threads.
 
+On other threads results differ by rounding: oneDNN adds a convolution's gradient up in one part for each thread.
 checkpoint.safetensors holds weights, averaged weights and Adam's moments, its header the step and the best
 score so far. No pickles. The file is complete or absent.
 """

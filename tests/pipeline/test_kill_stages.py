@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+import torch
 
 from plop.artifacts.manifest import content_files
 from plop.artifacts.store import Store
@@ -27,7 +28,8 @@ def test_killed_stage_goes_on_to_the_same_result(finished: Path, tmp_path: Path,
     folder = tmp_path / "workspace"
     shutil.copytree(finished, folder)
     shutil.rmtree(folder / "artifacts" / stage)
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
+    # a convolution's gradient is added up in as many parts as there are threads: other threads round otherwise
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": str(torch.get_num_threads())}
     process = subprocess.Popen(
         [sys.executable, "-m", "plop_cli", *arguments(command, folder), "-q"],
         env=environment,
