@@ -25,7 +25,7 @@ def predict_points(base: EngineBase, episode: Episode, start: Particles, effects
 
 
 def run_points(
-    base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = (), step_s: float | None = None
+    base: EngineBase, episode: Episode, start: Particles, effects: Sequence[Effect] = (), most_step_s: float = np.inf
 ) -> tuple[np.ndarray, float]:
     """Run the engine through an episode.
 
@@ -34,7 +34,7 @@ def run_points(
         episode: The episode.
         start: See `start_particles`.
         effects: Laws in addition to the base material.
-        step_s: Time step [s]; the longest that is stable when None.
+        most_step_s: Longest time step, see `simulate` [s].
 
     Returns:
         The tracked points, [T, M, 3] [m], and the time step [s].
@@ -42,6 +42,8 @@ def run_points(
     Raises:
         PlopError: The run is unstable.
     """
-    config = replace(base.config, table_z_m=episode.table_z_m, dt_s=step_s)
-    run = simulate(start, base.material, episode.tool, episode.times, config, effects=effects)
+    config = replace(base.config, table_z_m=episode.table_z_m)
+    run = simulate(
+        start, base.material, episode.tool, episode.times, config, effects=effects, most_step_s=most_step_s
+    )
     return run.positions[:, -len(episode.patch) :].astype(np.float64), run.dt_s

@@ -139,7 +139,7 @@ def _rivals(first: Finding, scores: Sequence[Score], rule: DecisionRule) -> list
     alike = [
         s
         for s in laws
-        if s.p <= rule.alarm and s.hypothesis.candidate.kind != "decoy" and not worse(first.score, s, rule)
+        if s.p <= rule.alike and s.hypothesis.candidate.kind != "decoy" and not worse(first.score, s, rule)
     ]
     return alike or _settings(first.score, scores, rule)
 

@@ -23,13 +23,13 @@ class Job:
     base: EngineBase
     settings: Settings = ()
     """Empty: the engine without effects."""
-    step_s: float | None = None
-    """Time step [s]; the longest that is stable when None."""
+    most_step_s: float = np.inf
+    """Longest time step, see `simulate` [s]."""
 
     @property
     def key(self) -> str:
         """What is added to the engine, e.g. "viscosity().viscosity_pa_s=12"."""
-        return run_key(self.settings) + ("" if self.step_s is None else f" dt_s={self.step_s:.6g}")
+        return run_key(self.settings) + ("" if np.isinf(self.most_step_s) else f" dt_s<={self.most_step_s:.6g}")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def run_job(job: Job, types: Mapping[str, EffectType]) -> Answer:
         effects.append(types[name](**values, **dict(own[0][0].shapes)))
     try:
         start = start_particles(job.base, job.episode, effects)
-        points, step_s = run_points(job.base, job.episode, start, effects, job.step_s)
+        points, step_s = run_points(job.base, job.episode, start, effects, job.most_step_s)
         return Answer(points, step_s=step_s)
     except UserCodeError:
         raise

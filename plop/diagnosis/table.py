@@ -87,12 +87,12 @@ class Table:
     def respond(self, wanted: Iterable[Settings]) -> None:
         """Run the engine with laws, what has not been run yet; a run that is unstable in an episode is not used.
 
-        A law is compared with a run without it in time steps of the same length: where a law needs shorter ones, more
-        of them dissipate more, which is not what it does.
+        A law is compared with a run without it in the same time steps: where a law needs shorter ones, more of them
+        dissipate more, which is not what it does, and what is about to slide slides after any small difference.
         """
         settings = {run_key(s): s for s in wanted}
         new = {key: s for key, s in settings.items() if key not in self._changes[0] and key not in self.failed}
-        answers = iter(self.run_jobs([Job(episode, self.base, s) for s in new.values() for episode in self.episodes]))
+        answers = iter(self.run_jobs([job for s in new.values() for job in self.jobs(s)]))
         found = {key: [next(answers) for _ in self.episodes] for key in new}
         for key, own in found.items():
             trouble = next((answer.trouble for answer in own if answer.points is None), None)
@@ -105,6 +105,11 @@ class Table:
                 change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
                 self._changes[k][key] = self.evidence[k].seen[..., None] * change
 
+    def jobs(self, settings: Settings) -> list[Job]:
+        """Give the runs of a law, one for each episode."""
+        pairs = zip(self.episodes, self._steps_s, strict=True)
+        return [Job(episode, self.base, settings, step_s) for episode, step_s in pairs]
+
     def _shorter(self, k: int, answer: Answer) -> int:
         """Tell by how many times STEP_RATIO a run's time steps are shorter than without laws."""
         if not answer.step_s < self._steps_s[k]:
@@ -116,7 +121,7 @@ class Table:
         wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own)}
         new = sorted((k, shorter) for k, shorter in wanted if shorter not in self._without[k])
         steps = [self._steps_s[k] / STEP_RATIO**shorter for k, shorter in new]
-        jobs = [Job(self.episodes[k], self.base, step_s=step) for (k, _), step in zip(new, steps, strict=True)]
+        jobs = [Job(self.episodes[k], self.base, most_step_s=step) for (k, _), step in zip(new, steps, strict=True)]
         for (k, shorter), answer in zip(new, self.run_jobs(jobs), strict=True):
             points = self.plain[k][0] if answer.points is None else answer.points
             self._without[k][shorter] = moved(self.episodes[k], points)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -179,7 +180,7 @@ def _with_more(
     k = next(k for k, each in enumerate(motions) if each.name == motion.like)
     episode = planned_episode(table.episodes[k], motion.change)
     assert episode is not None
-    return _run(table, k, motion.change, episode, hypotheses, own)
+    return _run(table, k, motion.change, _alone(table, episode), hypotheses, own)
 
 
 def _settings(hypotheses: Iterable[Hypothesis]) -> list[Settings]:
@@ -234,29 +235,49 @@ def _varied(
         for change in vary
         if change != Change.NONE and (episode := planned_episode(table.episodes[k], change)) is not None
     ]
-    settings = [(), *dict.fromkeys(_settings([*hypotheses, *own]))]
-    table.run_jobs([Job(episode, table.base, each) for _, _, episode in planned for each in settings])
-    found = []
+    table.run_jobs([Job(episode, table.base) for _, _, episode in planned])  # at the same time
+    alone, found = [], []
     for k, change, episode in planned:
-        try:
-            found.append(_run(table, k, change, episode, hypotheses, own))
-        except PlopError as error:
-            dropped[episode.name] = f"{error.problem} {error.found or ''}".strip()
+        with _dropping(episode, dropped):
+            alone.append((k, change, _alone(table, episode)))
+    settings = dict.fromkeys(_settings([*hypotheses, *own]))
+    table.run_jobs([job for _, _, each in alone for law in settings for job in each.jobs(law)])
+    for k, change, each in alone:
+        with _dropping(each.episodes[0], dropped):
+            found.append(_run(table, k, change, each, hypotheses, own))
     return found
 
 
+@contextmanager
+def _dropping(episode: Episode, dropped: dict[str, str]) -> Iterator[None]:
+    """Leave an episode out that the engine cannot follow."""
+    try:
+        yield
+    except PlopError as error:
+        dropped[episode.name] = f"{error.problem} {error.found or ''}".strip()
+
+
+def _alone(table: Table, episode: Episode) -> Table:
+    """Run the engine without laws through a planned motion.
+
+    Raises:
+        PlopError: It cannot follow it.
+    """
+    return Table(Measured([episode], {episode.name: [episode.points]}), table.base, table.run_jobs)
+
+
 def _run(
-    table: Table, k: int, change: Change, episode: Episode, hypotheses: Sequence[Hypothesis], own: Sequence[Hypothesis]
+    table: Table, k: int, change: Change, alone: Table, hypotheses: Sequence[Hypothesis], own: Sequence[Hypothesis]
 ) -> Motion:
     """Describe a planned motion.
 
     Raises:
         PlopError: The engine cannot follow it, with every law.
     """
-    single = Table(Measured([episode], {episode.name: [episode.points]}), table.base, table.run_jobs)
-    single.respond(_settings([*hypotheses, *own]))
-    if single.failed:
-        raise PlopError("The engine cannot follow it.", found="; ".join(single.failed.values())[:200])
-    made = _recorded(single, 0, hypotheses, own)
-    evidence = as_expected(evidence_of(episode, single.plain[0][:1]), table.evidence[k])
+    alone.respond(_settings([*hypotheses, *own]))
+    if alone.failed:
+        raise PlopError("The engine cannot follow it.", found="; ".join(alone.failed.values())[:200])
+    episode = alone.episodes[0]
+    made = _recorded(alone, 0, hypotheses, own)
+    evidence = as_expected(evidence_of(episode, alone.plain[0][:1]), table.evidence[k])
     return replace(made, like=table.episodes[k].name, change=change, evidence=evidence)

@@ -13,7 +13,7 @@ from tests.support.coarse_episodes import BASE, coarse_episode
 
 
 def test_what_holds_cut_faces_together_does_nothing_where_nothing_is_cut():
-    """Cohesion needs shorter time steps, and these alone move what is pushed."""
+    """Cohesion needs shorter time steps, which alone move what is pushed; in the same ones it does nothing."""
     types, episode = library(), coarse_episode(1)
     candidate = next(c for c in candidates_of(types) if c.effect == "cohesion")
     settings = ((candidate.columns[0], 1500.0),)
@@ -23,4 +23,4 @@ def test_what_holds_cut_faces_together_does_nothing_where_nothing_is_cut():
     own, other = (run_job(Job(episode, BASE, each), types) for each in ((), settings))
     alone = moved(episode, other.points) - moved(episode, own.points)
     assert own.step_s > 1.5 * other.step_s and np.abs(alone).max() > 5e-5
-    assert np.abs(table.response(law)[0]).max() < 0.2 * np.abs(alone).max()
+    assert not np.any(table.response(law)[0])

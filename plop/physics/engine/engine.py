@@ -14,7 +14,7 @@ from plop.physics.engine.kernels.step import advance, touch
 from plop.physics.engine.law import Hook, Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
-from plop.physics.engine.time_step import highest_speed_m_s, run_step_s
+from plop.physics.engine.time_step import comparable_step_s, highest_speed_m_s, run_step_s
 from plop.physics.engine.tool_motion import ToolKind, ToolMotion, kernel_poses
 from plop.physics.engine.tracers import Tracers
 
@@ -58,7 +58,7 @@ class Engine:
         self._constants()
         limits = {repr(effect): law.slowest_step_s(effect, material, config) for effect in self.effects}
         speed = highest_speed_m_s(self.v, self.tool)
-        self._base_step_s = min(run_step_s(material, config, speed, limits, len(self.x)), most_step_s)
+        self._base_step_s = comparable_step_s(run_step_s(material, config, speed, limits, len(self.x)), most_step_s)
 
     def _take(self, particles: Particles) -> None:
         """Copy a state: particles with volume into the engine's own arrays, those without as tracers."""

@@ -68,8 +68,8 @@ def simulate(
         times: Strictly increasing, shape [T] [s]; the first is the start.
         config: Grid, gravity, table, time step.
         effects: Laws that act besides the material's own.
-        most_step_s: Longest time step [s], where it is less than the stable one: of a run to compare another one with,
-            since more steps dissipate more.
+        most_step_s: Longest time step [s]: of a run to compare another one with, since more steps dissipate more. Where
+            it is not stable, it is divided by a power of `time_step.STEP_RATIO`.
         on_frame: Called with the engine and the frame's number when a frame has been reached and stored; may
             move the particles (an observer).
         progress: Called after each time with (done, total).

@@ -14,7 +14,8 @@ from plop.physics.engine.tool_motion import ToolMotion
 LEAST_STEP_S = 2e-6
 """Shortest time step that a run begins with [s]: half a million steps for a second of motion."""
 STEP_RATIO = 1.1
-"""Time steps within half of this are alike: what they dissipate differs by a hundredth of a millimetre at most."""
+"""Time steps of runs that are compared differ by powers of this, so that many runs share few runs without a law."""
+_ROUNDING = 1e-6
 _PARTICLE_STEP_S = 2.2e-7
 """Time that a step takes for one particle [s], see docs/results/parts.md; it estimates the duration in messages."""
 _VISCOUS = 0.25
@@ -68,6 +69,14 @@ def run_step_s(
         found=f"{step:.2g} s: {1e-6 / step:.1f} million steps, about {minutes:.0f} min, for each second of motion",
         fix=fix,
     )
+
+
+def comparable_step_s(stable_s: float, longest_s: float) -> float:
+    """Give the longest stable time step that another one is a power of STEP_RATIO times as long as [s]."""
+    if not np.isfinite(longest_s):
+        return stable_s
+    powers = np.ceil(np.log(longest_s / stable_s) / np.log(STEP_RATIO) - _ROUNDING)
+    return float(longest_s / STEP_RATIO ** max(powers, 0.0))
 
 
 def _shortest(material: Material, config: EngineConfig, speed_m_s: float) -> tuple[str, str]:
