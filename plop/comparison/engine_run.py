@@ -43,7 +43,5 @@ def run_points(
         PlopError: The run is unstable.
     """
     config = replace(base.config, table_z_m=episode.table_z_m)
-    run = simulate(
-        start, base.material, episode.tool, episode.times, config, effects=effects, most_step_s=most_step_s
-    )
+    run = simulate(start, base.material, episode.tool, episode.times, config, effects=effects, most_step_s=most_step_s)
     return run.positions[:, -len(episode.patch) :].astype(np.float64), run.dt_s

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.calibration import LEAST
+from plop.diagnosis.conclusion import conclude
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.next_step import next_step
 from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured
 from plop.diagnosis.verdict import Reason
 from plop.errors import PlopError
@@ -156,6 +158,14 @@ def test_laws_that_do_the_same_are_confounded_and_a_plan_is_advised():
     found = Alike().diagnosed({"swelling": 0.06}, ["swelling", "viscosity"])
     assert found.verdict.kind == "CONFOUNDED" and {*found.verdict.named} == {"swelling", "viscosity"}, found.verdict
     assert "plop plan --diagnosis" in next_step(found) and "viscosity" in next_step(found)
+
+
+def test_a_law_that_does_as_well_is_an_alternative_though_its_own_chance_is_not_as_small(monkeypatch):
+    """Once a law is certain, something is there, and what else it may be needs the chance for that only."""
+    search, own = Alike().diagnosed({"swelling": 0.06}, ["swelling", "viscosity"]).search, Search.chance_of
+    for p, kind in ((0.03, "CONFOUNDED"), (0.2, "EFFECT")):
+        monkeypatch.setattr(Search, "chance_of", lambda self, law, p=p: p if law == "viscosity" else own(self, law))
+        assert conclude(search).verdict.kind == kind
 
 
 class Rough(Fields):
