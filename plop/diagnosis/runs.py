@@ -18,6 +18,7 @@ from plop.artifacts.atomic_file import whole
 from plop.compute.cluster import connected
 from plop.compute.kernel_cache import sources_digest
 from plop.compute.workers import workers
+from plop.diagnosis.hypotheses import run_key
 from plop.diagnosis.responses import Answer, Job, run_job
 from plop.physics.effects.library import library
 
@@ -68,7 +69,8 @@ class Runs:
                 self._remember(jobs[k], answer)
                 ready += 1
                 if self.progress is not None:
-                    self.progress(ready, len(jobs), f"{self._purpose}{jobs[k].episode.name} {jobs[k].key}".rstrip())
+                    label = f"{self._purpose}{jobs[k].episode.name} {run_key(jobs[k].settings)}"
+                    self.progress(ready, len(jobs), label.rstrip())
         return [answer for answer in answers if answer is not None]
 
     @contextmanager
