@@ -11,6 +11,7 @@ from plop.physics.adapters.filled import EngineBase, filled_particles
 from plop.physics.effects.effect import Effect
 from plop.physics.engine.particles import Particles
 from plop.physics.engine.solver import simulate
+from plop.physics.engine.time_step import STEP_RATIO
 from plop.tracking.episode import Episode
 
 
@@ -34,7 +35,7 @@ def run_points(
         episode: The episode.
         start: See `start_particles`.
         effects: Laws in addition to the base material.
-        most_step_s: Longest time step, see `simulate` [s].
+        most_step_s: Longest time step [s]; where it is not stable, it is divided by a power of STEP_RATIO.
 
     Returns:
         The tracked points, [T, M, 3] [m], and the time step [s].
@@ -43,5 +44,8 @@ def run_points(
         PlopError: The run is unstable.
     """
     config = replace(base.config, table_z_m=episode.table_z_m)
-    run = simulate(start, base.material, episode.tool, episode.times, config, effects=effects, most_step_s=most_step_s)
+    tool, times = episode.tool, episode.times
+    run = simulate(
+        start, base.material, tool, times, config, effects=effects, most_step_s=most_step_s, step_ratio=STEP_RATIO
+    )
     return run.positions[:, -len(episode.patch) :].astype(np.float64), run.dt_s

@@ -100,6 +100,26 @@ class Products:
         """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks and is tested."""
         return np.asarray(roots(self.held_out(labels)[0]).sum(1))
 
+    def own_amounts(self, here: np.ndarray, off: float) -> np.ndarray:
+        """Fit a to each episode to explain by itself, an engine's response being off from motion to motion.
+
+        Args:
+            here: Which episodes are to be explained, bool [E].
+            off: Standard deviation of an episode's amount, as a share of the common one.
+
+        Returns:
+            Amounts, [E]; 0 in the reference, and where the common one is not positive.
+        """
+        z, found = here.astype(float), np.zeros(len(here))
+        design = z[:, None] if here.all() else np.stack([z, np.ones(len(z))], 1)
+        hessian = design.T @ self.gram @ design
+        common, *rest = np.linalg.solve(hessian, design.T @ self.onto) if _regular(hessian) else (0.0,)
+        if common > 0:
+            prior = 1 / (off * common) ** 2
+            onto = (self.onto - sum(rest) * self.gram.sum(1))[here] + prior * common
+            found[here] = np.linalg.solve(self.gram[np.ix_(here, here)] + prior * np.eye(int(here.sum())), onto)
+        return found
+
     def with_amount(self, change: float, here: np.ndarray) -> Products:
         """Give what the evidence would say with so much more of the law in the episodes to explain."""
         return Products(self.gram, self.onto + change * self.gram @ here.astype(float))

@@ -24,7 +24,7 @@ class Job:
     settings: Settings = ()
     """Empty: the engine without effects."""
     most_step_s: float = np.inf
-    """Longest time step, see `simulate` [s]."""
+    """Longest time step, see `run_points` [s]."""
 
     @property
     def key(self) -> str:

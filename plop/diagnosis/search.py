@@ -15,6 +15,7 @@ from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
 from plop.diagnosis.evidence import Evidence
 from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.misfit import differences, misfits, outlying
+from plop.diagnosis.rule import RULE
 from plop.diagnosis.score import Score
 from plop.diagnosis.table import Table
 from plop.diagnosis.unknown import Unknown
@@ -189,12 +190,13 @@ class Search:
     def _by_chance(self) -> ByChance:
         """Strength that the search over the first hypotheses finds for each way of dealing out.
 
-        What the strongest of them does is taken off, as if all episodes that tell of it had been free.
+        What the strongest of them does is taken off, as much as each episode shows of it, as if all episodes that tell
+        of it had been free.
         """
         best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
-        amount = max(products.contrast(self.here).amount, 0.0)
-        changes = zip(self._residuals, self.response(best), self.here, strict=True)
-        left = [residual - amount * change * here for residual, change, here in changes]
+        changes = zip(self._residuals, self.response(best), strict=True)
+        amounts = products.own_amounts(self.here, RULE.response_error)
+        left = [residual - amount * change for (residual, change), amount in zip(changes, amounts, strict=True)]
         without = strongest(self.field.products([self.response(h) for h in self.first], left), self.law_ways)
         scale = np.sqrt((products.freedom + 2) / products.freedom)
         return ByChance(scale * without, len(self.first), int(self.here.sum()))

@@ -151,6 +151,14 @@ def density(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray, given:
     return float(multivariate_normal(mean, covariance).logpdf(values) - known)
 
 
+def test_own_amounts_lie_between_the_common_one_and_what_each_episode_shows():
+    here, gram, shown = np.array([True, True, True, False, False]), 1e3 * np.eye(EPISODES), np.array([1, 2, 3, 0.0, 0])
+    one = Products(gram, gram @ shown)
+    np.testing.assert_allclose(one.own_amounts(here, 1e3), shown, atol=1e-6)
+    np.testing.assert_allclose(one.own_amounts(here, 1e-4), np.where(here, 2.0, 0.0), atol=1e-3)
+    assert not Products(gram, -gram @ shown).own_amounts(here, 0.25).any()
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("alone", [False, True])
 def test_gains_are_differences_of_log_density_given_all_others(seed, alone):

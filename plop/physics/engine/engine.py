@@ -41,6 +41,7 @@ class Engine:
         config: EngineConfig,
         effects: Sequence[Law] = (),
         most_step_s: float = np.inf,
+        step_ratio: float = 1.0,
     ) -> None:
         self.effects = [effect for effect in effects if not effect.absent]
         for effect in self.effects:
@@ -58,7 +59,8 @@ class Engine:
         self._constants()
         limits = {repr(effect): law.slowest_step_s(effect, material, config) for effect in self.effects}
         speed = highest_speed_m_s(self.v, self.tool)
-        self._base_step_s = comparable_step_s(run_step_s(material, config, speed, limits, len(self.x)), most_step_s)
+        stable_s = run_step_s(material, config, speed, limits, len(self.x))
+        self._base_step_s = comparable_step_s(stable_s, most_step_s, step_ratio)
 
     def _take(self, particles: Particles) -> None:
         """Copy a state: particles with volume into the engine's own arrays, those without as tracers."""

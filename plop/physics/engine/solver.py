@@ -56,6 +56,7 @@ def simulate(
     *,
     effects: Sequence[Law] = (),
     most_step_s: float = np.inf,
+    step_ratio: float = 1.0,
     on_frame: Callable[[Engine, int], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EngineTrajectory:
@@ -68,8 +69,9 @@ def simulate(
         times: Strictly increasing, shape [T] [s]; the first is the start.
         config: Grid, gravity, table, time step.
         effects: Laws that act besides the material's own.
-        most_step_s: Longest time step [s]: of a run to compare another one with, since more steps dissipate more. Where
-            it is not stable, it is divided by a power of `time_step.STEP_RATIO`.
+        most_step_s: Longest time step [s], where it is less than the stable one: of a run to compare another one with,
+            since more steps dissipate more.
+        step_ratio: Where the longest is not stable, it is divided by a power of this; 1 takes any stable one.
         on_frame: Called with the engine and the frame's number when a frame has been reached and stored; may
             move the particles (an observer).
         progress: Called after each time with (done, total).
@@ -90,9 +92,8 @@ def simulate(
     before = get_num_threads()
     set_num_threads(min(config.threads, before))
     try:
-        return _simulate(
-            Engine(particles, material, tool_motion, config, effects, most_step_s), times, on_frame, progress
-        )
+        engine = Engine(particles, material, tool_motion, config, effects, most_step_s, step_ratio)
+        return _simulate(engine, times, on_frame, progress)
     finally:
         set_num_threads(before)
 

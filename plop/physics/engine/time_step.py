@@ -71,12 +71,15 @@ def run_step_s(
     )
 
 
-def comparable_step_s(stable_s: float, longest_s: float) -> float:
-    """Give the longest stable time step that another one is a power of STEP_RATIO times as long as [s]."""
-    if not np.isfinite(longest_s):
-        return stable_s
-    powers = np.ceil(np.log(longest_s / stable_s) / np.log(STEP_RATIO) - _ROUNDING)
-    return float(longest_s / STEP_RATIO ** max(powers, 0.0))
+def comparable_step_s(stable_s: float, longest_s: float, ratio: float = 1.0) -> float:
+    """Give the longest stable time step, up to `longest_s`; where that is not stable, it over a power of `ratio` [s].
+
+    Any stable one with a ratio of 1.
+    """
+    if ratio <= 1 or not np.isfinite(longest_s):
+        return min(stable_s, longest_s)
+    powers = np.ceil(np.log(longest_s / stable_s) / np.log(ratio) - _ROUNDING)
+    return float(longest_s / ratio ** max(powers, 0.0))
 
 
 def _shortest(material: Material, config: EngineConfig, speed_m_s: float) -> tuple[str, str]:
