@@ -53,18 +53,22 @@ class Products:
         Args:
             here: Which episodes are to be explained, bool [E].
         """
-        count, z = len(here), here.astype(float)
-        design = z[:, None] if here.all() else np.stack([z, np.ones(count)], 1)
-        hessian = design.T @ self.gram @ design
+        design, hessian = self._normal(here)
         if not _regular(hessian):
             return Contrast(0.0, np.inf, 1)
-        inverse = np.linalg.inv(hessian)
+        count, inverse = len(here), np.linalg.inv(hessian)
         fitted = inverse @ design.T @ self.onto
         left = self.onto - self.gram @ design @ fitted
         pulls = (design @ inverse[0]) * left
         freedom = max(count - design.shape[1], 1)
         variance = inverse[0, 0] + (pulls**2).sum() * count / freedom
         return Contrast(float(fitted[0]), float(np.sqrt(variance)), freedom)
+
+    def _normal(self, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Give the design of a and, where some episodes are a reference, s, [E, 1 or 2], and its normal matrix."""
+        z = here.astype(float)
+        design = z[:, None] if here.all() else np.stack([z, np.ones(len(z))], 1)
+        return design, design.T @ self.gram @ design
 
     def held_out(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predict each episode to explain with the amounts that all others show.
@@ -110,9 +114,7 @@ class Products:
         Returns:
             Amounts, [E]; 0 in the reference, and where the common one is not positive.
         """
-        z, found = here.astype(float), np.zeros(len(here))
-        design = z[:, None] if here.all() else np.stack([z, np.ones(len(z))], 1)
-        hessian = design.T @ self.gram @ design
+        (design, hessian), found = self._normal(here), np.zeros(len(here))
         common, *rest = np.linalg.solve(hessian, design.T @ self.onto) if _regular(hessian) else (0.0,)
         if common > 0:
             prior = 1 / (off * common) ** 2
