@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import get_num_threads, set_num_threads
 
+from plop.compute.numba_threads import numba_threads
 from plop.errors import PlopError
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.engine import Engine, UnstableStepError
@@ -89,13 +89,9 @@ def simulate(
             found=f"shape {times.shape}",
             fix="Sort them and leave out what is there twice.",
         )
-    before = get_num_threads()
-    set_num_threads(min(config.threads, before))
-    try:
+    with numba_threads(config.threads):
         engine = Engine(particles, material, tool_motion, config, effects, most_step_s, step_ratio)
         return _simulate(engine, times, on_frame, progress)
-    finally:
-        set_num_threads(before)
 
 
 def _simulate(
