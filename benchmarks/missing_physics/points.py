@@ -37,7 +37,7 @@ from plop.tracking.episode import Episode
 from stages.diagnose.outcome import diagnosis_of
 from stages.diagnose.stage import STAGE
 
-EPISODES, PARTICLES = 6, 400
+EPISODES = 6
 DEALT = 20
 """Other ways of dealing the episodes of a null out that are judged as if each were the real one."""
 LEAST_SNR = 2.0
@@ -60,7 +60,7 @@ class Points:
         if not path.is_file():
             start = EngineBase(
                 Material(1.2e4, 0.4, damping_per_s=3.0, table_friction=0.4, tool_friction=0.4, table_slip_m_s=0.003),
-                spacing_for(reference, PARTICLES),
+                spacing_for(reference),
                 True,
             )
             base, found = identify(reference, start, NAMES, iterations=12, jobs=self.jobs)

@@ -28,7 +28,7 @@ def discretised(base: EngineBase) -> list[EngineBase]:
     return [base, *(replace(base, spacing_m=share * base.spacing_m) for share in OTHERS)]
 
 
-def predicted_by_each(base: EngineBase, episode: Episode, effects: Sequence[Effect]) -> list[np.ndarray]:
+def predicted_by_each(base: EngineBase, episode: Episode, effects: Sequence[Effect] = ()) -> list[np.ndarray]:
     """Run the engine in each discretisation; unstable ones other than its own are left out.
 
     Args:

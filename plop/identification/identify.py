@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from trimesh.triangles import area, mass_properties
 
+from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.compute.workers import workers
 from plop.diagnosis.evidence import compared_frames
@@ -31,7 +32,11 @@ NAMES = ("youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction"
 
 @dataclass(frozen=True)
 class TrackedCase:
-    """An episode as `calibrate` wants it: patches at the compared frames."""
+    """An episode as `calibrate` wants it: patches at the compared frames.
+
+    The prediction is the mean over discretisations, as `diagnose` takes it. A fit to one of them takes what its
+    particles happen to do, whether a block slips on the table or under the tool, for the object's friction.
+    """
 
     episode: Episode
     base: EngineBase
@@ -55,8 +60,20 @@ class TrackedCase:
     def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
         """Run the engine and give the same, [F, K, 3] [m]; the grid is the base's own, not `config`'s."""
         base = replace(self.base, material=material)
-        points = predict_points(base, self.episode, start_particles(base, self.episode))
+        return self.pooled(np.mean(predicted_by_each(base, self.episode), 0))
+
+    def pooled(self, points: np.ndarray) -> np.ndarray:
+        """Average displacements of the followed points [T, M, 3] over patches, [F, K, 3] [m]."""
         return self.episode.pooled((points - points[:1])[compared_frames(len(self.episode.times))])
+
+
+class SlopeCase(TrackedCase):
+    """The same in the one discretisation of its engine, which is enough for derivatives."""
+
+    def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
+        """Run the engine and give displacements of the patches, [F, K, 3] [m]."""
+        base = replace(self.base, material=material)
+        return self.pooled(predict_points(base, self.episode, start_particles(base, self.episode)))
 
 
 def spacing_for(episodes: list[Episode], particles: int = PARTICLES) -> float:
@@ -141,7 +158,7 @@ def identify(
         )
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
-    slopes: list[Any] = [TrackedCase(episode, coarser) for episode in episodes]
+    slopes: list[Any] = [SlopeCase(episode, coarser) for episode in episodes]
     found = calibrate(
         cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
     )
