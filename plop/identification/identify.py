@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 from trimesh.triangles import area, mass_properties
 
-from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.compute.workers import workers
-from plop.diagnosis.evidence import compared_frames
 from plop.errors import PlopError
+from plop.identification.first_guess import best_guess
+from plop.identification.tracked_case import SlopeCase, TrackedCase, mean_square
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import Calibration, calibrate
-from plop.physics.engine.config import EngineConfig
-from plop.physics.engine.material import Material
 from plop.tracking.episode import Episode
 
 PARTICLES = 1300
@@ -28,52 +26,6 @@ COARSER = 1.4
 """Distance of the particles with which derivatives are taken, in units of the engine's own: a quarter of the time."""
 NAMES = ("youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction", "table_slip_m_s")
 """Parameters that are fitted unless others are named."""
-
-
-@dataclass(frozen=True)
-class TrackedCase:
-    """An episode as `calibrate` wants it: patches at the compared frames.
-
-    The prediction is the mean over discretisations, as `diagnose` takes it. A fit to one of them takes what its
-    particles happen to do, whether a block slips on the table or under the tool, for the object's friction.
-    """
-
-    episode: Episode
-    base: EngineBase
-
-    @property
-    def name(self) -> str:
-        """Name of the episode."""
-        return self.episode.name
-
-    @property
-    def table_z_m(self) -> float | None:
-        """Height of the table [m]."""
-        return self.episode.table_z_m
-
-    @property
-    def observed(self) -> np.ndarray:
-        """Measured displacements of the patches, [F, K, 3] [m]; NaN where they could not be seen."""
-        frames = compared_frames(len(self.episode.times))
-        return np.where(self.episode.seen_patches[frames][..., None], self.episode.motion[frames], np.nan)
-
-    def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
-        """Run the engine and give the same, [F, K, 3] [m]; the grid is the base's own, not `config`'s."""
-        base = replace(self.base, material=material)
-        return self.pooled(np.mean(predicted_by_each(base, self.episode), 0))
-
-    def pooled(self, points: np.ndarray) -> np.ndarray:
-        """Average displacements of the followed points [T, M, 3] over patches, [F, K, 3] [m]."""
-        return self.episode.pooled((points - points[:1])[compared_frames(len(self.episode.times))])
-
-
-class SlopeCase(TrackedCase):
-    """The same in the one discretisation of its engine, which is enough for derivatives."""
-
-    def predict(self, material: Material, config: EngineConfig) -> np.ndarray:
-        """Run the engine and give displacements of the patches, [F, K, 3] [m]."""
-        base = replace(self.base, material=material)
-        return self.pooled(predict_points(base, self.episode, start_particles(base, self.episode)))
 
 
 def spacing_for(episodes: list[Episode], particles: int = PARTICLES) -> float:
@@ -110,7 +62,7 @@ OUTLIER = 2.0
 def outliers(episodes: list[Episode], base: EngineBase, jobs: int = 1) -> dict[str, str]:
     """Find episodes that the engine follows far worse than the others; name -> why."""
     with workers():
-        squares = Parallel(n_jobs=jobs)(delayed(_mean_square)(TrackedCase(episode, base)) for episode in episodes)
+        squares = Parallel(n_jobs=jobs)(delayed(mean_square)(TrackedCase(episode, base)) for episode in episodes)
     rms = 1000 * np.sqrt(np.array(squares))
     middle = float(np.median(rms))
     if len(episodes) < 4:
@@ -120,11 +72,6 @@ def outliers(episodes: list[Episode], base: EngineBase, jobs: int = 1) -> dict[s
         for e, r in zip(episodes, rms, strict=True)
         if r > OUTLIER * middle
     }
-
-
-def _mean_square(case: TrackedCase) -> float:
-    error = case.predict(case.base.material, case.base.config) - case.observed
-    return float(np.nanmean((error**2).sum(-1)))
 
 
 def identify(
@@ -140,7 +87,7 @@ def identify(
 
     Args:
         episodes: What to follow.
-        start: First guess, and everything that is not fitted.
+        start: First guess, which is varied, and everything that is not fitted.
         names: Fields of Material.
         iterations: Most Gauss-Newton steps.
         jobs: Processes.
@@ -159,7 +106,8 @@ def identify(
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
     slopes: list[Any] = [SlopeCase(episode, coarser) for episode in episodes]
+    guess, runs = best_guess(slopes, start.material, names, jobs)
     found = calibrate(
-        cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
+        cases, guess, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
     )
-    return replace(start, material=found.material), found
+    return replace(start, material=found.material), replace(found, rollouts=found.rollouts + runs)
