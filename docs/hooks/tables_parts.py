@@ -102,6 +102,27 @@ def _known_laws() -> str:
     return rows(["law", "without it [mm]", "with it [mm]", "best factor of its response"], lines)
 
 
+def _identified() -> str:
+    def error_mm(found: dict[str, Any]) -> str:
+        return f"{max(found['rms_mm'] ** 2 - found['noise_mm'] ** 2, 0) ** 0.5:.2f} of {found['moved_mm']:.1f}"
+
+    lines = []
+    for each in read("identified")["rows"]:
+        declared, found = each["declared"], {name: e["value"] for name, e in each["estimates"].items()}
+        ratio = found["youngs_modulus_pa"] / declared["youngs_modulus_pa"]
+        rubs = [f"{found[name]:.2f} ({declared[name]:.2f})" for name in ("table_friction", "tool_friction")]
+        errors = [error_mm(each[part]) for part in ("fitted", "unseen")]
+        lines.append([each["world"], each["seed"], *errors, f"{ratio:.2f}", *rubs, f"{each['seconds']:.0f}"])
+    head = [
+        "error, fitted motions [mm]",
+        "unseen motions [mm]",
+        "stiffness over declared",
+        "table friction",
+        "tool friction",
+    ]
+    return rows(["world", "seed", *head, "time [s]"], lines)
+
+
 def _discretisations() -> str:
     lines = [
         [motion, *(f"{found[key]:.2f}" for key in ("alone_mm", "mean_mm", "spread_mm", "correlation"))]
@@ -165,6 +186,7 @@ TABLES: dict[str, Table] = {
     "sensors": (_sensors, ("sensor_faults",)),
     "depth-checks": (_depth_checks, ("depth_checks",)),
     "known-laws": (_known_laws, ("known_laws",)),
+    "identified": (_identified, ("identified",)),
     "discretisations": (_discretisations, ("discretisations",)),
     "effects": (_effects, ("effects",)),
     "cuts": (_cuts, ("cohesive_motions",)),

@@ -1,0 +1,98 @@
+"""How well `identify` makes the engine follow foreign worlds: `python -m benchmarks.worlds.identified`.
+
+Each base is a block of its own, fitted to six recordings with the defaults of the command, and compared with six more,
+of other motions, on followed points. Writes docs/results/identified.json; its other rows stay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.facts import machine
+from benchmarks.missing_physics.makers import WORLDS
+from plop.artifacts.atomic_file import write_json
+from plop.diagnosis.runs import Runs
+from plop.diagnosis.table import Measured, Table
+from plop.finite import json_ready
+from plop.identification.identify import NAMES, identify, spacing_for
+from plop.physics.adapters.filled import EngineBase
+from plop.pipeline.execute import versions
+from plop.tracking.episode import Episode
+from stages.identify.stage import FIRST_GUESS, STAGE, IdentifyConfig
+
+RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "identified.json"
+EPISODES = 6
+DECLARED = ("youngs_modulus_pa", "table_friction", "tool_friction")
+
+
+def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
+    """Fit one base and compare it with motions that it has not seen."""
+    maker = WORLDS[world](seed)
+    fitted = [maker.episode(k, {}) for k in range(EPISODES)]
+    start = EngineBase(FIRST_GUESS, spacing_for(fitted), True)
+    began = time.perf_counter()
+    base, found = identify(fitted, start, NAMES, iterations=IdentifyConfig().iterations, jobs=jobs)
+    seconds = time.perf_counter() - began
+    unseen = [maker.episode(EPISODES + k, {}) for k in range(EPISODES)]
+    return {
+        "world": world,
+        "seed": seed,
+        "identify_version": STAGE.version,
+        "declared": {name: getattr(maker.world, name) for name in DECLARED},
+        "estimates": {name: estimate.to_json() for name, estimate in found.estimates.items()},
+        "fitted": misses(fitted, base, jobs),
+        "unseen": misses(unseen, base, jobs),
+        "seconds": round(seconds, 1),
+        "engine_runs": found.rollouts,
+    }
+
+
+def misses(episodes: list[Episode], base: EngineBase, jobs: int) -> dict[str, Any]:
+    """RMS of what is compared: the error, how far things move, and the noise in it [mm]; errors of each episode."""
+    evidence = Table(Measured(episodes), base, Runs(None, jobs=jobs)).evidence
+    rms = [1000 * float(np.sqrt((e.residual**2).sum(-1).mean())) for e in evidence]
+    moved = [1000 * float(np.sqrt(((e.residual + e.predicted) ** 2).sum(-1).mean())) for e in evidence]
+    noise = [1000 * float(np.sqrt(3 * (e.noise_m**2).mean())) for e in evidence]
+    whole = {
+        name: float(np.sqrt(np.mean(np.square(v)))) for name, v in (("rms", rms), ("moved", moved), ("noise", noise))
+    }
+    return {**{f"{name}_mm": value for name, value in whole.items()}, "episodes_mm": rms}
+
+
+def main() -> None:
+    """Measure and write the file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--worlds", default="mujoco,drake", help="some of mujoco, drake")
+    parser.add_argument("--first-seed", type=int, default=7900)
+    parser.add_argument("--bases", type=int, default=3, help="bases in each world")
+    parser.add_argument("--jobs", type=int, default=-1, help="processes; -1: one for each core")
+    parser.add_argument("--out", type=Path, default=RESULT)
+    options = parser.parse_args()
+    rows = json.loads(options.out.read_text())["rows"] if options.out.is_file() else []
+    for k in range(options.bases):
+        for world in options.worlds.split(","):
+            new = row(world, options.first_seed + k, options.jobs)
+            rows = [each for each in rows if (each["world"], each["seed"]) != (new["world"], new["seed"])] + [new]
+            facts = {
+                "command": "python -m benchmarks.worlds.identified",
+                "versions": versions(),
+                "machine": machine(),
+                "seeds": sorted({each["seed"] for each in rows}),
+                "rows": rows,
+            }
+            write_json(options.out, json_ready(facts), sort_keys=False)
+            sys.stdout.write(
+                f"{world} {new['seed']}: unseen {new['unseen']['rms_mm']:.2f} mm, {new['seconds']:.0f} s\n"
+            )
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
