@@ -60,10 +60,8 @@ def misses(episodes: list[Episode], base: EngineBase, jobs: int) -> dict[str, An
     rms = [1000 * float(np.sqrt((e.residual**2).sum(-1).mean())) for e in evidence]
     moved = [1000 * float(np.sqrt(((e.residual + e.predicted) ** 2).sum(-1).mean())) for e in evidence]
     noise = [1000 * float(np.sqrt(3 * (e.noise_m**2).mean())) for e in evidence]
-    whole = {
-        name: float(np.sqrt(np.mean(np.square(v)))) for name, v in (("rms", rms), ("moved", moved), ("noise", noise))
-    }
-    return {**{f"{name}_mm": value for name, value in whole.items()}, "episodes_mm": rms}
+    parts = {"rms_mm": rms, "moved_mm": moved, "noise_mm": noise}
+    return {**{name: float(np.sqrt(np.mean(np.square(part)))) for name, part in parts.items()}, "episodes_mm": rms}
 
 
 def main() -> None:

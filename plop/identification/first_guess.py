@@ -37,6 +37,8 @@ def best_guess(cases: Sequence[TrackedCase], start: Material, names: Sequence[st
         The guess with the smallest squared error, and the number of engine runs.
     """
     varied = [name for name in FACTORS if name in names]
+    if not varied:
+        return start, 0
     choices = [
         [float(np.clip(f * getattr(start, n), PARAMETERS[n].low, PARAMETERS[n].high)) for f in (1, 1 / most, most)]
         for n, most in FACTORS.items()
