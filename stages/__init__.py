@@ -15,6 +15,7 @@ PIPELINE = (
     StageRef("ingest mesh", "stages.ingest.stage:INGEST_MESH", "Render mesh sequences of a simulator into recordings."),
     StageRef("ingest droid", "stages.ingest.droid:INGEST_DROID", "Convert episodes of a DROID robot to recordings."),
     StageRef("calibrate", "stages.calibrate.stage:STAGE", "Find and check camera calibration; a verdict per camera."),
+    StageRef("repair", "stages.repair.stage:STAGE", "Put right known faults of cameras and tool."),
     StageRef("fuse", "stages.fuse.stage:STAGE", "Fuse the views before the cut into one object cloud."),
     StageRef("fit-init", "stages.fit_init.stage:STAGE", "Fit 3D Gaussians to the first frame: object and tool."),
     StageRef("train", "stages.train.stage:STAGE", "Learn the dynamics from the training episodes."),
@@ -29,14 +30,15 @@ PIPELINE = (
     StageRef("report", "stages.report.stage:STAGE", "Write one HTML file with all results."),
 )
 
-RECORDINGS = ("calibrate", "ingest", "simulate")
-"""Stages whose artifacts are recordings, the most advanced first."""
+RECORDINGS = ("calibrate", "ingest", "simulate", "repair")
+"""Stages whose artifacts are recordings; the first makes what is missing."""
 MODELS = ("train", "identify", "augment")
 """Stages whose artifacts are models."""
 NEXT = {
     "simulate": "fuse",  # simulated cameras are correct
     "ingest": "calibrate",
     "calibrate": "fuse",
+    "repair": "diagnose",
     "fuse": "fit-init",
     "fit-init": "train",
     "train": "rollout",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ import numpy as np
 
 from benchmarks.missing_physics.rates import proportion
 from plop.artifacts.atomic_file import write_json
-from plop.geometry.pose_track import poses_at
 from plop.physics.scenes import find_scene
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.recordings.readers.mesh.sequence import MeshSequence
@@ -29,7 +28,8 @@ from plop.render.virtual_cameras.rig import camera_names
 from plop.render.virtual_cameras.settings import CameraSettings
 from plop.sensors.estimation.estimate import estimate_sensors, pool
 from plop.sensors.estimation.finding import State
-from plop.sensors.faults.library import parse_faults
+from plop.sensors.faults.library import Faults, parse_faults
+from plop.sensors.faults.tool import Tool
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "sensor_faults.json"
 SCENES = ("block.toml", "sphere.toml", "cylinder.toml")
@@ -42,29 +42,12 @@ LIBRARY = {"clock": "clock", "depth_scale": "depth_scale", "pose_shift": "pose_e
 """Its name in the library of faults."""
 
 
-def _late(file: h5py.File, sign: float) -> None:
-    time, poses = file["frames/time_s"][:], file["tool/world_from_tool"][:]
-    file["tool/world_from_tool"][:] = poses_at(time, poses, np.clip(time + 0.03 * sign, time[0], time[-1]))
-
-
-def _shifted(file: h5py.File, sign: float) -> None:
-    poses = file["tool/world_from_tool"][:]
-    poses[:, :3, 3] += poses[:, :3, :3] @ (sign * np.array([0.002, 0.001, 0.002]))
-    file["tool/world_from_tool"][:] = poses
-
-
-def _thick(file: h5py.File, sign: float) -> None:
-    vertices = file["tool/mesh/vertices"][:]
-    middle = (vertices.min(0) + vertices.max(0)) / 2
-    file["tool/mesh/vertices"][:] = vertices + 0.003 * np.sign(vertices - middle)
-
-
-TOOLS: dict[str, Callable[[h5py.File, float], None]] = {
-    "robot_clock": _late,
-    "tool_offset": _shifted,
-    "tool_thickness": _thick,
+TOOLS = {
+    "robot_clock": ("robot_clock={:+.3f}", 0.03),
+    "tool_offset": ("tool_offset.x_m={0:+.3f} tool_offset.y_m={1:+.3f} tool_offset.z_m={0:+.3f}", -0.002, -0.001),
+    "tool_thickness": ("tool_thickness=-0.003",),
 }
-"""Fault of the tool, all of 3 mm or 30 ms, and what writes it into a recording."""
+"""Fault of the tool, all of 3 mm or 30 ms, as typed behind `--fault`, and values whose sign is drawn."""
 
 
 @dataclass(frozen=True)
@@ -127,17 +110,25 @@ def one_seed(work: Path, seed: int) -> dict[str, Verdict]:
     """Make and judge the sets of one seed: right, cameras, and one for each fault of the tool."""
     sequences, folder = motions(seed), work / f"{seed}"
     film(folder / "right", sequences, [], seed)
-    hidden, typed = drawn(seed)
-    film(folder / "cameras", sequences, typed, seed)
+    hidden, wrong = drawn(seed)
+    film(folder / "cameras", sequences, wrong, seed)
     found = {"right": judged(folder / "right", {}), "cameras": judged(folder / "cameras", hidden)}
-    for name, write in TOOLS.items():
+    for name, (typed, *sizes) in TOOLS.items():
+        faults = parse_faults(typed.format(*((-1) ** seed * size for size in sizes)).split())
         shutil.copytree(folder / "right", folder / name, dirs_exist_ok=True)
         for path in (folder / name).glob("*.h5"):
-            with h5py.File(path, "a") as file:
-                write(file, (-1) ** seed)
+            write_tool(path, faults)
         found[name] = judged(folder / name, {"tool": name})
         shutil.rmtree(folder / name)
     return found
+
+
+def write_tool(path: Path, faults: Faults) -> None:
+    """Write what a robot with these faults would have said into what right cameras recorded."""
+    with h5py.File(path, "a") as file:
+        poses, mesh = file["tool/world_from_tool"], file["tool/mesh/vertices"]
+        said = faults.recorded_tool(Tool(file["frames/time_s"][:], poses[:], mesh[:], file["tool/mesh/faces"][:]))
+        poses[...], mesh[...] = said.world_from_tool, said.vertices
 
 
 def scored(rows: Sequence[dict[str, Verdict]]) -> dict[str, Any]:

@@ -103,7 +103,7 @@ def settings_page() -> str:
 def effects_page() -> str:
     """List the laws of the library and the sensor faults."""
     from plop.physics.effects.library import library
-    from plop.sensors.faults.library import FAULTS
+    from plop.sensors.faults.library import ALL_FAULTS
 
     parts = [
         "# Effects and sensor faults",
@@ -128,7 +128,7 @@ def effects_page() -> str:
         ]
     parts.append(
         "## Sensor faults\n\nWritten as `--fault NAME[.PARAMETER]=VALUE[@CAMERA]`; without a parameter the first "
-        "is used, without a camera the first one; `@*` means all cameras."
+        "is used, without a camera the first one; `@*` means all cameras. Those of the tool have no camera."
     )
     lines = [
         (
@@ -137,7 +137,7 @@ def effects_page() -> str:
             code(fault.law),
             ", ".join(f"`{p.name}` [{p.unit}]" for p in fault.parameters),
         )
-        for name, fault in FAULTS.items()
+        for name, fault in ALL_FAULTS.items()
     ]
     parts.append(rows(["fault", "what it is", "law", "parameters"], lines))
     return "\n\n".join(parts) + "\n"

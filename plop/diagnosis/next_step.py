@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from plop.diagnosis.conclusion import Conclusion
+from plop.diagnosis.result import SensorFault
 from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.parameters import short_number, with_unit
+from plop.sensors.faults.clock_offset import ClockOffset
 
 _EASIEST = 3
 """Laws whose limits are given where nothing was found."""
@@ -12,15 +16,11 @@ _PLAN = "`plop plan --diagnosis diagnose@latest`"
 _REPEAT = "repeat the motions of the reference recordings: what the model misses anyway then cancels"
 
 
-def next_step(found: Conclusion) -> str:
+def next_step(found: Conclusion, sensors: Sequence[SensorFault] = ()) -> str:
     """Say what to do next; the commands are meant for the workspace in which this diagnosis is the latest."""
     verdict = found.verdict
     if verdict.kind == VerdictKind.SENSOR:
-        return (
-            "`plop calibrate` checks the cameras again and says how to repair them; to judge physics without one: "
-            "`plop diagnose --exclude CAMERA`. A fault of the tool is repaired where the recordings are made: in its "
-            "pose, its mesh or its clock."
-        )
+        return _repaired(sensors)
     if verdict.kind == VerdictKind.NOTHING_DETECTABLE:
         return _limits(found)
     if verdict.kind == VerdictKind.NONE_OF_THESE:
@@ -33,6 +33,21 @@ def next_step(found: Conclusion) -> str:
         return f"{_PLAN} names the motion that distinguishes {laws}, and how often to record it."
     unsettled = f" Its setting is not determined: {_PLAN} names the motion that would." if found.rivals else ""
     return _added(verdict) + unsettled
+
+
+def _repaired(sensors: Sequence[SensorFault]) -> str:
+    """Name the command that puts the faults right, or leaves a camera out."""
+    late = {fault.camera for fault in sensors if fault.fault == ClockOffset.name}
+    mended = [fault for fault in sensors if fault.camera not in late]
+    exclude = f"leave {' and '.join(sorted(late))} out (`plop diagnose --exclude {','.join(sorted(late))}`)"
+    if not mended:
+        return f"Images cannot be taken again at other times: {exclude}."
+    typed = ",".join(text for fault in mended for text in fault.typed())
+    also = f", and {exclude}" if late else ""
+    return (
+        f"Put it right: `plop repair --recordings RECORDINGS --fault {typed}`{also}; then diagnose what it writes. If "
+        "the reference recordings have the fault, too: the same for them, and fit the model again."
+    )
 
 
 def _added(verdict: Verdict) -> str:

@@ -12,6 +12,7 @@ from plop.diagnosis.limits import Limit
 from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import Reason, Verdict
 from plop.parameters import Estimate
+from plop.sensors.faults.tool import TOOL_FAULTS
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,11 @@ class SensorFault:
     values: Mapping[str, Estimate]
     alternatives: tuple[str, ...]
     """Faults that would explain it as well."""
+
+    def typed(self) -> list[str]:
+        """Write its values as `plop repair --fault` and `plop simulate --fault` take them."""
+        camera = "" if self.fault in TOOL_FAULTS else f"@{self.camera}"
+        return [f"{self.fault}.{key}={found.value:.4g}{camera}" for key, found in self.values.items()]
 
 
 @dataclass(frozen=True)

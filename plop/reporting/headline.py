@@ -14,8 +14,7 @@ from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
 from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import VerdictKind
 from plop.parameters import is_log_change, short_number, with_unit
-from plop.sensors.faults.library import FAULTS
-from plop.sensors.faults.tool import TOOL_FAULTS
+from plop.sensors.faults.library import ALL_FAULTS, TOOL
 
 
 def headline(label: str, found: Diagnosis) -> str:
@@ -135,10 +134,10 @@ def _sensor(label: str, found: Diagnosis) -> str:
 
 
 def _fault(sensor: SensorFault) -> str:
-    known = (FAULTS | TOOL_FAULTS).get(sensor.fault)
+    known = ALL_FAULTS.get(sensor.fault)
     values = [with_unit(short_number(p.value), p.unit) for p in sensor.values.values()]
     size = f", {values[0]}" if len(values) == 1 else ""
-    what = sensor.camera if sensor.fault in TOOL_FAULTS else f"camera {sensor.camera}"
+    what = sensor.camera if sensor.camera == TOOL else f"camera {sensor.camera}"
     return f"{what} is faulty ({known.help if known else _words(sensor.fault)}{size})"
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plop.recordings.edits import Edits
 from plop.recordings.recording import Recording
 from stages.calibrate.correct import find_correction
 from stages.calibrate.evidence import CameraEvidence, gather
-from stages.calibrate.pass_on import Edits
 from stages.calibrate.scan import ScanVerdict, check_scan
 from stages.calibrate.soundness import check_recording
 from stages.calibrate.tool_timing import Offset, episode_offsets, shifted_tool_poses
@@ -69,7 +70,7 @@ def calibrate_episode(
             before[name],
             state.after[name],
             corrected=state.corrected.get(name),
-            depth_scale=edits.depth_factors.get(f"cameras/{name}", 1.0),
+            depth_scale=state.change[name][1] if name in state.change else 1.0,
             reprojection_px=(reprojection_px or {}).get(name),
             offset=offsets.get(name),
             offset_corrected=shift is not None,
@@ -173,7 +174,7 @@ def _add(edits: Edits, recording: Recording, name: str, move: np.ndarray, factor
     if not np.allclose(move, np.eye(4), atol=1e-9):
         edits.poses[f"cameras/{name}"] = move @ poses
     if abs(factor - 1) > 1e-9:
-        edits.depth_factors[f"cameras/{name}"] = factor
+        edits.depth[f"cameras/{name}"] = partial(np.multiply, np.float32(factor))
 
 
 def _common_offset_ms(offsets: Mapping[str, Offset], config: CalibrateConfig) -> float | None:

@@ -15,9 +15,9 @@ from plop.geometry.calibration.board_intrinsics import Intrinsics, calibrate_int
 from plop.geometry.calibration.boards import Board
 from plop.geometry.handeye.solve import difference
 from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
+from plop.recordings.edits import Edits
 from plop.recordings.recording import Recording
 from stages.calibrate.handeye_solve import SolvedCamera, solve_camera
-from stages.calibrate.pass_on import Edits
 
 if TYPE_CHECKING:
     from stages.calibrate.stage import CalibrateConfig

@@ -12,13 +12,13 @@ from plop.artifacts.layouts import Recordings
 from plop.errors import PlopError, remembering
 from plop.geometry.calibration.boards import BoardKind
 from plop.pipeline.stage import Inputs, InputSpec, Output, Stage, Summary
+from plop.recordings.edits import Edits, pass_on
 from plop.recordings.recording import Recording
 from plop.recordings.set import RecordingSet
 from plop.setting_kinds import ALL_CORES, COMMON, Jobs, Range, Settings, Unit
 from stages.calibrate.episode import calibrate_episode
 from stages.calibrate.handeye_held import contradicted
 from stages.calibrate.handeye_solve import NO_COLUMNS
-from stages.calibrate.pass_on import Edits, pass_on
 from stages.calibrate.solved import Solved, board_of, edits_for, solve
 from stages.calibrate.verdict import ORDER, check_usable
 

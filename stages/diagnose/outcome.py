@@ -45,7 +45,7 @@ def diagnosis_of(
         searches=len(search.law_ways),
         error=facts.error or 0.0,
         floor=facts.floor,
-        next_step=next_step(found),
+        next_step=next_step(found, sensors or ()),
         episodes=tuple(names[:count]),
         reference_episodes=tuple(names[count:]),
         dropped={**left_out, **found.dropped},

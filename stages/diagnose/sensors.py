@@ -11,11 +11,7 @@ from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet
 from plop.sensors.estimation.estimate import estimate_sensors, pool
 from plop.sensors.estimation.finding import FaultEstimate, SensorFinding
-from plop.sensors.faults.library import FAULTS
-from plop.sensors.faults.tool import TOOL_FAULTS
-
-TOOL = "tool"
-"""Stands for a camera where all of them share the fault."""
+from plop.sensors.faults.library import ALL_FAULTS, TOOL
 
 
 def sensor_findings(
@@ -45,7 +41,7 @@ def sensor_findings(
 
 
 def _entry(camera: str, fault: FaultEstimate, episodes: int) -> SensorFault:
-    units = {parameter.name: parameter.unit for parameter in (FAULTS | TOOL_FAULTS)[fault.fault].parameters}
+    units = {parameter.name: parameter.unit for parameter in ALL_FAULTS[fault.fault].parameters}
     widths = {key: 1.96 * error for key, error in fault.standard_errors.items()}
     values = {
         key: Estimate(value, value - widths[key], value + widths[key], units[key])

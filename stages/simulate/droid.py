@@ -18,7 +18,7 @@ from plop.geometry.rigid import invert_rigid, pose_from_euler_xyz
 from plop.recordings.readers.droid.writer import STEP_MS, RawCamera, write_droid_episode
 from plop.recordings.readers.mesh.resample import resampled
 from plop.recordings.readers.mesh.sequence import MeshSequence
-from plop.render.virtual_cameras.recorder import Disturbances, cameras_of, disturbed_render
+from plop.render.virtual_cameras.recorder import Disturbances, as_recorded, cameras_of, disturbed_render
 from plop.render.virtual_cameras.settings import CameraSettings
 
 BASE_FROM_WORLD = pose_from_euler_xyz(np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -47,7 +47,7 @@ def write_droid(
         k: Number of the episode: its minute.
         sequence: The episode.
         settings: Cameras and noise, the same as of the recording.
-        disturbances: Faults of the cameras.
+        disturbances: Faults of cameras and tool.
         seed: Seed of texture and noise.
 
     Raises:
@@ -68,6 +68,7 @@ def write_droid(
     with ExitStack() as stack:
         render = disturbed_render(slow, chosen, settings, disturbances, stack, seed=seed)
         views = [[render(frame, camera) for camera in chosen] for frame in range(len(slow))]
+    said = as_recorded(slow, disturbances.faults)
     cameras = [
         RawCamera(
             f"1000000{number}",
@@ -79,7 +80,7 @@ def write_droid(
         )
         for number, camera in enumerate(chosen, 1)
     ]
-    flange = BASE_FROM_WORLD @ slow.world_from_tool @ invert_rigid(pose_from_euler_xyz(FLANGE_FROM_TOOL))
+    flange = BASE_FROM_WORLD @ said.world_from_tool @ invert_rigid(pose_from_euler_xyz(FLANGE_FROM_TOOL))
     shutil.rmtree(draft, ignore_errors=True)
     written = write_droid_episode(
         draft,
@@ -88,7 +89,7 @@ def write_droid(
         moment=_FIRST + timedelta(minutes=k),
         notes=_notes(sequence),
     )
-    trimesh.Trimesh(sequence.tool_vertices, sequence.tool_faces, process=False).export(written / "tool.stl")
+    trimesh.Trimesh(said.tool_vertices, said.tool_faces, process=False).export(written / "tool.stl")
     target = folder / written.relative_to(draft)
     shutil.rmtree(target, ignore_errors=True)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -43,7 +43,7 @@ class SimulateConfig(Settings):
     and episodes) over the noise floor, which is cameras.depth_noise_m. 0 keeps the given amplitudes."""
     fault: tuple[str, ...] = ()
     """Sensor fault: NAME=VALUE of the first camera, or NAME=VALUE@CAMERA; clock, pose_error, pose_drift,
-    depth_scale, depth_bias."""
+    depth_scale, depth_bias. NAME=VALUE of the tool; robot_clock, tool_offset, tool_thickness."""
     episodes: Annotated[int, Range(0, 999), COMMON] = 0
     """Number of episodes; 0 uses the scene's."""
     motions: tuple[str, ...] = ()

@@ -25,6 +25,7 @@ from plop.render.virtual_cameras.rig import ring_cameras
 from plop.render.virtual_cameras.settings import CameraSettings
 from plop.render.virtual_cameras.texture import SolidTexture, seed_from
 from plop.sensors.faults.library import Faults, frame_share
+from plop.sensors.faults.tool import Tool
 
 Render = Callable[[int, Camera], View]
 """`(frame, camera) -> the recorded view`."""
@@ -32,10 +33,10 @@ Render = Callable[[int, Camera], View]
 
 @dataclass(frozen=True)
 class Disturbances:
-    """Faults of the cameras, besides noise of their depth; none by default."""
+    """Faults of cameras and tool, besides noise of depth; none by default."""
 
     faults: Faults = field(default_factory=lambda: Faults({}))
-    """Wrong clocks, poses and depths, by camera."""
+    """Wrong clocks, poses and depths, by camera; a wrong tool."""
     colour_noise: float = 0.0
     """Standard deviation of noise added to each channel, of 255 [-]."""
     arm_m: float = 0.0
@@ -64,8 +65,15 @@ def record(
     images = len(sequence) * len(cameras)
     with ExitStack() as stack:
         render = disturbed_render(sequence, cameras, settings, disturbances, stack, seed=seed)
-        for done in write_episode(path, sequence, cameras, render):
+        for done in write_episode(path, as_recorded(sequence, disturbances.faults), cameras, render):
             yield done / images
+
+
+def as_recorded(sequence: MeshSequence, faults: Faults) -> MeshSequence:
+    """Give an episode with the tool as the robot says it is."""
+    true = Tool(sequence.times, sequence.world_from_tool, sequence.tool_vertices, sequence.tool_faces)
+    said = faults.recorded_tool(true)
+    return replace(sequence, world_from_tool=said.world_from_tool, tool_vertices=said.vertices)
 
 
 def cameras_of(sequence: MeshSequence, settings: CameraSettings) -> list[Camera]:

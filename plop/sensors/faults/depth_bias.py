@@ -21,6 +21,10 @@ class DepthBias(Fault):
         """See Fault; depth that would not be positive counts as not measured."""
         return self._add(depth_m, self["offset_m"])
 
+    def true_depth(self, depth_m: np.ndarray) -> np.ndarray:
+        """See Fault; likewise."""
+        return self._add(depth_m, -self["offset_m"])
+
     @staticmethod
     def _add(depth_m: np.ndarray, offset_m: float) -> np.ndarray:
         moved = depth_m + depth_m.dtype.type(offset_m)

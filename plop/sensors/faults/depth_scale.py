@@ -20,3 +20,7 @@ class DepthScale(Fault):
     def depth(self, depth_m: np.ndarray) -> np.ndarray:
         """See Fault."""
         return np.asarray(depth_m * depth_m.dtype.type(self["factor"]))
+
+    def true_depth(self, depth_m: np.ndarray) -> np.ndarray:
+        """See Fault."""
+        return np.asarray(depth_m / depth_m.dtype.type(self["factor"]))

@@ -1,8 +1,8 @@
 """What a sensor fault is: one law of the measurement, with parameters that have units and a range.
 
 The scene is right and the camera records it wrongly. A law turns what a camera says into what is true
-(`true_time`, `true_pose`) and what is true into what the camera would record (`depth`); each hook does nothing unless a
-fault overrides it.
+(`true_time`, `true_pose`, `true_depth`) and what is true into what the camera would record (`depth`); each hook does
+nothing unless a fault overrides it.
 """
 
 from __future__ import annotations
@@ -63,4 +63,8 @@ class Fault:
 
     def depth(self, depth_m: np.ndarray) -> np.ndarray:
         """Give what the camera records for true depth, any shape [m]; 0 (not measured) stays 0."""
+        return depth_m
+
+    def true_depth(self, depth_m: np.ndarray) -> np.ndarray:
+        """Give the true depth where the camera recorded `depth_m`, any shape [m]; 0 stays 0."""
         return depth_m

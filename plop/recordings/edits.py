@@ -1,9 +1,10 @@
-"""Hand a recording on: linked when nothing changed, copied and corrected otherwise."""
+"""Hand a recording on to the next stage: linked when nothing changed, copied and edited otherwise."""
 
 from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,13 +22,16 @@ class Edits:
     """Per "cameras/<id>" or "scan/<id>": K, shape [3, 3] [px]."""
     poses: dict[str, np.ndarray] = field(default_factory=dict)
     """Per "cameras/<id>" or "scan/<id>": world_from_cam, shape [T, 4, 4]."""
-    depth_factors: dict[str, float] = field(default_factory=dict)
-    """Per "cameras/<id>" or "scan/<id>"."""
+    depth: dict[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
+    """Per "cameras/<id>" or "scan/<id>": recorded depth [H, W] [m] -> another; 0 (not measured) stays 0."""
     world_from_tool: np.ndarray | None = None
     """[T, 4, 4]"""
+    tool_vertices: np.ndarray | None = None
+    """[V, 3] [m]"""
 
     def __bool__(self) -> bool:
-        return bool(self.intrinsics or self.poses or self.depth_factors or self.world_from_tool is not None)
+        tool = self.world_from_tool is not None or self.tool_vertices is not None
+        return bool(self.intrinsics or self.poses or self.depth) or tool
 
 
 def pass_on(source: Path, target: Path, edits: Edits) -> None:
@@ -61,7 +65,9 @@ def _edit(path: Path, edits: Edits) -> None:
             file[f"{key}/world_from_cam"][...] = poses
         if edits.world_from_tool is not None:
             file["tool/world_from_tool"][...] = edits.world_from_tool
-        for key, factor in edits.depth_factors.items():
+        if edits.tool_vertices is not None:
+            file["tool/mesh/vertices"][...] = edits.tool_vertices
+        for key, change in edits.depth.items():
             depth = file[f"{key}/depth_m"]
             for frame in range(len(depth)):
-                depth[frame] = np.nan_to_num(depth[frame], nan=0.0) * np.float32(factor)
+                depth[frame] = change(np.nan_to_num(depth[frame], nan=0.0))
