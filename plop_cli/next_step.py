@@ -70,7 +70,8 @@ def _onward(artifacts: Sequence[Artifact], place: str) -> NextStep:
     stages = {artifact.key[0]: artifact for artifact in line}
     several = len({artifact.manifest.environment for artifact in artifacts}) > 1
     chosen = f" --env {shlex.quote(environment)}" if several else ""
-    last = max(stages, key=lambda name: places().get(name, -1))
+    repaired = artifacts[-1] if artifacts[-1].key[0] == "repair" else None
+    last = "repair" if repaired else max(stages, key=lambda name: places().get(name, -1))
     if last == "filter" and "train" in stages:
         last = "train"
     if last == "calibrate" and _only_bad(stages[last]):
@@ -81,11 +82,13 @@ def _onward(artifacts: Sequence[Artifact], place: str) -> NextStep:
     if last not in NEXT:
         page = next(iter(sorted(stages[last].path.glob("*.html"))), stages[last].path).name
         return NextStep(f"plop export {stages[last].address} OUT{place}", f"all stages are done; the page is {page}")
-    ref = next(ref for ref in pipeline() if ref.name == NEXT[last])
     models = [artifact.address for artifact in line if artifact.key[0] in MODELS]
+    following = NEXT[last] if models or not repaired else NEXT["calibrate"]
+    ref = next(ref for ref in pipeline() if ref.name == following)
     model = ref.load().inputs.get("model") if models else None
     named = f" --model {models[-1]}" if model is not None and model.choice is Choice.ANY_LINE and model.read else ""
-    return NextStep(f"plop {ref.command}{named}{chosen}{place}", ref.help)
+    recordings = f" --recordings {repaired.address}" if repaired else ""  # beside those with the fault
+    return NextStep(f"plop {ref.command}{named}{recordings}{chosen}{place}", ref.help)
 
 
 def _only_bad(calibration: Artifact) -> bool:

@@ -33,13 +33,13 @@ def _diagnose_time() -> str:
             each["what"],
             each["laws"],
             each["engine_runs"],
-            f"{each['screen_s'] / 60:.1f}",
-            f"{each['whole_s'] / 60:.1f}",
-            each["verdict"],
+            f"{each['seconds'] / 60:.1f}",
+            each["goal_min"] or "-",
+            " ".join([each["verdict"], *each["named"]]),
         ]
         for each in read("diagnose_time")["diagnoses"]
     ]
-    return rows(["diagnosis", "laws", "engine runs", "screen [min]", "whole [min]", "verdict"], lines)
+    return rows(["diagnosis", "laws", "engine runs", "time [min]", "goal [min]", "verdict"], lines)
 
 
 def _waiting() -> str:

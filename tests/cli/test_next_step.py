@@ -38,6 +38,8 @@ def step(*stages: str, **more) -> str:
         (("ingest",), "plop calibrate"),
         (("simulate",), "plop fuse"),
         (("ingest", "calibrate"), "plop fuse"),
+        (("ingest", "calibrate", "repair"), "plop fuse --recordings repair@01010101"),
+        (("train", "diagnose", "repair"), "plop diagnose --model train@01010101 --recordings repair@01010101"),
         (("ingest", "calibrate", "fuse"), "plop fit-init"),
         (("fuse", "ingest", "fit-init"), "plop train"),
         (("ingest", "fit-init", "train"), "plop rollout"),
