@@ -11,11 +11,12 @@ from plop.diagnosis.calibration import LEAST
 from plop.diagnosis.conclusion import conclude
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.next_step import next_step
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.result import Diagnosis, SensorFault
 from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured
 from plop.diagnosis.verdict import Reason
 from plop.errors import PlopError
+from plop.parameters import Estimate
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import diagnosis_of, rows_of
 from tests.support.coarse_episodes import BASE
@@ -251,7 +252,8 @@ def test_a_sensor_fault_comes_before_physics():
         sensors=["clock of cam_02: 40 ms"],
     )
     assert (found.verdict.kind, found.verdict.named) == ("SENSOR", ("clock of cam_02: 40 ms",))
-    assert "clock of cam_02" in found.verdict.text and "plop calibrate" in next_step(found)
+    late = SensorFault("cam_02", "clock", "clock of cam_02: 40 ms", 9.0, {"offset_s": Estimate(0.04)}, ())
+    assert "clock of cam_02" in found.verdict.text and "--exclude cam_02" in next_step(found, [late])
 
 
 def test_without_reference_nothing_is_named_and_a_reference_is_asked_for():
