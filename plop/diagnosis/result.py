@@ -12,7 +12,7 @@ from plop.diagnosis.limits import Limit
 from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import Reason, Verdict
 from plop.parameters import Estimate
-from plop.sensors.faults.tool import TOOL_FAULTS
+from plop.sensors.faults.library import TOOL
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class SensorFault:
 
     def typed(self) -> list[str]:
         """Write its values as `plop repair --fault` and `plop simulate --fault` take them."""
-        camera = "" if self.fault in TOOL_FAULTS else f"@{self.camera}"
+        camera = "" if self.camera == TOOL else f"@{self.camera}"
         return [f"{self.fault}.{key}={found.value:.4g}{camera}" for key, found in self.values.items()]
 
 

@@ -29,8 +29,9 @@ def thickened(vertices: np.ndarray, faces: np.ndarray, distance_m: float) -> np.
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     _, place = np.unique(welded(vertices, np.arange(len(vertices))), return_inverse=True)
-    steps = np.zeros_like(vertices, dtype=float)
-    for corner in np.unique(place[faces]):
-        around = normals[(place[faces] == corner).any(axis=1)]
-        steps[place == corner] = np.linalg.lstsq(around, np.full(len(around), distance_m), rcond=_ALIKE)[0]
-    return np.asarray(vertices + steps)
+    squares, sums = np.zeros((len(vertices), 3, 3)), np.zeros((len(vertices), 3))
+    for corner in place[faces].T:  # normal equations of each corner
+        np.add.at(squares, corner, normals[:, :, None] * normals[:, None])
+        np.add.at(sums, corner, normals)
+    steps = np.einsum("vij,vj->vi", np.linalg.pinv(squares, rcond=_ALIKE**2, hermitian=True), distance_m * sums)
+    return np.asarray(vertices + steps[place])
