@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.physics.engine.kernels.tool_contact import tool_gap
+from plop.physics.engine.kernels.tool_contact import facing, tool_gap
+from plop.physics.engine.surface_normals import outward_normals
 from plop.physics.engine.tool_motion import ToolKind, ToolShape
 from plop.physics.scenes.tools import blade_mesh, box_mesh, cylinder_mesh
 
@@ -42,3 +43,31 @@ def test_a_round_wall_has_no_gaps_between_its_facets():
     for angle in np.linspace(0, 2 * np.pi, 97):
         place = (radius + 0.9 * reach) * np.array([np.cos(angle), np.sin(angle)])
         assert gap(punch, (*place, 0.01), reach) < reach
+
+
+def test_at_an_edge_the_face_pushes_that_looks_against_the_surface():
+    punch = ToolShape.from_mesh(*box_mesh((0.024, 0.024, 0.020)))
+    place = (np.array([0.0115, 0.0, 0.002]) - punch.center) @ punch.axes
+
+    def pushed(outward: tuple[float, float, float], near: float) -> np.ndarray:
+        d, y, z = (np.float32(v) for v in place)
+        normal = np.array(outward) @ punch.axes
+        return punch.axes @ np.array(facing(punch.faces, d, y, z, np.float32(near), *map(np.float32, normal)))
+
+    assert pushed((0, 0, 1), 0.005) == pytest.approx([0, 0, -1], abs=1e-5), "a top before the side wall goes under"
+    assert pushed((-1, 0, 0), 0.005) == pytest.approx([1, 0, 0], abs=1e-5), "a side is pushed aside"
+    assert pushed((-1, 0, 1), 0.005) == pytest.approx([1, 0, 0], abs=1e-5), "of equals, the nearest face"
+    assert pushed((0, 0, 1), 0.0005) == pytest.approx([1, 0, 0], abs=1e-5), "what is deep below counts no more"
+
+
+def test_normals_are_those_of_the_surface_before_it_deformed():
+    side = np.arange(5) * 0.01
+    cube = np.stack(np.meshgrid(side, side, side, indexing="ij"), -1).reshape(-1, 3)
+    volumes = np.full(len(cube), 1e-6)
+    stretched = np.diag([1.2, 1.0, 0.9]) @ np.array([[1, 0.2, 0], [0, 1, 0], [0, 0, 1.0]])
+    found = outward_normals(cube @ stretched.T, np.tile(stretched, (len(cube), 1, 1)), volumes)
+    within = ((cube > 0.005) & (cube < 0.035)).all(1)
+    assert not found[within].any()
+    assert np.abs(np.linalg.norm(found[~within], axis=1) - 1).max() < 1e-5
+    top = (np.abs(cube[:, :2] - 0.02) < 0.005).all(1) & (cube[:, 2] > 0.035)
+    assert found[top] == pytest.approx(np.array([[0.0, 0.0, 1.0]]), abs=0.05)

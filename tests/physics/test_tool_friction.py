@@ -10,7 +10,7 @@ from plop.physics.engine.material import Material
 from plop.physics.engine.solver import EngineTrajectory, simulate
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.shapes import Shape, whole_body
-from plop.physics.scenes.tools import box_mesh
+from plop.physics.scenes.tools import box_mesh, cylinder_mesh
 
 TOP_M, DEPTH_M, DOWN_S, AWAY_S = 0.024, 0.0025, 0.1, 0.3
 BODY = whole_body(Shape("block", (0.056, 0.040, TOP_M)), 0.008)
@@ -47,3 +47,27 @@ def test_a_run_that_goes_on_still_holds():
     first = dragged(4.0, 0.003, times=slice(0, 20))
     rest = dragged(4.0, 0.003, start=first.final, times=slice(19, None))
     assert np.abs(rest.positions[-1] - whole.positions[-1]).max() < 1e-4
+
+
+PUNCHES = {"box": box_mesh((0.02, 0.02, 0.024)), "cylinder": cylinder_mesh(0.012, 0.024)}
+
+
+def pressed_and_dragged(friction: float, punch: str, spacing_m: float) -> np.ndarray:
+    """Press a punch narrower than a block into it and drag it; lateral over normal force at the frames of the drag."""
+    block = whole_body(Shape("block", (0.060, 0.040, 0.040)), spacing_m)
+    frames = np.arange(0, 0.5, 0.02)
+    poses = np.tile(np.eye(4), (len(frames), 1, 1))
+    poses[:, 2, 3] = np.interp(frames, [0, 0.1], [0.0405, 0.036])
+    poses[:, 0, 3] = np.interp(frames, [0.2, 0.4], [-0.005, 0.005])
+    material = Material(2e4, 0.4, table_friction=10.0, tool_friction=friction, damping_per_s=2.0)
+    tool = ToolMotion(*PUNCHES[punch], frames, poses)
+    run = simulate(block.particles, material, tool, frames, EngineConfig(dx_m=2 * spacing_m))
+    force = run.tool_force[11:]
+    return np.linalg.norm(force[:, :2], axis=1) / -force[:, 2]
+
+
+@pytest.mark.parametrize("punch", PUNCHES)
+@pytest.mark.parametrize("spacing_m", [0.0045, 0.0065])
+def test_a_smooth_punch_slides_over_a_block_and_does_not_plough(punch: str, spacing_m: float):
+    assert pressed_and_dragged(0.0, punch, spacing_m).max() < 0.01
+    assert pressed_and_dragged(0.3, punch, spacing_m).max() < 0.3 * 1.05

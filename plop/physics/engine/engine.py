@@ -14,12 +14,13 @@ from plop.physics.engine.kernels.step import advance, touch
 from plop.physics.engine.law import Hook, Law
 from plop.physics.engine.material import Material
 from plop.physics.engine.particles import Particles
+from plop.physics.engine.surface_normals import outward_normals
 from plop.physics.engine.time_step import comparable_step_s, highest_speed_m_s, run_step_s
 from plop.physics.engine.tool_motion import ToolKind, ToolMotion, kernel_poses
 from plop.physics.engine.tracers import Tracers
 
 _MAX_NODES = 30_000_000
-_PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius", "held")
+_PER_PARTICLE = ("x", "v", "c", "f", "side", "fixed", "cut", "number", "mass", "volume", "radius", "held", "outward")
 
 
 class UnstableStepError(Exception):
@@ -83,6 +84,7 @@ class Engine:
         self.volume = volume[own]
         self.radius = _given(particles.radii, 0.5 * np.cbrt(volume))[own]
         self.held = _given(particles.held, np.zeros((count, 3)))[own]
+        self.outward = outward_normals(self.x, self.f, self.volume)
 
     def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
         """What effects remember of each particle: as given, else their first values."""
@@ -189,7 +191,7 @@ class Engine:
         if self._kind == ToolKind.NONE:
             return
         grid = self._grid
-        pushed = (self.x, self.v, self.mass, self.radius, self.side, self.cut, self.held)
+        pushed = (self.x, self.v, self.mass, self.radius, self.side, self.cut, self.held, self.outward, self.f)
         band = np.float32(self.config.band_cells * grid.dx)
         elastic = (self._friction[1], self._modulus, self._density)
         sides = (self.fixed, grid.bounds, self.tracers.to_mark)

@@ -26,7 +26,7 @@ def touch(pushed, fixed, bounds, tracers, tool, band, friction, modulus, density
     """Let the tool cut and push particles.
 
     Takes:
-        pushed, fixed: x, v, mass, radius, side, cut, held of `push_tool`; sides given beforehand, see `mark_sides`.
+        pushed, fixed: x, v, mass, radius, side, cut, held, outward and f of `push_tool`; sides given beforehand, see `mark_sides`.
         bounds: Chunks of particles.
         tracers: x, side, cut, fixed, radius and chunks of the tracers.
         tool: Kind, pose, faces and thickness, see `ToolShape` and `kernel_poses`.
@@ -34,14 +34,14 @@ def touch(pushed, fixed, bounds, tracers, tool, band, friction, modulus, density
         pushes: Written, see `push_tool`.
         impulse: The tool's on the object is added, [3] [N s].
     """
-    x, v, mass, radius, side, cut, held = pushed
+    x, v, mass, radius, side, cut, held, outward, f = pushed
     kind, pose, faces, thickness = tool
     if kind == _BLADE:
         mark_sides(x, side, cut, fixed, radius, pose, faces, thickness, band, bounds)
         places, sides, passed, given, radii, chunks = tracers
         mark_sides(places, sides, passed, given, radii, pose, faces, thickness, band, chunks)
     push_tool(
-        x, v, mass, radius, side, cut, held, bounds, kind, pose, faces, thickness,
+        x, v, mass, radius, side, cut, held, outward, f, bounds, kind, pose, faces, thickness,
         friction, modulus, density, dx, dt, pushes,
     )  # fmt: skip
     for chunk in range(pushes.shape[0]):

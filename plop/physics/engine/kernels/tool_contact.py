@@ -25,6 +25,8 @@ STIFFNESS = np.float32(4)
 """Contact pressure over penetration, in (P-wave modulus / cell): a pressure of 0.2 E sinks in by 0.05 cells."""
 _DAMPING = np.float32(0.3)
 """Damping of the contact, share of the critical one."""
+_CLEARLY = np.float32(0.01)
+"""By so much more must a face look against the surface than the nearest one, or rounding decides [-]."""
 
 
 @njit(fastmath=True, forceinline=True)
@@ -100,6 +102,45 @@ def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
     return (sign * d - half_thickness(thickness, y, z)) / length, sign / length, ny / length, nz / length
 
 
+@njit(fastmath=True, forceinline=True)
+def turned(f, p, outward):
+    """Give the direction that a particle's outward normal has after its deformation: cof(F) n (Nanson 1878)."""
+    x, y, z = outward[p, 0], outward[p, 1], outward[p, 2]
+    ax, ay, az = f[p, 0, 0], f[p, 1, 0], f[p, 2, 0]
+    bx, by, bz = f[p, 0, 1], f[p, 1, 1], f[p, 2, 1]
+    cx, cy, cz = f[p, 0, 2], f[p, 1, 2], f[p, 2, 2]
+    return (
+        x * (by * cz - bz * cy) + y * (cy * az - cz * ay) + z * (ay * bz - az * by),
+        x * (bz * cx - bx * cz) + y * (cz * ax - cx * az) + z * (az * bx - ax * bz),
+        x * (bx * cy - by * cx) + y * (cx * ay - cy * ax) + z * (ax * by - ay * bx),
+    )
+
+
+@njit(fastmath=True, forceinline=True)
+def facing(faces, d, y, z, near, nd, ny, nz):
+    """Give the normal of the solid's face that looks most against a surface of outward normal n.
+
+    At an edge the solid's own normal may be that of either face, and only the touched surface has one direction. With
+    the face that is least far away, an edge that is dragged over a surface would push the particles before it like a
+    plough, where a smooth punch only slides. Pressure along the normal of the soft surface, which grows
+    with the depth in the tool, derives from a potential: it takes no work round a closed way (Elandt et al. 2019).
+
+    Takes:
+        faces, d, y, z: See `tool_gap`.
+        near: Faces count that are at most so much deeper than the nearest [m].
+        nd, ny, nz: n, in the tool's frame.
+    """
+    height, face = solid_height(faces, d, y, z)
+    best = faces[face, 0] * nd + faces[face, 1] * ny + faces[face, 2] * nz - _CLEARLY
+    for k in range(faces.shape[0]):
+        if faces[k, 0] * d + faces[k, 1] * y + faces[k, 2] * z - faces[k, 3] < height - near:
+            continue
+        along = faces[k, 0] * nd + faces[k, 1] * ny + faces[k, 2] * nz
+        if along < best:
+            best, face = along, k
+    return faces[face, 0], faces[face, 1], faces[face, 2]
+
+
 @kernel(parallel=True)
 def push_tool(
     x,
@@ -109,6 +150,8 @@ def push_tool(
     side,
     cut,
     held,
+    outward,
+    f,
     bounds,
     kind,
     pose,
@@ -134,6 +177,7 @@ def push_tool(
             from a particle to the end of its material [N] [m].
         side, cut: Sides [N] and passage of the blade [N].
         held: Updated: way along the tool's surface since it touched a particle, as far as friction holds it [N, 3] [m].
+        outward, f: Normal of the undeformed surface, 0 within the material [N, 3]; deformation gradient [N, 3, 3].
         bounds: Chunks [chunks + 1].
         kind, pose, faces, thickness: Tool, see `ToolShape` and `kernel_poses`.
         friction: Coulomb coefficient [-].
@@ -155,6 +199,14 @@ def push_tool(
             depth = radius[p] - gap
             push = _ZERO
             if depth > _ZERO:
+                mx, my, mz = turned(f, p, outward)
+                size = math.sqrt(mx * mx + my * my + mz * mz)
+                if kind == 2 and size > _TINY:
+                    mx, my, mz = mx / size, my / size, mz / size
+                    qd = mx * pose[1, 0] + my * pose[1, 1] + mz * pose[1, 2]
+                    qy = mx * pose[2, 0] + my * pose[2, 1] + mz * pose[2, 2]
+                    qz = mx * pose[3, 0] + my * pose[3, 1] + mz * pose[3, 2]
+                    nd, ny, nz = facing(faces, d, y, z, dx, qd, qy, qz)
                 wx = nd * pose[1, 0] + ny * pose[2, 0] + nz * pose[3, 0]
                 wy = nd * pose[1, 1] + ny * pose[2, 1] + nz * pose[3, 1]
                 wz = nd * pose[1, 2] + ny * pose[2, 2] + nz * pose[3, 2]
