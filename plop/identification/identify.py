@@ -13,7 +13,6 @@ from trimesh.triangles import area, mass_properties
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.compute.workers import workers
 from plop.errors import PlopError
-from plop.identification.first_guess import best_guess
 from plop.identification.tracked_case import SlopeCase, TrackedCase, mean_square
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import Calibration, calibrate
@@ -87,7 +86,7 @@ def identify(
 
     Args:
         episodes: What to follow.
-        start: First guess, which is varied, and everything that is not fitted.
+        start: First guess, and everything that is not fitted.
         names: Fields of Material.
         iterations: Most Gauss-Newton steps.
         jobs: Processes.
@@ -106,8 +105,7 @@ def identify(
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
     slopes: list[Any] = [SlopeCase(episode, coarser) for episode in episodes]
-    guess, runs = best_guess(slopes, start.material, names, jobs)
     found = calibrate(
-        cases, guess, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
+        cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
     )
-    return replace(start, material=found.material), replace(found, rollouts=found.rollouts + runs)
+    return replace(start, material=found.material), found

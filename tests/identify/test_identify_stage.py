@@ -10,9 +10,8 @@ import pytest
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.errors import PlopError
-from plop.identification.first_guess import best_guess
 from plop.identification.identify import identify, spacing_for, starts_settled
-from plop.identification.tracked_case import SlopeCase, TrackedCase
+from plop.identification.tracked_case import TrackedCase
 from plop.models import load_model
 from plop.parameters import NOT_DETERMINED, Estimate
 from plop.physics.adapters.filled import EngineBase
@@ -132,26 +131,3 @@ def test_what_the_recordings_hardly_tell_is_said():
     assert "(anything)" in warnings[1] and "bound of its range" in warnings[2]
     assert all(NOT_DETERMINED in warning for warning in warnings)
     assert [row["determined"] for row in _summary(BASE, found, 4, {}).table] == ["yes", *[NOT_DETERMINED] * 3]
-
-
-def test_the_first_guess_is_the_best_of_a_grid_and_keeps_what_is_not_fitted():
-    cases = [SlopeCase(coarse_episode(k), BASE) for k in range(2)]
-    far = replace(MATERIAL, table_friction=MATERIAL.table_friction / 1.5, tool_friction=1.5 * MATERIAL.tool_friction)
-    found, runs = best_guess(cases, far, ("table_friction", "tool_friction", "damping_per_s"), jobs=1)
-    assert runs == 2 * 9
-    assert found.table_friction == pytest.approx(MATERIAL.table_friction)
-    assert replace(found, table_friction=far.table_friction, tool_friction=far.tool_friction) == far
-    assert best_guess(cases, far, ("damping_per_s",), jobs=1) == (far, 0)
-
-
-def test_a_guess_on_which_the_engine_is_unstable_is_passed_over():
-    case = SlopeCase(coarse_episode(0), BASE)
-
-    class Unstable(SlopeCase):
-        def predict(self, material, config):
-            if material.youngs_modulus_pa > 1e4:
-                raise PlopError("unstable", fix="softer")
-            return super().predict(material, config)
-
-    found, _ = best_guess([Unstable(case.episode, BASE)], MATERIAL, ("youngs_modulus_pa",), jobs=1)
-    assert found.youngs_modulus_pa == pytest.approx(1.5e4 / 1.6)

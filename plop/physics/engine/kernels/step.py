@@ -26,7 +26,8 @@ def touch(pushed, fixed, bounds, tracers, tool, band, friction, modulus, density
     """Let the tool cut and push particles.
 
     Takes:
-        pushed, fixed: x, v, mass, radius, side, cut, held, outward and f of `push_tool`; sides given beforehand, see `mark_sides`.
+        pushed: x, v, mass, radius, side, cut, held, outward and f of `push_tool`.
+        fixed: Sides given beforehand, see `mark_sides`.
         bounds: Chunks of particles.
         tracers: x, side, cut, fixed, radius and chunks of the tracers.
         tool: Kind, pose, faces and thickness, see `ToolShape` and `kernel_poses`.
