@@ -13,6 +13,7 @@ from trimesh.triangles import area, mass_properties
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.compute.workers import workers
 from plop.errors import PlopError
+from plop.identification.first_guess import stiffness_first
 from plop.identification.tracked_case import SlopeCase, TrackedCase, mean_square
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import Calibration, calibrate
@@ -105,7 +106,8 @@ def identify(
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
     slopes: list[Any] = [SlopeCase(episode, coarser) for episode in episodes]
+    guess, runs = stiffness_first(slopes, start.material, jobs) if "youngs_modulus_pa" in names else (start.material, 0)
     found = calibrate(
-        cases, start.material, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
+        cases, guess, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
     )
-    return replace(start, material=found.material), found
+    return replace(start, material=found.material), replace(found, rollouts=found.rollouts + runs)

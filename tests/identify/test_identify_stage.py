@@ -10,8 +10,9 @@ import pytest
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.errors import PlopError
+from plop.identification.first_guess import FACTOR, stiffness_first
 from plop.identification.identify import identify, spacing_for, starts_settled
-from plop.identification.tracked_case import TrackedCase
+from plop.identification.tracked_case import SlopeCase, TrackedCase
 from plop.models import load_model
 from plop.parameters import NOT_DETERMINED, Estimate
 from plop.physics.adapters.filled import EngineBase
@@ -131,3 +132,24 @@ def test_what_the_recordings_hardly_tell_is_said():
     assert "(anything)" in warnings[1] and "bound of its range" in warnings[2]
     assert all(NOT_DETERMINED in warning for warning in warnings)
     assert [row["determined"] for row in _summary(BASE, found, 4, {}).table] == ["yes", *[NOT_DETERMINED] * 3]
+
+
+@pytest.mark.parametrize("times", [0.15, 1.0, 7.0])
+def test_the_stiffness_is_sought_first_however_far_the_guess_is(times: float):
+    cases = [SlopeCase(coarse_episode(k), BASE) for k in range(2)]
+    guess = replace(MATERIAL, youngs_modulus_pa=times * MATERIAL.youngs_modulus_pa)
+    found, runs = stiffness_first(cases, guess, jobs=1)
+    assert replace(found, youngs_modulus_pa=guess.youngs_modulus_pa) == guess, "the rest stays as it is given"
+    assert abs(np.log(found.youngs_modulus_pa / MATERIAL.youngs_modulus_pa)) < 0.5 * np.log(FACTOR) + 1e-6
+    assert runs == 9 * len(cases)
+
+
+def test_a_stiffness_on_which_the_engine_is_unstable_is_passed_over():
+    class Unstable(SlopeCase):
+        def predict(self, material, config):
+            if material.youngs_modulus_pa > 1e4:
+                raise PlopError("unstable", fix="softer")
+            return super().predict(material, config)
+
+    found, _ = stiffness_first([Unstable(coarse_episode(0), BASE)], MATERIAL, jobs=1)
+    assert found.youngs_modulus_pa < 1e4
