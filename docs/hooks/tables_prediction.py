@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from statistics import mean
+from typing import Any
 
 from markdown_parts import rows
 from result_files import Table, read
@@ -74,18 +75,38 @@ def _engine_disect() -> str:
     return rows(head, lines)
 
 
+ABLATED = {"cd_mm": 3, "emd_mm": 3, "ssim": 3, "psnr_db": 2, "j": 3}
+"""Metric -> its digits."""
+ABLATED_HEAD = ["CD [mm]", "EMD [mm]", "SSIM", "PSNR [dB]", "J"]
+
+
 def _ablation() -> str:
-    """Show what images and resampling change, with persistence in the last line."""
-    shown = {"cd_mm": 3, "emd_mm": 3, "ssim": 3, "psnr_db": 2, "j": 3}
-    variants = read("ablation")["rows"]
-    lines = [
-        [row["targets"], "on" if row["resampling"] else "off", f"{row['splits']:.0f}", f"{row['merges']:.0f}"]
-        + [f"{row[key]:.{digits}f}" for key, digits in shown.items()]
-        for row in variants
-    ]
-    still = ["persistence", "", "", "", *(f"{variants[0]['persistence'][key]:.{n}f}" for key, n in shown.items())]
-    head = ["targets", "resampling", "splits", "merges", "CD [mm]", "EMD [mm]", "SSIM", "PSNR [dB]", "J"]
-    return rows(head, [*lines, still])
+    """Show the means of each variant over seeds, with persistence in the last line of an environment."""
+    grouped: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for row in read("ablation")["rows"]:
+        grouped.setdefault((row["environment"], row["targets"], "on" if row["resampling"] else "off"), []).append(row)
+    lines = []
+    for environment in dict.fromkeys(key[0] for key in grouped):
+        own = {key: found for key, found in grouped.items() if key[0] == environment}
+        for key, found in own.items():
+            counts = [f"{mean(row[name] for row in found):.0f}" for name in ("splits", "merges")]
+            scores = [f"{mean(row[name] for row in found):.{n}f}" for name, n in ABLATED.items()]
+            lines.append([*key, len(found), *counts, *scores])
+        still = next(iter(own.values()))[0]["persistence"]
+        lines.append([environment, "persistence", *[""] * 4, *(f"{still[key]:.{n}f}" for key, n in ABLATED.items())])
+    return rows(["environment", "targets", "resampling", "seeds", "splits", "merges", *ABLATED_HEAD], lines)
+
+
+def _ablation_changes() -> str:
+    """Show paired differences with their intervals."""
+    lines = []
+    for row in read("ablation")["effects"]:
+        what = f"{row['targets']}, {'on' if row['resampling'] else 'off'}, less {row['than']}"
+        cells = [
+            f"{row[key]['mean']:.{n}f} [{row[key]['low']:.{n}f}, {row[key]['high']:.{n}f}]" for key, n in ABLATED.items()
+        ]
+        lines.append([what, row["n"], *cells])
+    return rows(["targets, resampling", "pairs", *ABLATED_HEAD], lines)
 
 
 BANDS = {
@@ -127,6 +148,7 @@ TABLES: dict[str, Table] = {
     "models": (_models, EACH),
     "halves": (_halves, ("cut_halves",)),
     "ablation": (_ablation, ("ablation",)),
+    "ablation-changes": (_ablation_changes, ("ablation",)),
     "engine-disect": (_engine_disect, ("engine_disect",)),
     "bands": (_bands, ("bands",)),
     "bands-dealt": (_dealt_again, ("bands",)),
