@@ -104,16 +104,16 @@ def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
 
 @njit(fastmath=True, forceinline=True)
 def turned(f, p, outward):
-    """Give the direction that a particle's outward normal has after its deformation: cof(F) n (Nanson 1878)."""
+    """Turn a particle's outward normal as its deformation does: cof(F) n (Nanson 1878), of unit length or 0."""
     x, y, z = outward[p, 0], outward[p, 1], outward[p, 2]
     ax, ay, az = f[p, 0, 0], f[p, 1, 0], f[p, 2, 0]
     bx, by, bz = f[p, 0, 1], f[p, 1, 1], f[p, 2, 1]
     cx, cy, cz = f[p, 0, 2], f[p, 1, 2], f[p, 2, 2]
-    return (
-        x * (by * cz - bz * cy) + y * (cy * az - cz * ay) + z * (ay * bz - az * by),
-        x * (bz * cx - bx * cz) + y * (cz * ax - cx * az) + z * (az * bx - ax * bz),
-        x * (bx * cy - by * cx) + y * (cx * ay - cy * ax) + z * (ax * by - ay * bx),
-    )
+    nx = x * (by * cz - bz * cy) + y * (cy * az - cz * ay) + z * (ay * bz - az * by)
+    ny = x * (bz * cx - bx * cz) + y * (cz * ax - cx * az) + z * (az * bx - ax * bz)
+    nz = x * (bx * cy - by * cx) + y * (cx * ay - cy * ax) + z * (ax * by - ay * bx)
+    length = max(math.sqrt(nx * nx + ny * ny + nz * nz), _TINY)
+    return nx / length, ny / length, nz / length
 
 
 @njit(fastmath=True, forceinline=True)
@@ -128,7 +128,7 @@ def facing(faces, d, y, z, near, nd, ny, nz):
     Takes:
         faces, d, y, z: See `tool_gap`.
         near: Faces count that are at most so much deeper than the nearest [m].
-        nd, ny, nz: n, in the tool's frame.
+        nd, ny, nz: n, in the tool's frame; 0 within the material, where the nearest face pushes.
     """
     height, face = solid_height(faces, d, y, z)
     best = faces[face, 0] * nd + faces[face, 1] * ny + faces[face, 2] * nz - _CLEARLY
@@ -199,14 +199,12 @@ def push_tool(
             depth = radius[p] - gap
             push = _ZERO
             if depth > _ZERO:
-                mx, my, mz = turned(f, p, outward)
-                size = math.sqrt(mx * mx + my * my + mz * mz)
-                if kind == 2 and size > _TINY:
-                    mx, my, mz = mx / size, my / size, mz / size
-                    qd = mx * pose[1, 0] + my * pose[1, 1] + mz * pose[1, 2]
-                    qy = mx * pose[2, 0] + my * pose[2, 1] + mz * pose[2, 2]
-                    qz = mx * pose[3, 0] + my * pose[3, 1] + mz * pose[3, 2]
-                    nd, ny, nz = facing(faces, d, y, z, dx, qd, qy, qz)
+                if kind == 2:
+                    mx, my, mz = turned(f, p, outward)
+                    md = mx * pose[1, 0] + my * pose[1, 1] + mz * pose[1, 2]
+                    me = mx * pose[2, 0] + my * pose[2, 1] + mz * pose[2, 2]
+                    mf = mx * pose[3, 0] + my * pose[3, 1] + mz * pose[3, 2]
+                    nd, ny, nz = facing(faces, d, y, z, dx, md, me, mf)
                 wx = nd * pose[1, 0] + ny * pose[2, 0] + nz * pose[3, 0]
                 wy = nd * pose[1, 1] + ny * pose[2, 1] + nz * pose[3, 1]
                 wz = nd * pose[1, 2] + ny * pose[2, 2] + nz * pose[3, 2]
