@@ -97,15 +97,16 @@ def _ablation() -> str:
     return rows(["environment", "targets", "resampling", "seeds", "splits", "merges", *ABLATED_HEAD], lines)
 
 
+def _interval(found: dict[str, float], digits: int) -> str:
+    return f"{found['mean']:.{digits}f} [{found['low']:.{digits}f}, {found['high']:.{digits}f}]"
+
+
 def _ablation_changes() -> str:
     """Show paired differences with their intervals."""
     lines = []
     for row in read("ablation")["effects"]:
         what = f"{row['targets']}, {'on' if row['resampling'] else 'off'}, less {row['than']}"
-        cells = [
-            f"{row[key]['mean']:.{n}f} [{row[key]['low']:.{n}f}, {row[key]['high']:.{n}f}]" for key, n in ABLATED.items()
-        ]
-        lines.append([what, row["n"], *cells])
+        lines.append([what, row["n"], *(_interval(row[key], n) for key, n in ABLATED.items())])
     return rows(["targets, resampling", "pairs", *ABLATED_HEAD], lines)
 
 
