@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from plop.diagnosis.hypotheses import Hypothesis
 from plop.diagnosis.score import Score, one_per_setting
 from plop.diagnosis.search import Search
 
@@ -41,11 +42,38 @@ def refine(search: Search, laws: Sequence[str]) -> bool:
 
 
 def settled(search: Search, score: Score) -> tuple[Search, Score]:
-    """Find the amplitude of a law with the weights that it leaves, running it anew where it has moved.
+    """Find the amplitude of a law with the weights that it leaves: the one of several at which it explains most.
+
+    A response that changes its shape with the amplitude, as that of a friction which holds where less of it slips, may
+    repeat itself at one amplitude and explain more at another. So twice and half of what was found are tried.
 
     Returns:
         The search with these weights, and the score there, with the chance of the search as it was.
     """
+    weighted, found = _repeated(search, score)
+    for factor in (2.0, 0.5):
+        for _ in range(_TURNS):
+            start = _elsewhere(search, found.hypothesis, factor)
+            if start is None:
+                break
+            trial, other = _repeated(search, weighted.score_of(start, score.p))
+            if weighted.score_of(other.hypothesis, score.p).strength <= found.strength:
+                break
+            weighted, found = trial, other
+    return weighted, found
+
+
+def _elsewhere(search: Search, hypothesis: Hypothesis, factor: float) -> Hypothesis | None:
+    """Run a law at a multiple of its amplitude; None beyond its range, or where the engine fails."""
+    other = hypothesis.at(factor)
+    if factor > hypothesis.most:
+        return None
+    search.add([other] if other.key not in {h.key for h in search.hypotheses if len(h.runs) == 1} else [])
+    return other if other in search.hypotheses else None
+
+
+def _repeated(search: Search, score: Score) -> tuple[Search, Score]:
+    """Run a law anew at the amplitude that was found, until that repeats itself, with the weights that it leaves."""
     weighted, found = search, score
     for _ in range(_TURNS):
         trial = search.reweighted(found)
@@ -54,11 +82,8 @@ def settled(search: Search, score: Score) -> tuple[Search, Score]:
             break
         weighted, found = trial, new
         multiple = min(new.amount, new.hypothesis.most)
-        if abs(multiple - 1) <= NEAR:
-            break
-        moved = new.hypothesis.at(multiple)
-        search.add([moved] if moved.key not in {h.key for h in search.hypotheses if len(h.runs) == 1} else [])
-        if moved not in search.hypotheses:
+        moved = None if abs(multiple - 1) <= NEAR else _elsewhere(search, new.hypothesis, multiple)
+        if moved is None:
             break
         found = trial.score_of(moved, score.p)
     return weighted, found
@@ -79,10 +104,9 @@ def saturated(search: Search, score: Score) -> tuple[float, float]:
 
 def _alike_to(search: Search, score: Score, factor: float) -> float:
     multiple = 1.0
-    while 1 / _FLATTEST < multiple < _FLATTEST and factor * multiple <= score.hypothesis.most:
-        other = score.hypothesis.at(factor * multiple)
-        search.add([other])
-        if other not in search.hypotheses:
+    while 1 / _FLATTEST < multiple < _FLATTEST:
+        other = _elsewhere(search, score.hypothesis, factor * multiple)
+        if other is None:
             break
         pairs = zip(search.tables[0].response(score.hypothesis), search.tables[0].response(other), strict=True)
         own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)

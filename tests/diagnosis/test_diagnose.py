@@ -146,6 +146,23 @@ def test_the_interval_of_a_law_that_saturates_goes_on_where_its_response_does_no
     assert value.value < 1500 and value.low < 500 and value.high > 3000, value
 
 
+class Turning(Fields):
+    """Swelling does one thing up to its typical rate of 0.1 per second, and something else with what is beyond."""
+
+    def amounts(self, values: dict[str, float]) -> list[float]:
+        found, rate = super().amounts(values), values.get("swelling", 0.0)
+        found[0] = 20 * min(rate, 0.1)
+        found[6] += 6 * max(rate - 0.1, 0)
+        return found
+
+
+def test_a_law_that_repeats_itself_at_one_amplitude_is_followed_to_where_it_explains_more():
+    """At 0.1 its response is found once, exactly; only at more does it explain the rest."""
+    found = Turning().diagnosed({"swelling": 0.3}, LAWS)
+    assert found.verdict.named == ("swelling",)
+    assert finding(found, "swelling").parameters["rate_per_s"].value == pytest.approx(0.3, rel=0.1)
+
+
 class Alike(Fields):
     """Viscosity does what swelling does, but for a little."""
 
