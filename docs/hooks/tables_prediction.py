@@ -97,8 +97,9 @@ def _ablation() -> str:
     return rows(["environment", "targets", "resampling", "seeds", "splits", "merges", *ABLATED_HEAD], lines)
 
 
-def _interval(found: dict[str, float], digits: int) -> str:
-    return f"{found['mean']:.{digits}f} [{found['low']:.{digits}f}, {found['high']:.{digits}f}]"
+def _interval(found: dict[str, float], digits: int, unit: float = 1) -> str:
+    mean, low, high = (f"{unit * found[key]:.{digits}f}" for key in ("mean", "low", "high"))
+    return f"{mean} [{low}, {high}]"
 
 
 def _ablation_changes() -> str:
@@ -119,15 +120,11 @@ BANDS = {
 
 
 def _bands() -> str:
-    def cell(found: dict[str, float], unit: float = 1, digits: int = 2) -> str:
-        mean, low, high = (f"{unit * found[key]:.{digits}f}" for key in ("mean", "low", "high"))
-        return f"{mean} [{low}, {high}]"
-
     lines = []
     for method, name in BANDS.items():
         scores = read("bands")["methods"][method]
-        inside = [cell(scores[key], 100, 0) for key in ("coverage", "coverage_end")]
-        lines.append([name, *inside, *(cell(scores[key]) for key in ("nees", "crps_mm", "radius_mm"))])
+        inside = [_interval(scores[key], 0, 100) for key in ("coverage", "coverage_end")]
+        lines.append([name, *inside, *(_interval(scores[key], 2) for key in ("nees", "crps_mm", "radius_mm"))])
     return rows(["radius", "inside [%]", "inside at the end [%]", "NEES", "CRPS [mm]", "mean radius [mm]"], lines)
 
 
