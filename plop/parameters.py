@@ -49,6 +49,8 @@ class Parameter:
     yielding, tearing), whose response at one amplitude does not predict that at another."""
     logarithmic: bool = False
     """Whether its logarithm is fitted."""
+    prior: float = math.inf
+    """Standard deviation of what is known before a fit, on its scale; infinite: nothing."""
     source: str = ""
     """Source of the number; "" where that of its law applies."""
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from plop.parameters import Estimate, Parameter, estimate_text
-from plop.physics.calibration.gauss_newton import PARAMETERS
+from plop.physics.calibration.material_parameters import PARAMETERS
 from plop.physics.effects.library import library
 from plop.physics.engine.material import Material
 

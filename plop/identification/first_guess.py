@@ -1,8 +1,7 @@
-"""A first guess of the stiffness, which is known least: soft objects differ by orders of magnitude.
+"""Where a fit begins: the likeliest of some draws of the prior, on a coarse grid.
 
-The error has more than one minimum, since an object slips on the table or under the tool, and which of them a descent
-ends in depends on where it begins. Frictions begin where the user says: another engine's errors can make
-a wrong valley of theirs the deeper one.
+The error has many minima, since an object slips on the table or under the tool or sticks, and a stiffness that is best
+with a wrong friction is far from the best. Which minimum a descent ends in depends on where it begins.
 """
 
 from __future__ import annotations
@@ -12,35 +11,43 @@ from dataclasses import replace
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy.stats import norm, qmc
 
 from plop.compute.workers import workers
 from plop.errors import PlopError
 from plop.identification.tracked_case import TrackedCase, mean_square
-from plop.physics.calibration.gauss_newton import PARAMETERS
+from plop.physics.calibration.posterior import Posterior
 from plop.physics.engine.material import Material
 
-FACTOR, STEPS = 1.6, 4
-"""Ratio of one stiffness that is tried to the next [-], and how many are tried on either side of the guess."""
+DRAWS = 32
+"""Points of a Sobol sequence, a power of two; the first one is the mean of the prior."""
 
 
-def stiffness_first(cases: Sequence[TrackedCase], start: Material, jobs: int) -> tuple[Material, int]:
-    """Vary the stiffness alone over a factor of six to either side of a guess.
+def likeliest_draw(
+    cases: Sequence[TrackedCase], start: Material, posterior: Posterior, jobs: int
+) -> tuple[Material, int]:
+    """Simulate some draws of the prior.
 
     Args:
         cases: Episodes, on a coarse grid.
-        start: The guess.
+        start: What is not drawn.
+        posterior: The prior, and how likely a draw is.
         jobs: Processes.
 
     Returns:
-        The guess with the stiffness of least squared error, and the number of engine runs.
+        The likeliest, and the number of engine runs.
     """
-    bounds = PARAMETERS["youngs_modulus_pa"]
-    tried = start.youngs_modulus_pa * FACTOR ** np.array([0, *range(-STEPS, 0), *range(1, STEPS + 1)])
-    guesses = [replace(start, youngs_modulus_pa=float(np.clip(modulus, bounds.low, bounds.high))) for modulus in tried]
-    trials = [replace(case, base=replace(case.base, material=guess)) for guess in guesses for case in cases]
+    away = norm.ppf(qmc.Sobol(len(posterior.parameters), seed=0).random(DRAWS))
+    away[0] = 0
+    drawn = [posterior.material(start, row) for row in posterior.center + posterior.deviations * away]
+    trials = [replace(case, base=replace(case.base, material=material)) for material in drawn for case in cases]
     with workers():
         squares = Parallel(n_jobs=jobs)(delayed(_square)(trial) for trial in trials)
-    return guesses[int(np.argmin(np.reshape(squares, (len(guesses), -1)).sum(1)))], len(trials)
+    costs = [
+        posterior.cost(posterior.coordinates(material), row)
+        for material, row in zip(drawn, np.reshape(squares, (DRAWS, -1)), strict=True)
+    ]
+    return drawn[int(np.argmin(costs))], len(trials)
 
 
 def _square(case: TrackedCase) -> float:

@@ -7,16 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from trimesh.triangles import area, mass_properties
 
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.compute.workers import workers
 from plop.errors import PlopError
-from plop.identification.first_guess import stiffness_first
-from plop.identification.tracked_case import SlopeCase, TrackedCase, mean_square
+from plop.identification.first_guess import likeliest_draw
+from plop.identification.tracked_case import SlopeCase, TrackedCase
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import Calibration, calibrate
+from plop.physics.calibration.posterior import Posterior
 from plop.tracking.episode import Episode
 
 PARTICLES = 1300
@@ -55,25 +54,6 @@ def starts_settled(episodes: list[Episode], base: EngineBase) -> bool:
     return errors[0] <= errors[1]
 
 
-OUTLIER = 2.0
-"""An episode whose error is so many times the median's is left out of the fit: something else happened in it."""
-
-
-def outliers(episodes: list[Episode], base: EngineBase, jobs: int = 1) -> dict[str, str]:
-    """Find episodes that the engine follows far worse than the others; name -> why."""
-    with workers():
-        squares = Parallel(n_jobs=jobs)(delayed(mean_square)(TrackedCase(episode, base)) for episode in episodes)
-    rms = 1000 * np.sqrt(np.array(squares))
-    middle = float(np.median(rms))
-    if len(episodes) < 4:
-        return {}
-    return {
-        e.name: f"the engine misses it by {r:.2f} mm RMS, the others by {middle:.2f} mm"
-        for e, r in zip(episodes, rms, strict=True)
-        if r > OUTLIER * middle
-    }
-
-
 def identify(
     episodes: list[Episode],
     start: EngineBase,
@@ -87,14 +67,14 @@ def identify(
 
     Args:
         episodes: What to follow.
-        start: First guess, and everything that is not fitted.
+        start: Mean of the prior, and everything that is not fitted.
         names: Fields of Material.
         iterations: Most Gauss-Newton steps.
         jobs: Processes.
         progress: Called with (step, steps, RMS in metres).
 
     Raises:
-        PlopError: No episode, or the engine is unstable with the first guess.
+        PlopError: No episode, or the engine is unstable.
     """
     if not episodes:
         raise PlopError(
@@ -106,8 +86,17 @@ def identify(
     cases: list[Any] = [TrackedCase(episode, start) for episode in episodes]
     coarser = replace(start, spacing_m=COARSER * start.spacing_m)
     slopes: list[Any] = [SlopeCase(episode, coarser) for episode in episodes]
-    guess, runs = stiffness_first(slopes, start.material, jobs) if "youngs_modulus_pa" in names else (start.material, 0)
+    prior = Posterior.around(start.material, names)
+    guess, runs = likeliest_draw(slopes, start.material, prior, jobs)
     found = calibrate(
-        cases, guess, names, start.config, iterations=iterations, jobs=jobs, progress=progress, slopes=slopes
+        cases,
+        guess,
+        names,
+        start.config,
+        iterations=iterations,
+        jobs=jobs,
+        progress=progress,
+        slopes=slopes,
+        prior=prior,
     )
     return replace(start, material=found.material), replace(found, rollouts=found.rollouts + runs)

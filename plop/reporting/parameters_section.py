@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from plop.parameters import Estimate
-from plop.physics.calibration.gauss_newton import PARAMETERS
+from plop.physics.calibration.material_parameters import PARAMETERS
 from plop.reporting.compared import Compared, ReportFacts
 
 ENGINE = "engine"

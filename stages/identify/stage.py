@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Annotated, Literal
 
+import numpy as np
+
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import recordings_content
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
-from plop.identification.identify import NAMES, identify, outliers, spacing_for, starts_settled
+from plop.identification.identify import NAMES, identify, spacing_for, starts_settled
 from plop.parameters import NOT_DETERMINED, Estimate, short_number
 from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.adapters.filled import EngineBase
-from plop.physics.calibration.gauss_newton import PARAMETERS, Calibration
+from plop.physics.calibration.gauss_newton import Calibration
+from plop.physics.calibration.material_parameters import PARAMETERS
 from plop.physics.engine.config import TableCone
 from plop.physics.engine.material import Material
 from plop.physics.scenes.names import one_of
@@ -35,6 +38,8 @@ FIRST_GUESS = Material(
     table_slip_m_s=0.003,
 )
 """Initial material of fits: a soft dough, different from the default material of scenes."""
+ODD = 2.0
+"""An episode with so many times the error of the median one, a quarter of its weight, is pointed out."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class IdentifyConfig(Settings):
     fit: Annotated[tuple[str, ...], COMMON] = NAMES
     """Parameters of the material to fit; the others keep their initial values."""
     material: Material = FIRST_GUESS
-    """Initial values of the material, which are kept where not fitted."""
+    """Initial values of the material: the mean of a weak prior where fitted, kept where not."""
     table_cone: Annotated[TableCone, COMMON] = "round"
     """Friction cone at the table: "round", or "pyramid" as in some simulators."""
     start: Annotated[Literal["auto", "settled", "unloaded"], COMMON] = "auto"
@@ -91,9 +96,6 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     base = EngineBase(config.material, spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
     base = replace(base, settled=settled)
-    odd = outliers(episodes, base, config.jobs)
-    left_out |= odd
-    episodes = [episode for episode in episodes if episode.name not in odd]
     base, found = identify(
         episodes,
         base,
@@ -114,11 +116,12 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
             "recordings": recordings_content(inputs["recordings"].manifest),
             "rms_before_mm": 1000 * found.rms_before_m,
             "rms_after_mm": 1000 * found.rms_after_m,
+            "episodes_rms_mm": [1000 * rms for rms in found.episodes_rms_m],
             "engine_runs": found.rollouts,
         },
     }
     write_json(Model(out.path).facts, facts)
-    return _summary(base, found, len(episodes), left_out)
+    return _summary(base, found, [e.name for e in episodes], left_out)
 
 
 def check_inputs(inputs: Inputs, config: IdentifyConfig) -> None:
@@ -142,7 +145,7 @@ def _names(recordings: RecordingSet, config: IdentifyConfig) -> list[str]:
     return recordings.names if config.split == "all" else list(getattr(recordings, config.split))
 
 
-def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[str, str]) -> Summary:
+def _summary(base: EngineBase, found: Calibration, episodes: list[str], left_out: dict[str, str]) -> Summary:
     rows = [
         {
             "parameter": name,
@@ -155,7 +158,7 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
         for name, e in found.estimates.items()
     ]
     figures = {
-        "episodes": count,
+        "episodes": len(episodes),
         "rms_before_mm": round(1000 * found.rms_before_m, 3),
         "rms_after_mm": round(1000 * found.rms_after_m, 3),
         "spacing_mm": round(1000 * base.spacing_m, 2),
@@ -163,6 +166,13 @@ def _summary(base: EngineBase, found: Calibration, count: int, left_out: dict[st
         "engine_runs": found.rollouts,
     }
     warnings = [f"{name} is left out: {why}" for name, why in left_out.items()]
+    middle = float(np.median(found.episodes_rms_m))
+    warnings += [
+        f"{name} counts little: the engine misses it by {1000 * rms:.2f} mm RMS, the median episode by "
+        f"{1000 * middle:.2f} mm. Something else happened in it, or a law is missing."
+        for name, rms in zip(episodes, found.episodes_rms_m, strict=True)
+        if rms > ODD * middle
+    ]
     warnings += [
         f"{name} is {NOT_DETERMINED} ({_why(e)}): if it is known, set it and remove it from --fit."
         for name, e in found.estimates.items()
@@ -184,7 +194,7 @@ def _shown(value: float) -> float | None:
 
 STAGE = Stage(
     name="identify",
-    version=13,
+    version=14,
     help="Fit the engine's material to recordings: a physics model like any other.",
     config=IdentifyConfig,
     inputs={

@@ -11,6 +11,8 @@ from scipy.spatial import cKDTree
 
 from plop.errors import PlopError
 from plop.physics.calibration.gauss_newton import calibrate
+from plop.physics.calibration.least_squares import normal_equations, weighed
+from plop.physics.calibration.posterior import Posterior, mean_squares
 from plop.physics.calibration.recorded_motion import Case, case_from_sequence
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.fill import fill_surface
@@ -61,6 +63,27 @@ def test_a_parameter_that_nothing_feels_gets_an_infinite_interval(block):
     truth = Material(youngs_modulus_pa=4e3)
     fit = calibrate([sliding_case(block, truth, 0.3)], truth, ["tool_friction"], CONFIG, iterations=1)
     assert np.isinf(fit.estimates["tool_friction"].high)
+
+
+def test_weighted_squares_have_the_gradient_of_the_log_density():
+    generator = np.random.default_rng(0)
+    residual = [scale * generator.normal(size=(3, 4, 3)) for scale in (1e-4, 1e-3, 5e-3)]
+    jacobian = [[1e-3 * generator.normal(size=(3, 4, 3)) for _ in residual] for _ in range(2)]
+    prior = Posterior.around(Material(), ("table_friction", "damping_per_s"))
+
+    def cost(move):
+        moved = [r + sum(m * row[e] for m, row in zip(move, jacobian, strict=True)) for e, r in enumerate(residual)]
+        return prior.cost(prior.center + move, mean_squares(moved))
+
+    _, gradient = normal_equations(*weighed(jacobian, residual))
+    steps = 1e-4 * np.eye(2)
+    np.testing.assert_allclose(gradient, [(cost(s) - cost(-s)) / 2e-4 for s in steps], rtol=1e-4)
+
+
+def test_of_two_fits_that_are_as_good_the_one_nearer_to_the_initial_value_is_likelier():
+    prior = Posterior.around(Material(damping_per_s=2.0), ("damping_per_s",))
+    assert prior.cost(np.array([3.0]), np.full(4, 1e-6)) < prior.cost(np.array([9.0]), np.full(4, 1e-6))
+    assert prior.cost(np.array([9.0]), np.full(4, 1e-7)) < prior.cost(np.array([3.0]), np.full(4, 1e-6))
 
 
 def test_bad_requests(block):

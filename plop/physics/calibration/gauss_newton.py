@@ -4,49 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.stats import t as student
 
 from plop.compute.workers import workers
 from plop.errors import PlopError
 from plop.parameters import Estimate, Parameter
+from plop.physics.calibration.least_squares import intervals, normal_equations, weighed
+from plop.physics.calibration.material_parameters import PARAMETERS
+from plop.physics.calibration.posterior import Posterior, mean_squares
 from plop.physics.calibration.recorded_motion import Case
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material
-from plop.statistics.cluster_robust import clusters
 
 _LEVELS = 6
 """Largest number of halvings in the line search before the fit counts as converged."""
 _REACH = 20
-"""Longest step along one parameter, in its finite differences: one to which the data hardly respond stays near."""
-
-
-def _of_material(
-    name: str, unit: str, low: float, high: float, step: float, source: str, *, logarithmic: bool = False
-) -> Parameter:
-    given = getattr(Material(), name)
-    return Parameter(name, unit, low, high, step, default=given, logarithmic=logarithmic, source=source)
-
-
-_COULOMB = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
-PARAMETERS = {
-    p.name: p
-    for p in (
-        _of_material("youngs_modulus_pa", "Pa", 1e2, 1e8, 0.05, "Hooke's law", logarithmic=True),
-        _of_material("poisson", "-", 0.0, 0.49, -0.01, "Hooke's law"),
-        _of_material("density_kg_m3", "kg/m^3", 20.0, 2e4, 0.05, "Newton's second law", logarithmic=True),
-        _of_material("damping_per_s", "1/s", 0.0, 200.0, 1.0, "mass-proportional Rayleigh damping; Bathe 1996, ch. 9"),
-        _of_material("viscosity_pa_s", "Pa s", 0.0, 1e3, 2.0, "Kelvin-Voigt solid; Larson 1999"),
-        _of_material("table_friction", "-", 0.0, 2.0, 0.03, _COULOMB),
-        _of_material("tool_friction", "-", 0.0, 2.0, 0.03, _COULOMB),
-        _of_material("toughness_j_m2", "J/m^2", 0.0, 1e3, 2.0, "Griffith 1921; Atkins 2009, ch. 2"),
-        _of_material("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, "regularised Coulomb friction", logarithmic=True),
-    )
-}
-"""Parameters of a `Material` that can be fitted, by name."""
+"""Longest step along one parameter, in its finite differences: derivatives hold nearby only."""
+_GAIN = 0.01
+"""Gain of a step, in units of the log density, below which the fit has converged: far less than a likelihood tells."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +36,8 @@ class Calibration:
     """RMS distance of all compared points at all frames, initial parameters [m]."""
     rms_after_m: float
     """The same with the fitted parameters [m]."""
+    episodes_rms_m: list[float]
+    """The same of every episode [m]."""
     iterations: int
     rollouts: int
     """Episodes simulated."""
@@ -74,14 +53,12 @@ def calibrate(
     jobs: int = 1,
     progress: Callable[[int, int, float], None] | None = None,
     slopes: Sequence[Case] | None = None,
+    prior: Posterior | None = None,
 ) -> Calibration:
-    """Minimise the squared distance between engine and measured points.
+    """Find the likeliest parameters (`Posterior`).
 
     Derivatives are differences at the start and at the end, of which the last give the intervals; between them every
     step corrects them by what it found (Broyden 1965), and they are differenced anew only where a step fails.
-
-    Intervals come from the scatter between independent blocks (episodes; with fewer than four, fifths of an episode),
-    because errors of neighbouring points and frames are correlated; blocks are weighted by leverage (`clusters`).
 
     Args:
         cases: Episodes.
@@ -92,6 +69,7 @@ def calibrate(
         jobs: Processes that share the rollouts.
         progress: Called after each step with (step, iterations, RMS in metres).
         slopes: The same episodes on a coarser grid, which is enough for derivatives; `cases` when absent.
+        prior: What is known beforehand; around `start` when absent.
 
     Raises:
         PlopError: An unknown parameter, no episode, or the engine is unstable at the start.
@@ -105,7 +83,8 @@ def calibrate(
             found=f"{len(cases)} episodes, {', '.join(names) or 'no name'}",
             fix="Give at least one episode and one of these parameters.",
         )
-    fit = _Fit(cases, slopes or cases, start, [PARAMETERS[name] for name in names], config, jobs)
+    prior = prior or Posterior.around(start, names)
+    fit = _Fit(cases, slopes or cases, start, prior, config, jobs)
     return fit.run(iterations, progress)
 
 
@@ -117,21 +96,18 @@ class _Fit:
         cases: Sequence[Case],
         slopes: Sequence[Case],
         start: Material,
-        parameters: list[Parameter],
+        posterior: Posterior,
         config: EngineConfig,
         jobs: int,
     ) -> None:
-        self.cases, self.slopes, self.start, self.parameters = cases, slopes, start, parameters
+        self.cases, self.slopes, self.start, self.posterior = cases, slopes, start, posterior
+        self.parameters: list[Parameter] = posterior.parameters
         self.config, self.jobs = config, jobs
         self.rollouts = 0
 
-    def material(self, coordinates: np.ndarray) -> Material:
-        values: dict[str, Any] = {p.name: p.decode(c) for p, c in zip(self.parameters, coordinates, strict=True)}
-        return replace(self.start, **values)
-
     def residuals(self, points: list[np.ndarray], cases: Sequence[Case] | None = None) -> list[list[np.ndarray]]:
         """Simulate all episodes at all points; residuals [T, M, 3] in metres, unmeasured points 0."""
-        tasks = [(case, self.material(point)) for point in points for case in cases or self.cases]
+        tasks = [(case, self.posterior.material(self.start, point)) for point in points for case in cases or self.cases]
         self.rollouts += len(tasks)
         calls = (delayed(_residual)(case, material, self.config) for case, material in tasks)
         with workers():
@@ -140,7 +116,7 @@ class _Fit:
         return [flat[k * count : (k + 1) * count] for k in range(len(points))]
 
     def run(self, iterations: int, progress: Callable[[int, int, float], None] | None) -> Calibration:
-        here = np.array([p.encode(max(getattr(self.start, p.name), p.low)) for p in self.parameters])
+        here = self.posterior.coordinates(self.start)
         residual = self.residuals([here])[0]
         jacobian, fresh = self.jacobian(here, residual), True
         before = _rms(residual)
@@ -155,14 +131,25 @@ class _Fit:
                 jacobian, fresh = self.jacobian(here, residual), True
                 continue
             jacobian, fresh = _corrected(jacobian, better[0] - here, residual, better[1]), False
-            gain = _cost(residual) - _cost(better[1])
+            gain = self.cost(here, residual) - self.cost(*better[:2])
             here, residual, damping = better
             if progress is not None:
                 progress(done, iterations, _rms(residual))
-            if gain < 1e-3 * _cost(residual):
+            if gain < _GAIN:
                 break
-        estimates = self.intervals(here, residual, jacobian if fresh else self.jacobian(here, residual))
-        return Calibration(self.material(here), estimates, before, _rms(residual), done, self.rollouts)
+        jacobian = jacobian if fresh else self.jacobian(here, residual)
+        return Calibration(
+            self.posterior.material(self.start, here),
+            intervals(self.parameters, here, *weighed(jacobian, residual)),
+            before,
+            _rms(residual),
+            np.sqrt(mean_squares(residual)).tolist(),
+            done,
+            self.rollouts,
+        )
+
+    def cost(self, here: np.ndarray, residual: list[np.ndarray]) -> float:
+        return self.posterior.cost(here, mean_squares(residual))
 
     def jacobian(self, here: np.ndarray, residual: list[np.ndarray]) -> list[list[np.ndarray]]:
         """Derivatives by forward differences (backward at an upper bound), [parameter][episode]."""
@@ -184,7 +171,9 @@ class _Fit:
         self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]], damping: float
     ) -> tuple[np.ndarray, list[np.ndarray], float] | None:
         """Take one damped step that lowers the cost; None when there is none."""
-        hessian, gradient = _normal_equations(jacobian, residual)
+        hessian, gradient = normal_equations(*weighed(jacobian, residual))
+        hessian += np.diag(self.posterior.precision)
+        gradient += self.posterior.precision * (here - self.posterior.center)
         low = np.array([p.encode(p.low) if p.low > 0 or not p.logarithmic else -np.inf for p in self.parameters])
         high = np.array([p.encode(p.high) for p in self.parameters])
         reach = _REACH * np.array([abs(p.step) for p in self.parameters])
@@ -195,33 +184,10 @@ class _Fit:
             move[free] = -np.linalg.solve(scaled[np.ix_(free, free)], gradient[free])
             there = np.clip(here + np.clip(move, -reach, reach), low, high)
             trial = self.residuals([there])[0]
-            if _cost(trial) < _cost(residual):
+            if self.cost(there, trial) < self.cost(here, residual):
                 return there, trial, damping / 10
             damping = max(10 * damping, 0.1)
         return None
-
-    def intervals(
-        self, here: np.ndarray, residual: list[np.ndarray], jacobian: list[list[np.ndarray]]
-    ) -> dict[str, Estimate]:
-        """Return 95 % intervals; infinite for a parameter at its bound, or one without influence on the data."""
-        values = [p.decode(c) for p, c in zip(self.parameters, here, strict=True)]
-        bound = np.array([v <= p.low or v >= p.high for v, p in zip(values, self.parameters, strict=True)])
-        width = np.full(len(here), np.inf)
-        hessian, _ = _normal_equations(jacobian, residual)
-        free = np.nonzero(~bound)[0]
-        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-        normal = hessian / np.outer(scale, scale)
-        if len(free) and np.linalg.eigvalsh(normal[np.ix_(free, free)])[0] > 1e-6:
-            found = clusters(*_blocks([jacobian[k] for k in free], residual))
-            width[free] = student.ppf(0.975, found.freedom) * np.sqrt(np.diag(found.spread))
-        ends = [
-            (-np.inf, np.inf) if np.isinf(w) else (p.decode(c - w), p.decode(c + w))
-            for p, c, w in zip(self.parameters, here, width, strict=True)
-        ]
-        return {
-            p.name: Estimate(v, low, high, p.unit, bool(b)).within(p)
-            for p, v, (low, high), b in zip(self.parameters, values, ends, bound, strict=True)
-        }
 
 
 def _corrected(
@@ -231,7 +197,7 @@ def _corrected(
 
     The parameters are compared in units of what they do to the residual.
     """
-    size = np.array([_cost(row) for row in jacobian])
+    size = np.array([_squares(row) for row in jacobian])
     shares = size * move / max(float(size @ move**2), 1e-300)
     missed = [
         b - a - sum(m * row[e] for m, row in zip(move, jacobian, strict=True))
@@ -247,23 +213,9 @@ def _residual(case: Case, material: Material, config: EngineConfig) -> np.ndarra
     return np.asarray(np.nan_to_num(difference, nan=0.0))
 
 
-def _cost(residual: list[np.ndarray]) -> float:
+def _squares(residual: list[np.ndarray]) -> float:
     return float(sum(np.sum(r * r) for r in residual))
 
 
 def _rms(residual: list[np.ndarray]) -> float:
-    return float(np.sqrt(_cost(residual) / sum(r.size // 3 for r in residual)))
-
-
-def _normal_equations(jacobian: list[list[np.ndarray]], residual: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    flat = np.stack([np.concatenate([j.ravel() for j in row]) for row in jacobian])
-    return flat @ flat.T, flat @ np.concatenate([r.ravel() for r in residual])
-
-
-def _blocks(jacobian: list[list[np.ndarray]], residual: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Hessian [blocks, P, P] and negative gradient [blocks, P] of half the cost in each independent block."""
-    found = []
-    for episode, r in enumerate(residual):
-        pieces = np.array_split(np.arange(len(r)), 1 if len(residual) >= 4 else min(5, len(r)))
-        found += [_normal_equations([[row[episode][piece]] for row in jacobian], [r[piece]]) for piece in pieces]
-    return np.stack([hessian for hessian, _ in found]), -np.stack([gradient for _, gradient in found])
+    return float(np.sqrt(_squares(residual) / sum(r.size // 3 for r in residual)))
