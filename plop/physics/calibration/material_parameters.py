@@ -17,7 +17,7 @@ _COULOMB = "Coulomb 1785; Johnson, Contact Mechanics, 1985, ch. 7"
 PARAMETERS = {
     p.name: p
     for p in (
-        _of_material("youngs_modulus_pa", "Pa", 1e2, 1e8, 0.05, 1.1, "Hooke's law", logarithmic=True),
+        _of_material("youngs_modulus_pa", "Pa", 1e2, 1e8, 0.05, 2.0, "Hooke's law", logarithmic=True),
         _of_material("poisson", "-", 0.0, 0.49, -0.01, 0.1, "Hooke's law"),
         _of_material("density_kg_m3", "kg/m^3", 20.0, 2e4, 0.05, 0.4, "Newton's second law", logarithmic=True),
         _of_material(
@@ -30,5 +30,5 @@ PARAMETERS = {
         _of_material("table_slip_m_s", "m/s", 1e-5, 1.0, 0.1, 1.6, "regularised Coulomb friction", logarithmic=True),
     )
 }
-"""By name. Priors are weak: a factor of three in the stiffness and of five in the speed of slip, 0.2 in a friction,
-which lies between 0.1 and 1 for nearly everything (Johnson 1985)."""
+"""By name. Priors are weak: a factor of seven in the stiffness, since soft objects differ by orders of magnitude, of
+five in the speed of slip, and 0.2 in a friction, which lies between 0.1 and 1 for nearly everything (Johnson 1985)."""
