@@ -81,10 +81,10 @@ def _sets() -> str:
 
 def _hidden() -> str:
     lines = [
-        [found["set"], found["answer"], found["reference"], *_named(found)]
+        [found["set"], found["answer"], found["reference"], found["diagnose_version"], *_named(found)]
         for found in read("hidden_disect_cameras")["sets"]
     ]
-    return rows(["set", "changed", "reference", "verdict", "found"], lines)
+    return rows(["set", "changed", "reference", "version", "verdict", "found"], lines)
 
 
 def _named(found: dict[str, Any]) -> list[str]:
