@@ -69,7 +69,7 @@ class IdentifyConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in self.fit:
-            one_of(name, PARAMETERS, "parameter to fit", where="fit")
+            one_of(name, PARAMETERS, "parameter", where="fit")
         if not self.fit:
             raise PlopError(
                 "There is nothing to fit.",
