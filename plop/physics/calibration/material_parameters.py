@@ -31,4 +31,5 @@ PARAMETERS = {
     )
 }
 """By name. Priors are weak: a factor of seven in the stiffness, since soft objects differ by orders of magnitude, of
-five in the speed of slip, and 0.2 in a friction, which lies between 0.1 and 1 for nearly everything (Johnson 1985)."""
+five in the speed of slip, and 0.2 in a friction, which lies between 0.1 and 1 for nearly everything (Johnson 1985).
+The others are of the order of the values themselves and matter only where recordings tell next to nothing."""
