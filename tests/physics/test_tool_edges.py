@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
-from plop.physics.engine.kernels.tool_contact import facing, tool_gap
+from plop.physics.engine.kernels.tool_contact import facing, solid_height, tool_gap
 from plop.physics.engine.surface_normals import outward_normals
 from plop.physics.engine.tool_motion import ToolKind, ToolShape
 from plop.physics.scenes.tools import blade_mesh, box_mesh, cylinder_mesh
@@ -71,3 +72,20 @@ def test_normals_are_those_of_the_surface_before_it_deformed():
     assert np.abs(np.linalg.norm(found[~within], axis=1) - 1).max() < 1e-5
     top = (np.abs(cube[:, :2] - 0.02) < 0.005).all(1) & (cube[:, 2] > 0.035)
     assert found[top] == pytest.approx(np.array([[0.0, 0.0, 1.0]]), abs=0.05)
+
+
+def test_far_from_a_tool_of_many_faces_a_few_of_them_show_it():
+    """`solid_height` may stop at the first face that is far enough away: what touches must not depend on that."""
+    vertices = np.random.default_rng(0).normal(size=(300, 3))
+    vertices *= [0.02, 0.01, 0.015] / np.linalg.norm(vertices, axis=1, keepdims=True)
+    shape = ToolShape.from_mesh(vertices, ConvexHull(vertices).simplices, ToolKind.SOLID)
+    places = np.random.default_rng(1).uniform(-0.03, 0.03, (2000, 3)).astype(np.float32)
+    heights = places @ shape.faces[:, :3].T - shape.faces[:, 3]
+    reach = np.float32(0.003)
+    found = np.array([solid_height(shape.faces, *place, reach)[0] for place in places])
+    near = heights.max(1) <= reach
+    assert np.allclose(found[near], heights.max(1)[near], atol=1e-7)
+    assert (found[~near] > reach).all()
+    asked = (heights > reach).argmax(1)[~near]
+    assert len(shape.faces) > 400
+    assert asked.mean() < 10, "on average; close to the tool it may take all"

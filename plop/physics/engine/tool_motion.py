@@ -59,7 +59,7 @@ class ToolShape:
         axes, center = _sign_fixed(geometry.axes.double().numpy()), geometry.center.double().numpy()
         local = (np.asarray(vertices, float) - center) @ axes
         if kind == ToolKind.SOLID:
-            sides = sides_of(ConvexHull(local)).astype(np.float32)
+            sides = _unlike_first(sides_of(ConvexHull(local))).astype(np.float32)
             return cls(ToolKind.SOLID, center, axes, sides, np.zeros(4, np.float32), np.zeros((0, 3), np.float32))
         flat = local[:, 1:]
         outline = flat[ConvexHull(flat).vertices]
@@ -75,6 +75,20 @@ class ToolShape:
             thickness.astype(np.float32),
             _thin_edges(outline, thickness).astype(np.float32),
         )
+
+
+def _unlike_first(sides: np.ndarray) -> np.ndarray:
+    """Order half-spaces [K, 4] so that each looks as far as can be from all before it.
+
+    Most particles are far from the tool, and a few of these show it, however many faces a scanned tool has.
+    """
+    alike = sides[:, :3] @ sides[:, :3].T
+    order, nearest = [0], alike[0].copy()
+    while len(order) < len(sides):
+        nearest[order] = np.inf
+        order.append(int(nearest.argmin()))
+        nearest = np.maximum(nearest, alike[order[-1]])
+    return sides[order]
 
 
 def _kind_of(geometry: ToolGeometry) -> ToolKind:

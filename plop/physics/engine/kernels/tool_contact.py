@@ -21,6 +21,7 @@ _ONE = np.float32(1)
 _HALF = np.float32(0.5)
 _TWO = np.float32(2)
 _TINY = np.float32(1e-12)
+_FAR = np.float32(1e9)
 STIFFNESS = np.float32(4)
 """Contact pressure over penetration, in (P-wave modulus / cell): a pressure of 0.2 E sinks in by 0.05 cells."""
 _DAMPING = np.float32(0.3)
@@ -58,13 +59,15 @@ def half_thickness(thickness, y, z):
 
 
 @njit(fastmath=True, forceinline=True)
-def solid_height(faces, d, y, z):
-    """Signed distance to a convex solid, exact inside, and the face it belongs to."""
+def solid_height(faces, d, y, z, enough):
+    """Signed distance to a convex solid, exact inside, and the face it belongs to; any beyond `enough` [m] will do."""
     height, face = -np.float32(1e9), 0
     for k in range(faces.shape[0]):
         above = faces[k, 0] * d + faces[k, 1] * y + faces[k, 2] * z - faces[k, 3]
         if above > height:
             height, face = above, k
+            if height > enough:
+                break
     return height, face
 
 
@@ -72,7 +75,7 @@ def solid_height(faces, d, y, z):
 def faces_solid(faces, d, y, z, face, reach):
     """Tell whether going `reach` [m] straight towards a face of a solid ends in the solid, not beside it."""
     d, y, z = d - reach * faces[face, 0], y - reach * faces[face, 1], z - reach * faces[face, 2]
-    return solid_height(faces, d, y, z)[0] <= _ZERO
+    return solid_height(faces, d, y, z, _ZERO)[0] <= _ZERO
 
 
 @njit(fastmath=True, forceinline=True)
@@ -90,7 +93,7 @@ def tool_gap(kind, faces, thickness, d, y, z, side, cut, reach):
         reach: How far from its middle it touches [m].
     """
     if kind == 2:
-        height, k = solid_height(faces, d, y, z)
+        height, k = solid_height(faces, d, y, z, reach)
         if height > _ZERO and height <= reach and not faces_solid(faces, d, y, z, k, reach):
             height = np.float32(1e9)
         return height, faces[k, 0], faces[k, 1], faces[k, 2]
@@ -130,7 +133,7 @@ def facing(faces, d, y, z, near, nd, ny, nz):
         near: Faces count that are at most so much deeper than the nearest [m].
         nd, ny, nz: n, in the tool's frame; 0 within the material, where the nearest face pushes.
     """
-    height, face = solid_height(faces, d, y, z)
+    height, face = solid_height(faces, d, y, z, _FAR)
     best = faces[face, 0] * nd + faces[face, 1] * ny + faces[face, 2] * nz - _CLEARLY
     for k in range(faces.shape[0]):
         if faces[k, 0] * d + faces[k, 1] * y + faces[k, 2] * z - faces[k, 3] < height - near:
