@@ -21,6 +21,8 @@ from plop.finite import UNKNOWN, json_ready
 
 NOT_DETERMINED = "not determined by these recordings"
 """Text for such a number."""
+NORMAL_95 = 1.96
+"""Half the width of a 95 % interval, in standard deviations of a normal distribution."""
 OPEN_SHARE, OPEN_FACTOR = 0.5, 10.0
 """Width of an uninformative interval: share of the range, or factor of a number on a logarithmic scale."""
 WIDE_RANGE = 100.0
@@ -51,6 +53,8 @@ class Parameter:
     """Whether its logarithm is fitted."""
     prior: float = math.inf
     """Standard deviation of what is known before a fit, on its scale; infinite: nothing."""
+    model_error: float = 0.0
+    """Standard deviation of a fit's error that the model itself causes, on its scale: more recordings do not help."""
     source: str = ""
     """Source of the number; "" where that of its law applies."""
 
@@ -130,6 +134,14 @@ class Estimate:
             as_good = 1 + len(self.alternatives)
             return replace(self, open=as_good > 1 and 2 * as_good > tried)
         return replace(self, open=parameter is not None and self.bounded and parameter.left_open(self.low, self.high))
+
+    def with_model_error(self, parameter: Parameter) -> Estimate:
+        """Widen the interval by what the model's own error does to a fit, which the data do not show."""
+        if not self.bounded:
+            return self
+        middle, error = parameter.encode(self.value), NORMAL_95 * parameter.model_error
+        low, high = (math.hypot(parameter.encode(end) - middle, error) for end in (self.low, self.high))
+        return replace(self, low=parameter.decode(middle - low), high=parameter.decode(middle + high)).within(parameter)
 
     def to_json(self) -> dict[str, Any]:
         """Write it as JSON types: infinite ends are null; "chosen" and "also" only if not fitted."""

@@ -98,3 +98,15 @@ def test_a_coordinate_of_a_fit_comes_back_inside_the_range():
 def test_a_typical_value_outside_its_range_is_refused():
     with pytest.raises(ValueError, match="k: 5 is not in its range, 0 to 1"):
         Parameter("k", "-", 0, 1, 0.1, typical=5)
+
+
+def test_the_models_own_error_widens_an_interval_on_the_scale_of_the_fit():
+    found = Estimate(1e4, 0.8e4, 1.25e4).with_model_error(STIFFNESS)
+    half = np.hypot(np.log(1.25), 1.96 * STIFFNESS.model_error)
+    assert [found.low, found.high] == pytest.approx([1e4 * np.exp(-half), 1e4 * np.exp(half)], rel=1e-6)
+    certain = Estimate(0.4, 0.4, 0.4).with_model_error(FRICTION)
+    assert [certain.low, certain.high] == pytest.approx([0.4 - 1.96 * 0.12, 0.4 + 1.96 * 0.12])
+    unknown = Estimate(0.4)
+    assert unknown.with_model_error(FRICTION) == unknown, "what is not known stays so"
+    assert Estimate(1e4, 5e3, 4.6e4).within(STIFFNESS).determined
+    assert not Estimate(1e4, 5e3, 4.6e4).with_model_error(STIFFNESS).determined, "judged again by its width"

@@ -15,6 +15,7 @@ from plop.identification.first_guess import likeliest_draw
 from plop.identification.tracked_case import SlopeCase, TrackedCase
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.gauss_newton import Calibration, calibrate
+from plop.physics.calibration.material_parameters import PARAMETERS
 from plop.physics.calibration.posterior import Posterior
 from plop.tracking.episode import Episode
 
@@ -63,7 +64,7 @@ def identify(
     jobs: int,
     progress: Callable[[int, int, float], None] | None = None,
 ) -> tuple[EngineBase, Calibration]:
-    """Fit material parameters.
+    """Fit material parameters; intervals contain the engine's own error (`Parameter.model_error`).
 
     Args:
         episodes: What to follow.
@@ -99,4 +100,5 @@ def identify(
         slopes=slopes,
         prior=prior,
     )
-    return replace(start, material=found.material), replace(found, rollouts=found.rollouts + runs)
+    estimates = {name: each.with_model_error(PARAMETERS[name]) for name, each in found.estimates.items()}
+    return replace(start, material=found.material), replace(found, estimates=estimates, rollouts=found.rollouts + runs)
