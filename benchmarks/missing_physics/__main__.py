@@ -25,14 +25,17 @@ from benchmarks.missing_physics.points import Points
 from benchmarks.missing_physics.rates import GOALS, rates_of, rivals_of
 from plop.artifacts.atomic_file import write_json
 from plop.finite import json_ready
+from plop.identification.identify import PARTICLES
 from plop.pipeline.execute import versions
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
-def run(work: Path, minutes: float, first_seed: int, bases: int, worlds: list[str], jobs: int) -> None:
+def run(
+    work: Path, minutes: float, first_seed: int, bases: int, worlds: list[str], jobs: int, particles: int = PARTICLES
+) -> None:
     """Make the rows that are lacking; none is started after so many minutes."""
-    points, cameras = Points(work, jobs), Cameras(work)
+    points, cameras = Points(work, jobs, particles), Cameras(work)
     deadline = time.monotonic() + 60 * minutes
     for one in plan(first_seed, bases, worlds):
         path = work / "rows" / f"{one.name}.json"
@@ -67,6 +70,7 @@ def score(work: Path, out: Path, command: str) -> None:
         "by_world": {w: rates_of([r for r in rows if r["world"] == w], "reference") for w in (*WORLDS, CAMERAS)},
         "rivals": rivals_of(rows),
         "goals": {name: f"{sign} {value:g}" for name, (sign, value) in GOALS.items()},
+        "particles": sorted({row["particles"] for row in rows if "particles" in row}),
         "cpu_s": {"median": float(np.median([row["cpu_s"] for row in rows])) if rows else None, "n": len(rows)},
         "runs": rows,
     }
@@ -83,13 +87,14 @@ def main() -> None:
     parser.add_argument("--bases", type=int, default=15, help="bases in each world")
     parser.add_argument("--worlds", default="own,mujoco,drake", help="some of own, mujoco, drake, cameras")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one set on points")
+    parser.add_argument("--particles", type=int, default=PARTICLES, help="of the engine, for a set on points")
     parser.add_argument("--out", type=Path, default=RESULTS / "missing_physics_0.2.0.json")
     options = parser.parse_args()
     worlds = options.worlds.split(",")
     if unknown := {*worlds} - {*WORLDS, CAMERAS}:
         parser.error(f"--worlds: some of {', '.join([*WORLDS, CAMERAS])}; not {', '.join(sorted(unknown))}")
     if options.what == "run":
-        run(options.work, options.minutes, options.first_seed, options.bases, worlds, options.jobs)
+        run(options.work, options.minutes, options.first_seed, options.bases, worlds, options.jobs, options.particles)
     else:
         score(options.work, options.out, "python -m benchmarks.missing_physics run, then score")
 

@@ -28,7 +28,7 @@ from plop.diagnosis.runs import Runs
 from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured
 from plop.finite import json_ready
-from plop.identification.identify import NAMES, identify, spacing_for
+from plop.identification.identify import NAMES, PARTICLES, identify, spacing_for
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library
@@ -49,8 +49,8 @@ TRIES = 6
 class Points:
     """What is kept of the bases, and the rows."""
 
-    def __init__(self, work: Path, jobs: int) -> None:
-        self.work, self.jobs = work, jobs
+    def __init__(self, work: Path, jobs: int, particles: int = PARTICLES) -> None:
+        self.work, self.jobs, self.particles = work, jobs, particles
         (work / "rows").mkdir(parents=True, exist_ok=True)
 
     def base(self, world: str, seed: int, maker: Any) -> tuple[EngineBase, list[Episode]]:
@@ -60,7 +60,7 @@ class Points:
         if not path.is_file():
             start = EngineBase(
                 Material(1.2e4, 0.4, damping_per_s=3.0, table_friction=0.4, tool_friction=0.4, table_slip_m_s=0.003),
-                spacing_for(reference),
+                spacing_for(reference, self.particles),
                 True,
             )
             base, found = identify(reference, start, NAMES, iterations=12, jobs=self.jobs)
@@ -102,6 +102,7 @@ class Points:
             "snr": snr,
             "base_rms_mm": json.loads((self.work / f"base-{world}-{seed}.json").read_text())["rms_mm"],
             "judged_by": STAGE.version,
+            "particles": self.particles,
             "cpu_s": round(time.process_time() - started, 1),
         }
 
