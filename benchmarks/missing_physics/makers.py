@@ -36,6 +36,13 @@ class Maker(Protocol):
 
     laws: tuple[str, ...]
 
+    @property
+    def declared(self) -> Values:
+        """Parameters of the object that `identify` estimates, as the world was given them."""
+
+
+DECLARED = ("youngs_modulus_pa", "table_friction", "tool_friction")
+
 
 class Own:
     """plop's engine with coarser or finer particles and the fixed corotated law."""
@@ -66,6 +73,11 @@ class Own:
             seed=seed,
             motion=MotionRanges(press_speed_m_s=(0.08, 0.12), hold_s=(0.1, 0.1), aside_speed_m_s=(0.1, 0.1)),
         )
+
+    @property
+    def declared(self) -> Values:
+        """See `Maker`."""
+        return {name: getattr(self.scene.material, name) for name in DECLARED}
 
     def episode(self, number: int, hidden: Mapping[str, Values]) -> Episode:
         """See `Maker`."""
@@ -104,6 +116,11 @@ class Foreign:
             cells_m=0.0075,
             time_step_s={"drake": 0.005, "mujoco": 0.002}[simulator],
         )
+
+    @property
+    def declared(self) -> Values:
+        """See `Maker`."""
+        return {name: getattr(self.world, name) for name in DECLARED}
 
     def episode(self, number: int, hidden: Mapping[str, Values]) -> Episode:
         """See `Maker`; hidden are changes of the world's own numbers."""

@@ -64,7 +64,9 @@ class Points:
                 True,
             )
             base, found = identify(reference, start, NAMES, iterations=12, jobs=self.jobs)
-            write_json(path, {"engine": base_to_dict(base), "rms_mm": 1000 * found.rms_after_m})
+            estimates = {name: estimate.to_json() for name, estimate in found.estimates.items()}
+            facts = {"rms_mm": 1000 * found.rms_after_m, "declared": maker.declared, "estimates": estimates}
+            write_json(path, {"engine": base_to_dict(base), "facts": json_ready(facts)})
         return base_from_dict(json.loads(path.read_text())["engine"]), reference
 
     def row(self, one: Set) -> dict[str, Any]:
@@ -100,7 +102,7 @@ class Points:
             "hidden": hidden,
             "truth": truth,
             "snr": snr,
-            "base_rms_mm": json.loads((self.work / f"base-{world}-{seed}.json").read_text())["rms_mm"],
+            "base": json.loads((self.work / f"base-{world}-{seed}.json").read_text())["facts"],
             "judged_by": STAGE.version,
             "particles": self.particles,
             "cpu_s": round(time.process_time() - started, 1),

@@ -20,6 +20,7 @@ GOALS: dict[str, tuple[str, float]] = {
     "sensor_called_physics": ("<=", 0.05),
     "decoy_named": ("<=", 0.02),
     "interval_coverage": (">=", 0.9),
+    "base_interval_coverage": (">=", 0.9),
 }
 
 
@@ -68,6 +69,9 @@ def rates_of(rows: Sequence[Mapping[str, Any]], scenario: str) -> dict[str, Any]
     rate("decoy_named", list(rows), lambda r: bool({*said(r)["named"]} & {"drag", "inertia"}))
     held = [h for r in by["single"] if said(r)["named"][:1] == [r["law"]] for h in _held(r, scenario)]
     rate("interval_coverage", [{"held": h} for h in held], lambda r: bool(r["held"]))
+    bases = {(r["world"], r["seed"]): r["base"] for r in rows if "base" in r}
+    held = [h for base in bases.values() for h in _base_held(base)]
+    rate("base_interval_coverage", [{"held": h} for h in held], lambda r: bool(r["held"]))
     errors = [e for r in by["single"] if said(r)["named"][:1] == [r["law"]] for e in _errors(r, scenario)]
     found["parameter_error"] = {"median": float(np.median(errors)) if errors else None, "n": len(errors)}
     closed = [(said(r)["evidence"].get("closed") or 0.0) if r["law"] in said(r)["named"] else 0.0 for r in by["single"]]
@@ -92,6 +96,15 @@ def _held(row: Mapping[str, Any], scenario: str) -> list[bool]:
     wanted = row["truth"].get(row["law"], {})
     known = {k: parameters[k] for k in wanted if k in parameters and parameters[k]["low"] is not None}
     return [p["low"] <= wanted[k] <= p["high"] for k, p in known.items()]
+
+
+def _base_held(base: Mapping[str, Any]) -> list[bool]:
+    """Tell of each of the base's parameters whether the interval of `identify` contains the declared value."""
+    return [
+        (e["low"] is None or e["low"] <= value) and (e["high"] is None or value <= e["high"])
+        for name, value in base["declared"].items()
+        for e in [base["estimates"][name]]
+    ]
 
 
 def _errors(row: Mapping[str, Any], scenario: str) -> list[float]:

@@ -29,7 +29,6 @@ from stages.identify.stage import FIRST_GUESS, STAGE, IdentifyConfig
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "identified.json"
 EPISODES = 6
-DECLARED = ("youngs_modulus_pa", "table_friction", "tool_friction")
 
 
 def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
@@ -45,7 +44,7 @@ def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
         "world": world,
         "seed": seed,
         "identify_version": STAGE.version,
-        "declared": {name: getattr(maker.world, name) for name in DECLARED},
+        "declared": maker.declared,
         "estimates": {name: estimate.to_json() for name, estimate in found.estimates.items()},
         "fitted": misses(fitted, base, jobs),
         "unseen": misses(unseen, base, jobs),

@@ -21,6 +21,7 @@ NAMES = {
     "sensor_called_physics": "only a sensor fault: called physics",
     "decoy_named": "decoys named, over all sets",
     "interval_coverage": "95 % intervals that hold the hidden amplitude",
+    "base_interval_coverage": "95 % intervals of `identify` that hold the declared value",
 }
 MEDIANS = {
     "parameter_error": "relative error of the amplitude, median",

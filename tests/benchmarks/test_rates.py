@@ -59,6 +59,14 @@ def test_singles_pairs_and_laws_outside_the_library():
     assert rivals_of(rows)["bic"]["single_named_first"] == {"rate": 0.5, "n": 4}
 
 
+def test_a_base_counts_once_however_many_sets_it_has():
+    estimates = {"table_friction": {"low": 0.3, "high": 0.5}, "tool_friction": {"low": None, "high": 0.5}}
+    base = {"declared": {"table_friction": 0.6, "tool_friction": 0.4}, "estimates": estimates}
+    rows = [row("null", "", "NOTHING DETECTABLE", base=base, world="drake", seed=1) for _ in range(3)]
+    rate = rates_of(rows, "reference")["base_interval_coverage"]
+    assert rate["rate"] == 0.5 and rate["n"] == 2
+
+
 def test_without_a_set_nothing_is_a_rate():
     found = rates_of([], "reference")
     assert found["null_false_alarm"] == {"rate": None, "low": None, "high": None, "n": 0, "shown": False}
