@@ -8,6 +8,7 @@ import re
 import runpy
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,7 @@ def test_the_public_names():
     for name in NAMES:
         assert getattr(plop, name) is getattr(plop, name) and getattr(plop, name).__doc__, name
     assert set(NAMES) <= set(dir(plop))
+    assert plop.__version__ == metadata.version("plop")
     with pytest.raises(AttributeError, match="no attribute 'rnu'"):
         plop.rnu
 

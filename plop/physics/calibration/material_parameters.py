@@ -35,6 +35,6 @@ PARAMETERS = {
 five in the speed of slip, and 0.2 in a friction, which lies between 0.1 and 1 for nearly everything (Johnson 1985).
 The others are of the order of the values themselves and matter only where recordings tell next to nothing.
 
-Model errors are those of fits to blocks that Drake and MuJoCo simulated, beyond their intervals (maximum likelihood, six
-fits, `python -m benchmarks.worlds.identified`): declared values are not always effective ones, and the engine bends and
-rubs a little differently. Those of the other parameters are not known."""
+Model errors are those of fits to blocks that Drake and MuJoCo simulated, beyond their intervals (maximum likelihood,
+six fits, `python -m benchmarks.worlds.identified`): declared values are not always effective ones, and the engine bends
+and rubs a little differently. Those of the other parameters are not known."""
