@@ -101,7 +101,6 @@ class Foreign:
     """MuJoCo or Drake: presses, pushes and drags of a tapered block."""
 
     laws = ("tilt", "table_friction", "stiffness", "damping", "blade_friction")
-    outside = "stiffness_damping"
 
     def __init__(self, simulator: str, seed: int) -> None:
         self.record: Callable[..., Any] = importlib.import_module(f"benchmarks.worlds.{simulator}").record
@@ -158,11 +157,8 @@ class Foreign:
         if law == "stiffness":
             ratio = float(np.exp(times * (0.4 if up else -0.4)))
             return {"youngs_modulus_pa": ratio * world.youngs_modulus_pa}, {law: {"d_ln_e": np.log(ratio)}}
-        if law == "damping":
-            more = 30.0 * times
-            return {"damping_per_s": world.damping_per_s + more}, {law: {"d_per_s": more}}
-        # the library's viscosity is the nearest to it, and is left out where this is hidden
-        return {"stiffness_damping_s": 0.01 * times}, {law: {}, "viscosity": {}}
+        more = 30.0 * times
+        return {"damping_per_s": world.damping_per_s + more}, {law: {"d_per_s": more}}
 
 
 def followed(sequence: Any, number: int) -> Episode:
