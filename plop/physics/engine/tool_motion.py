@@ -82,12 +82,11 @@ def _unlike_first(sides: np.ndarray) -> np.ndarray:
 
     Most particles are far from the tool, and a few of these show it, however many faces a scanned tool has.
     """
-    alike = sides[:, :3] @ sides[:, :3].T
-    order, nearest = [0], alike[0].copy()
+    normals, order, nearest = sides[:, :3], [0], np.full(len(sides), -np.inf)
     while len(order) < len(sides):
-        nearest[order] = np.inf
+        nearest = np.maximum(nearest, normals @ normals[order[-1]])
+        nearest[order[-1]] = np.inf
         order.append(int(nearest.argmin()))
-        nearest = np.maximum(nearest, alike[order[-1]])
     return sides[order]
 
 
