@@ -37,6 +37,8 @@ def _rates() -> str:
     columns = {"all": found["rates"], **worlds, "without reference": found["by_scenario"]["no reference"]}
     lines = []
     for key, what in NAMES.items():
+        if key not in found["rates"]:  # counted only since the file was made
+            continue
         shown = {True: ", **shown**", False: ""}[bool(found["rates"][key].get("shown"))]
         goal = found["goals"].get(key, "")
         lines.append(
