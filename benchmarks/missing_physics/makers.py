@@ -23,6 +23,8 @@ from plop.tracking.episode import Episode, episode_from_sequence
 
 NOISE_M, POINTS = 2e-4, 300
 Values = dict[str, float]
+DECLARED = ("youngs_modulus_pa", "table_friction", "tool_friction")
+"""Parameters that `identify` fits and every world is given."""
 
 
 class Maker(Protocol):
@@ -39,9 +41,6 @@ class Maker(Protocol):
     @property
     def declared(self) -> Values:
         """Parameters of the object that `identify` estimates, as the world was given them."""
-
-
-DECLARED = ("youngs_modulus_pa", "table_friction", "tool_friction")
 
 
 class Own:
