@@ -1,7 +1,8 @@
 """How well `identify` makes the engine follow foreign worlds: `python -m benchmarks.worlds.identified`.
 
 Each base is a block of its own, fitted to six recordings with the defaults of the command, and compared with six more,
-of other motions, on followed points. Writes docs/results/identified.json; its other rows stay.
+of other motions, on followed points. Writes docs/results/identified.json; its other rows stay. `--bases 0` only says
+what the rows that are there tell of the engine's own errors (`Parameter.model_error`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from benchmarks.facts import machine
 from benchmarks.missing_physics.makers import WORLDS
@@ -22,7 +24,9 @@ from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured, Table
 from plop.finite import json_ready
 from plop.identification.identify import NAMES, identify, spacing_for
+from plop.parameters import NORMAL_95
 from plop.physics.adapters.filled import EngineBase
+from plop.physics.calibration.material_parameters import PARAMETERS
 from plop.pipeline.execute import versions
 from plop.tracking.episode import Episode
 from stages.identify.stage import FIRST_GUESS, STAGE, IdentifyConfig
@@ -46,6 +50,7 @@ def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
         "identify_version": STAGE.version,
         "declared": maker.declared,
         "estimates": {name: estimate.to_json() for name, estimate in found.estimates.items()},
+        "model_errors": {name: PARAMETERS[name].model_error for name in NAMES},
         "fitted": misses(fitted, base, jobs),
         "unseen": misses(unseen, base, jobs),
         "seconds": round(seconds, 1),
@@ -61,6 +66,37 @@ def misses(episodes: list[Episode], base: EngineBase, jobs: int) -> dict[str, An
     noise = [1000 * float(np.sqrt(3 * (e.noise_m**2).mean())) for e in evidence]
     parts = {"rms_mm": rms, "moved_mm": moved, "noise_mm": noise}
     return {**{name: float(np.sqrt(np.mean(np.square(part)))) for name, part in parts.items()}, "episodes_mm": rms}
+
+
+def model_errors(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """Estimate the scatter of fits about declared values, beyond their own statistical errors.
+
+    Maximum likelihood with normal errors, mean zero. Both frictions are one kind: the same law in the engine, and twice
+    as many fits.
+
+    Returns:
+        For each kind: the standard deviation, in the units that are fitted (the logarithm of a stiffness), and the
+        number of fits.
+    """
+    kinds: dict[str, list[tuple[float, float]]] = {}
+    for each in rows:
+        for name, declared in each["declared"].items():
+            parameter, fit = PARAMETERS[name], each["estimates"][name]
+            low, value, high, true = (parameter.encode(x) for x in (fit["low"], fit["value"], fit["high"], declared))
+            contained = each.get("model_errors", {}).get(name, 0.0)
+            half = max(high - value, value - low)  # the other end may lie at a bound
+            statistical = max((half / NORMAL_95) ** 2 - contained**2, 0.0)
+            kinds.setdefault("friction" if name.endswith("friction") else name, []).append((value - true, statistical))
+    return {kind: {"error": _beyond(*np.array(fits).T), "n": len(fits)} for kind, fits in kinds.items()}
+
+
+def _beyond(errors: np.ndarray, variances: np.ndarray) -> float:
+    def surprise(extra: float) -> float:
+        total = variances + extra**2
+        return float((errors**2 / total + np.log(total)).sum())
+
+    most = 3 * float(np.abs(errors).max()) + 1e-9
+    return float(minimize_scalar(surprise, bounds=(1e-6 * most, most), method="bounded").x)
 
 
 def main() -> None:
@@ -89,6 +125,8 @@ def main() -> None:
                 f"{world} {new['seed']}: unseen {new['unseen']['rms_mm']:.2f} mm, {new['seconds']:.0f} s\n"
             )
             sys.stdout.flush()
+    for kind, found in model_errors(rows).items():
+        sys.stdout.write(f"{kind}: error of the engine {found['error']:.2f} ({found['n']} fits)\n")
 
 
 if __name__ == "__main__":

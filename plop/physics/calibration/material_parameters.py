@@ -36,5 +36,5 @@ five in the speed of slip, and 0.2 in a friction, which lies between 0.1 and 1 f
 The others are of the order of the values themselves and matter only where recordings tell next to nothing.
 
 Model errors are those of fits to blocks that Drake and MuJoCo simulated, beyond their intervals (maximum likelihood,
-six fits, `python -m benchmarks.worlds.identified`): declared values are not always effective ones, and the engine bends
-and rubs a little differently. Those of the other parameters are not known."""
+six fits, `python -m benchmarks.worlds.identified --bases 0`): declared values are not always effective ones, and the
+engine bends and rubs a little differently. Those of the other parameters are not known."""
