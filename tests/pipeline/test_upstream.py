@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from plop.artifacts.lineage import parents
-from plop.artifacts.manifest import Manifest
 from plop.artifacts.store import Artifact, Store
 from plop.errors import PlopError
 from plop.pipeline.registry import StageRef, stage_ref
@@ -19,7 +18,6 @@ from plop.pipeline.upstream import Planner
 from plop.recordings.set import RecordingSet
 from plop_cli.app import main
 from stages.augment.stage import AugmentConfig
-from stages.report.stage import ReportConfig, diagnoses_of, named_as_typed
 from tests.pipeline import fake_stages as fake
 from tests.pipeline.made_up import made, planned, recordings, told
 from tests.support.diagnoses import diagnosis as made_diagnosis
@@ -270,24 +268,6 @@ def test_a_diagnosis_and_recordings_at_once_are_refused(store, capsys):
     assert "Both --fit and --diagnosis" in capsys.readouterr().err
 
 
-def artifact(stage: str, fingerprint: str, **inputs: Artifact) -> Artifact:
-    made_from = {name: {"stage": a.key[0], "fingerprint": a.key[1], "content": ""} for name, a in inputs.items()}
-    return Artifact(Path(), Manifest(stage, fingerprint, 1, config={}, inputs=made_from))
-
-
-def test_of_several_diagnoses_the_one_that_was_acted_on_counts_else_the_latest():
-    def chosen(models: list[Artifact], found: list[Artifact]) -> list[Artifact]:
-        return diagnoses_of(ReportConfig(), found, {"models": models})
-
-    base = artifact("identify", "b")
-    first, second, third = (artifact("diagnose", name, model=base) for name in ("d1", "d2", "d3"))
-    assert chosen([base], [first, second, third]) == [third]
-    more = artifact("augment", "m", model=base, diagnosis=second)
-    again = artifact("diagnose", "d4", model=more)
-    assert chosen([base, more], [first, second, third, again]) == [second, again]
-    assert chosen([base], []) == []
-
-
 def test_a_report_tells_the_diagnoses_of_its_models_and_recordings(store):
     plain, mystery = recordings(store, "blocks"), recordings(store, "blocks", pieces=5)
     RecordingSet(mystery.path, "blocks", ["a", "b"], ["b"]).save()
@@ -298,15 +278,6 @@ def test_a_report_tells_the_diagnoses_of_its_models_and_recordings(store):
     facts = told(planned(store, unchecked("report"), models=base, recordings=mystery))
     assert facts["diagnoses"] == [wanted.address]
     assert parents(wanted)["recordings"] == mystery.key
-
-
-@pytest.mark.parametrize(
-    ("typed", "labels"),
-    [("base, base+tilt", ("base", "base+tilt")), ("base", ("base",)), ("train@1234,base", ()), ("base,base", ())],
-)
-def test_models_are_called_as_the_user_typed_them(typed: str, labels: tuple[str, ...]):
-    assert named_as_typed(ReportConfig(), {"models": typed}).labels == labels
-    assert named_as_typed(ReportConfig(labels=("mine",)), {"models": typed}).labels == ("mine",)
 
 
 def test_wrong_settings_are_told_before_anything_is_looked_for(store, monkeypatch, capsys):
