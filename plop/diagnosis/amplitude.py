@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from plop.diagnosis.finding import Curve
 from plop.diagnosis.hypotheses import Hypothesis
 from plop.diagnosis.score import Score, one_per_setting
 from plop.diagnosis.search import Search
@@ -19,7 +18,7 @@ NEAR = 0.15
 _TURNS = 5
 """Rounds in which amplitude and weights are found from each other."""
 _FLATTEST = 16.0
-"""How many times an amplitude is looked at beyond what was found."""
+"""How many times smaller or larger than what was found an amplitude is looked at."""
 
 
 def refine(search: Search, laws: Sequence[str]) -> bool:
@@ -89,28 +88,27 @@ def _repeated(search: Search, score: Score) -> tuple[Search, Score]:
     return weighted, found
 
 
-def saturated(search: Search, score: Score) -> tuple[float, float]:
-    """Find how many times smaller or larger an amplitude may be with the same response: a bond that holds, holds.
+def curve_of(search: Search, score: Score, width: float) -> Curve:
+    """Find the size of a law's response over its amplitude, around the one that was found.
 
     Args:
         search: May run the law at more amplitudes.
         score: A law at the amplitude where its response was computed.
-
-    Returns:
-        Powers of two, 1 or less and 1 or more, up to which the engine responds within `NEAR` of the response there.
+        width: Share of the response by which it may be off: the curve reaches so far, where the range lets it.
     """
-    return _alike_to(search, score, 0.5), _alike_to(search, score, 2.0)
+    points = {1.0: 1.0}
+    for factor, far in ((0.5, lambda size: size <= 1 - width), (2.0, lambda size: size >= 1 + width)):
+        multiple = 1.0
+        while not far(points[multiple]) and 1 / _FLATTEST < multiple < _FLATTEST:
+            other = _elsewhere(search, score.hypothesis, factor * multiple)
+            if other is None:
+                break
+            multiple *= factor
+            points[multiple] = _size(search, score.hypothesis, other)
+    return Curve(tuple(sorted(points.items())))
 
 
-def _alike_to(search: Search, score: Score, factor: float) -> float:
-    multiple = 1.0
-    while 1 / _FLATTEST < multiple < _FLATTEST:
-        other = _elsewhere(search, score.hypothesis, factor * multiple)
-        if other is None:
-            break
-        pairs = zip(search.tables[0].response(score.hypothesis), search.tables[0].response(other), strict=True)
-        own, apart = np.array([((a**2).sum(), ((a - b) ** 2).sum()) for a, b in pairs]).sum(0)
-        if apart > NEAR**2 * own:
-            break
-        multiple *= factor
-    return multiple
+def _size(search: Search, hypothesis: Hypothesis, other: Hypothesis) -> float:
+    """Give how much of a response another one shows: its projection on the first, in units of that."""
+    pairs = list(zip(search.tables[0].response(hypothesis), search.tables[0].response(other), strict=True))
+    return float(sum((a * b).sum() for a, b in pairs) / sum((a * a).sum() for a, _ in pairs))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from plop.diagnosis.amplitude import saturated, settled
+from plop.diagnosis.amplitude import curve_of, settled
 from plop.diagnosis.finding import Finding, finding_of, worse
 from plop.diagnosis.limits import Limit, detection_limits, unseen
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -122,7 +122,7 @@ def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: Deci
     found, score = settled(search, first.score)
     others = [settled(search, s)[1] for s in _settings(first.score, scores, rule)]
     sizes = found.sizes()[: int(found.here.sum())]
-    return found, finding_of(score, others, sizes, rule, saturated(search, score))
+    return found, finding_of(score, others, sizes, rule, curve_of(search, score, rule.response_width))
 
 
 def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:

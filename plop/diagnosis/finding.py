@@ -26,6 +26,28 @@ def explained_text(gain: float, error: float) -> str:
 
 
 @dataclass(frozen=True)
+class Curve:
+    """Size of a law's response over its amplitude, both in units of what was found there; in proportion unless known.
+
+    What sticks, or holds, answers to a larger amplitude with little more: such amplitudes cannot be told apart.
+    """
+
+    points: tuple[tuple[float, float], ...] = ((1.0, 1.0),)
+    """Amplitude and size of the response, sorted; one of them is (1, 1)."""
+
+    def amplitude(self, size: float) -> float:
+        """Give the amplitude that has a response of so much: beyond the last one, as the curve goes on there."""
+        if size <= 0:
+            return size
+        multiples, sizes = np.array([(0.0, 0.0), *self.points]).T
+        sizes = np.maximum.accumulate(sizes)
+        if size <= sizes[-1]:
+            return float(np.interp(size, sizes, multiples))
+        slope = (sizes[-1] - sizes[-2]) / (multiples[-1] - multiples[-2])
+        return float(multiples[-1] + (size - sizes[-1]) / slope) if slope > 0 else np.inf
+
+
+@dataclass(frozen=True)
 class Finding:
     """One law with its evidence."""
 
@@ -53,11 +75,7 @@ class Finding:
 
 
 def finding_of(
-    score: Score,
-    as_good: Sequence[Score],
-    sizes: np.ndarray,
-    rule: DecisionRule = RULE,
-    saturated: tuple[float, float] = (1.0, 1.0),
+    score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE, curve: Curve = Curve()
 ) -> Finding:
     """Judge the best score of a law.
 
@@ -66,10 +84,10 @@ def finding_of(
         as_good: The same law's other settings that do as well.
         sizes: Squared error of each episode to explain without it, [H].
         rule: Margins.
-        saturated: How many times smaller, and larger, the amplitude may be with the same response.
+        curve: Size of its response over its amplitude.
     """
     columns = score.hypothesis.candidate.columns
-    parameters = amplitudes_of(score, rule, saturated)
+    parameters = amplitudes_of(score, rule, curve)
     for other in as_good:
         for name, found in amplitudes_of(other, rule).items():
             own = parameters[name]
@@ -92,17 +110,19 @@ def finding_of(
     )
 
 
-def amplitudes_of(
-    score: Score, rule: DecisionRule = RULE, saturated: tuple[float, float] = (1.0, 1.0)
-) -> dict[str, Estimate]:
-    """Give amplitudes with their 95 % intervals, kept inside their ranges."""
+def amplitudes_of(score: Score, rule: DecisionRule = RULE, curve: Curve = Curve()) -> dict[str, Estimate]:
+    """Give amplitudes with their 95 % intervals, kept inside their ranges.
+
+    What is known with some error is how much of the response there is; the curve turns its ends into amplitudes.
+    """
     found = {}
     at_bound = score.amount >= score.hypothesis.most * (1 - 1e-9)
+    chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
+    width = float(np.hypot(chance, rule.response_width))
+    below, above = (curve.amplitude(1 + share) - 1 for share in (-width, width))
     for column, value in zip(score.hypothesis.candidate.columns, score.values, strict=True):
-        chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
-        width = float(np.hypot(chance, rule.response_width)) * max(abs(value), 1e-12)
-        outward = np.copysign(width, value)
-        ends = sorted((saturated[0] * (value - outward), saturated[1] * value + outward))
+        unit = np.copysign(max(abs(value), 1e-12), value)
+        ends = sorted((value + below * unit, value + above * unit))
         low, high, inside = (float(np.clip(v, column.low, column.high)) for v in (*ends, value))
         found[column.amplitude] = Estimate(inside, low, high, column.unit, bool(at_bound))
     return found
