@@ -39,6 +39,8 @@ class Column:
     high: float
     tried: tuple[float, ...] = ()
     """Further amplitudes at which it is tried."""
+    needs_blade: bool = False
+    """The law does nothing where the tool is no blade."""
 
     @property
     def key(self) -> str:
@@ -150,7 +152,7 @@ def candidates_of(types: Mapping[str, EffectType], names: Iterable[str] | None =
         for variant in kind.variants:
             shapes = tuple(sorted({p.name: variant.get(p.name, p.default) for p in kind.shapes}.items()))
             columns = tuple(
-                Column(name, p.name, p.unit, shapes, p.typical or p.step, p.low, p.high, p.tried)
+                Column(name, p.name, p.unit, shapes, p.typical or p.step, p.low, p.high, p.tried, kind.needs_blade)
                 for p in kind.amplitudes
             )
             found.append(Candidate(name, kind.kind, columns, units))

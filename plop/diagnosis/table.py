@@ -13,8 +13,10 @@ from plop.diagnosis.evidence import Evidence, evidence_of, moved
 from plop.diagnosis.hypotheses import Hypothesis, Settings, run_key
 from plop.diagnosis.responses import Answer, Job
 from plop.errors import PlopError
+from plop.geometry.meshes.tool import ToolGeometry
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.time_step import STEP_RATIO
+from plop.physics.engine.tool_motion import ToolKind, kind_of
 from plop.tracking.episode import Episode
 from plop.tracking.phases import motion_kind
 
@@ -92,23 +94,35 @@ class Table:
         """
         settings = {run_key(s): s for s in wanted}
         new = {key: s for key, s in settings.items() if key not in self._changes[0] and key not in self.failed}
-        answers = iter(self.run_jobs([job for s in new.values() for job in self.jobs(s)]))
-        found = {key: [next(answers) for _ in self.episodes] for key in new}
+        jobs = {key: self.jobs(s) for key, s in new.items()}
+        answers = iter(self.run_jobs([job for own in jobs.values() for job in own if job is not None]))
+        found = {key: [None if job is None else next(answers) for job in own] for key, own in jobs.items()}
         for key, own in found.items():
-            trouble = next((answer.trouble for answer in own if answer.points is None), None)
+            trouble = next((answer.trouble for answer in own if answer is not None and answer.points is None), None)
             if trouble is not None:
                 self.failed[key] = trouble
         stable = {key: own for key, own in found.items() if key not in self.failed}
         self._run_without(stable.values())
         for key, own in stable.items():
             for k, (episode, answer) in enumerate(zip(self.episodes, own, strict=True)):
-                change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
+                if answer is None:
+                    change = np.zeros(self.evidence[k].residual.shape)
+                else:
+                    change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
                 self._changes[k][key] = self.evidence[k].seen[..., None] * change
 
-    def jobs(self, settings: Settings) -> list[Job]:
-        """Give the runs of a law, one for each episode."""
-        pairs = zip(self.episodes, self._steps_s, strict=True)
-        return [Job(episode, self.base, settings, step_s) for episode, step_s in pairs]
+    def jobs(self, settings: Settings) -> list[Job | None]:
+        """Give the runs of a law, one for each episode; None where it acts at cuts, and nothing is cut."""
+        of_cuts = bool(settings) and all(column.needs_blade for column, _ in settings)
+        return [
+            Job(episode, self.base, settings, step_s) if blade or not of_cuts else None
+            for episode, step_s, blade in zip(self.episodes, self._steps_s, self._blades, strict=True)
+        ]
+
+    @cached_property
+    def _blades(self) -> list[bool]:
+        tools = [ToolGeometry.from_mesh(episode.tool.vertices, episode.tool.faces) for episode in self.episodes]
+        return [kind_of(tool) == ToolKind.BLADE for tool in tools]
 
     def _shorter(self, k: int, answer: Answer) -> int:
         """Tell by how many times STEP_RATIO a run's time steps are shorter than without laws."""
@@ -116,9 +130,9 @@ class Table:
             return 0
         return round(float(np.log(self._steps_s[k] / answer.step_s) / np.log(STEP_RATIO)))
 
-    def _run_without(self, answers: Iterable[Sequence[Answer]]) -> None:
+    def _run_without(self, answers: Iterable[Sequence[Answer | None]]) -> None:
         """Run the engine without laws in the time steps of some runs with laws."""
-        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own)}
+        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own) if answer}
         new = sorted((k, shorter) for k, shorter in wanted if shorter not in self._without[k])
         steps = [self._steps_s[k] / STEP_RATIO**shorter for k, shorter in new]
         jobs = [Job(self.episodes[k], self.base, most_step_s=step) for (k, _), step in zip(new, steps, strict=True)]

@@ -241,7 +241,7 @@ def _varied(
         with _dropping(episode, dropped):
             alone.append((k, change, _alone(table, episode)))
     settings = dict.fromkeys(_settings([*hypotheses, *own]))
-    table.run_jobs([job for _, _, each in alone for law in settings for job in each.jobs(law)])
+    table.run_jobs([job for _, _, each in alone for law in settings for job in each.jobs(law) if job])
     for k, change, each in alone:
         with _dropping(each.episodes[0], dropped):
             found.append(_run(table, k, change, each, hypotheses, own))

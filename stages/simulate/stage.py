@@ -172,7 +172,9 @@ STAGE = Stage(
     config=SimulateConfig,
     inputs={
         "scene": InputSpec(
-            (), "TOML file of the scene; a bare name selects a shipped one: block.toml, sphere.toml, cylinder.toml."
+            (),
+            "TOML file of the scene; a bare name selects a shipped one: block.toml, quick-block.toml, sphere.toml, "
+            "cylinder.toml.",
         ),
         "effect_file": InputSpec((), "Python file with effects of your own.", optional=True),
     },

@@ -68,17 +68,17 @@ def test_a_law_with_one_setting_that_runs_can_be_judged():
 
 
 class OneWay(World):
-    """Toughness moves points only where it is added: none is there to be taken away."""
+    """A crust moves points only where it is added: none is there to be taken away."""
 
     def amounts(self, values):
         shrunk = values.get("swelling", 0.0)
-        return [max(values.get("toughness", 0.0), 0.0) / 50 - 20 * shrunk, 10 * shrunk]
+        return [max(values.get("crust", 0.0), 0.0) / 0.7 - 20 * shrunk, 10 * shrunk]
 
 
 def test_a_law_of_which_nothing_can_be_taken_away_keeps_its_place():
-    found = OneWay().diagnosed({"swelling": 0.2}, ["swelling", "toughness"])
+    found = OneWay().diagnosed({"swelling": 0.2}, ["swelling", "crust"])
     assert found.verdict.named == ("swelling",)
-    assert "toughness" in {f.name for f in found.findings} and "toughness" not in found.dropped
+    assert "crust" in {f.name for f in found.findings} and "crust" not in found.dropped
 
 
 def test_a_verdict_speaks_of_the_laws_that_were_tried():

@@ -139,7 +139,7 @@ def test_without_settling_the_object_starts_undeformed():
 
 
 def test_shipped_scenes_can_be_read_and_use_another_law_than_the_engine(tmp_path, monkeypatch):
-    assert shipped_scenes() == ["block.toml", "cylinder.toml", "sphere.toml"]
+    assert shipped_scenes() == ["block.toml", "cylinder.toml", "quick-block.toml", "sphere.toml"]
     for name in shipped_scenes():
         scene = Scene.read(find_scene(Path(name)))
         assert scene.material.law == ElasticLaw.FIXED_COROTATED and scene.name == name.removesuffix(".toml")

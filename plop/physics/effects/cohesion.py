@@ -199,6 +199,7 @@ class Cohesion(Effect):
         "Baylor 1998; wear by the blade's force: Heiden et al. 2021, DiSECt"
     )
     acts_at_rest = False
+    needs_blade = True
     amplitudes = (
         Parameter(
             "traction_pa",

@@ -48,6 +48,8 @@ class Effect:
     """Settings of the shape parameters at which the screen tries the effect."""
     acts_at_rest: ClassVar[bool] = True
     """Whether it changes how an object rests before its first frame: a law of the tool or of motion does not."""
+    needs_blade: ClassVar[bool] = False
+    """Whether it does nothing where the tool is no blade, which cuts nothing."""
     remembers: ClassVar[dict[str, tuple[tuple[int, ...], float]]] = {}
     """Arrays that the law stores per particle: name -> (shape after N, first value); in `body.memory` as
     "<effect>.<name>". The engine sorts, saves and restores them with the particles."""

@@ -17,6 +17,7 @@ class Toughness(Effect):
     law = "force on the edge += d_G x width of the cut"
     source = "Griffith 1921; Atkins, The Science and Engineering of Cutting, 2009, ch. 2"
     acts_at_rest = False
+    needs_blade = True
     amplitudes = (
         Parameter(
             "d_j_m2", "J/m^2", -1e3, 1e3, step=5.0, typical=50.0, help="change of fracture energy", tried=(-50.0, 200.0)

@@ -55,7 +55,7 @@ class ToolShape:
             kind: What the tool is taken for; its proportions tell when absent.
         """
         geometry = ToolGeometry.from_mesh(vertices, faces)
-        kind = kind or _kind_of(geometry)
+        kind = kind or kind_of(geometry)
         axes, center = _sign_fixed(geometry.axes.double().numpy()), geometry.center.double().numpy()
         local = (np.asarray(vertices, float) - center) @ axes
         if kind == ToolKind.SOLID:
@@ -90,7 +90,8 @@ def _unlike_first(sides: np.ndarray) -> np.ndarray:
     return sides[order]
 
 
-def _kind_of(geometry: ToolGeometry) -> ToolKind:
+def kind_of(geometry: ToolGeometry) -> ToolKind:
+    """Tell by its proportions what a tool is."""
     thinnest, middle, _ = geometry.half_extent.tolist()
     return ToolKind.BLADE if thinnest < BLADE_ASPECT * middle else ToolKind.SOLID
 
