@@ -96,19 +96,20 @@ class Table:
         new = {key: s for key, s in settings.items() if key not in self._changes[0] and key not in self.failed}
         jobs = {key: self.jobs(s) for key, s in new.items()}
         answers = iter(self.run_jobs([job for own in jobs.values() for job in own if job is not None]))
-        found = {key: [None if job is None else next(answers) for job in own] for key, own in jobs.items()}
+        same = [Answer(plain[0], step_s=step_s) for plain, step_s in zip(self.plain, self._steps_s, strict=True)]
+        found = {
+            key: [next(answers) if job else unchanged for job, unchanged in zip(own, same, strict=True)]
+            for key, own in jobs.items()
+        }
         for key, own in found.items():
-            trouble = next((answer.trouble for answer in own if answer is not None and answer.points is None), None)
+            trouble = next((answer.trouble for answer in own if answer.points is None), None)
             if trouble is not None:
                 self.failed[key] = trouble
         stable = {key: own for key, own in found.items() if key not in self.failed}
         self._run_without(stable.values())
         for key, own in stable.items():
             for k, (episode, answer) in enumerate(zip(self.episodes, own, strict=True)):
-                if answer is None:
-                    change = np.zeros(self.evidence[k].residual.shape)
-                else:
-                    change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
+                change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
                 self._changes[k][key] = self.evidence[k].seen[..., None] * change
 
     def jobs(self, settings: Settings) -> list[Job | None]:
@@ -130,9 +131,9 @@ class Table:
             return 0
         return round(float(np.log(self._steps_s[k] / answer.step_s) / np.log(STEP_RATIO)))
 
-    def _run_without(self, answers: Iterable[Sequence[Answer | None]]) -> None:
+    def _run_without(self, answers: Iterable[Sequence[Answer]]) -> None:
         """Run the engine without laws in the time steps of some runs with laws."""
-        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own) if answer}
+        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own)}
         new = sorted((k, shorter) for k, shorter in wanted if shorter not in self._without[k])
         steps = [self._steps_s[k] / STEP_RATIO**shorter for k, shorter in new]
         jobs = [Job(self.episodes[k], self.base, most_step_s=step) for (k, _), step in zip(new, steps, strict=True)]
