@@ -131,7 +131,7 @@ def collected(store: Store, name: str) -> dict[str, Any]:
     """Read one diagnosis and keep what the results page shows."""
     artifact = store.find(name)
     facts = json.loads((artifact.path / "diagnosis.json").read_text())
-    kept = ("error", "floor", "searches", "episodes", "reference_episodes", "seconds")
+    kept = ("error", "floor", "searches", "episodes", "reference_episodes")
     ranking = [_finding(row) for row in facts["ranking"][:RANKED]]
     verdict = facts["verdict"]
     return {
@@ -140,6 +140,7 @@ def collected(store: Store, name: str) -> dict[str, Any]:
         "text": verdict["text"],
         "diagnose_version": artifact.manifest.stage_version,
         **{key: _short(facts[key]) for key in kept},
+        "seconds": round(artifact.manifest.provenance["seconds"], DIGITS),
         "ranking": ranking,
     }
 

@@ -58,13 +58,14 @@ def main() -> None:
 def diagnosed(loop: Typed) -> dict[str, Any]:
     """Diagnose, again where it has been done."""
     loop.plop("diagnose", "--model", "base", "--recordings", "mystery", "--name", "timed", "--force")
-    found = json.loads((loop.store.find("timed").path / "diagnosis.json").read_text())
+    artifact = loop.store.find("timed")
+    found = json.loads((artifact.path / "diagnosis.json").read_text())
     return {
         "verdict": found["verdict"]["kind"],
         "named": found["verdict"]["named"],
         "laws": len(found["ranking"]),
-        "seconds": found["seconds"],
-        "engine_runs": found["engine_runs"],
+        "seconds": artifact.manifest.provenance["seconds"],
+        "engine_runs": artifact.manifest.summary["figures"]["engine_runs"],
         "episodes": len(found["episodes"]),
         "reference_episodes": len(found["reference_episodes"]),
     }

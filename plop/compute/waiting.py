@@ -6,8 +6,13 @@ each of the hundreds of sections of a step costs a time slice of the scheduler. 
 sleeping and waking up in each section. Spinning for about as long as that takes costs at most twice the optimum
 (Karlin et al., Empirical studies of competitive spinning, 1991). docs/results/speed.md compares the three.
 
-An OpenMP library reads its environment when it is loaded, so this has to happen before torch is imported: `plop` does
-it when it is imported, in every command and every worker process. A program that imports torch first must set the
+The threads of OpenBLAS, which numpy uses, spin until the last of them is done, and no setting ends that: with two of
+them `diagnose` took seven times as long beside a training (146 s for 21 s), with one it takes 32 s, and 19 s alone. Its
+products are many and small; what runs in parallel here are episodes, runs of the engine and compiled loops. And one
+thread adds up in the same order on every machine.
+
+A library reads its environment when it is loaded, so this has to happen before torch and numpy are imported: `plop`
+does it when it is imported, in every command and every worker process. A program that imports them first must set the
 variables itself.
 """
 
@@ -24,7 +29,14 @@ SPIN = {"GOMP_SPINCOUNT": "1000", "KMP_BLOCKTIME": "1"}
 """A turn is a pause of the processor, 140 cycles on recent ones of Intel: 1,000 are about 50 us, a wake-up's time."""
 
 
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "1")
+
+
 def wait_briefly() -> None:
-    """Let OpenMP threads of this process and of those it starts spin briefly; values set by the user are kept."""
+    """Let OpenMP threads spin briefly, here and in processes started from here, and numpy's BLAS use one thread.
+
+    Values set by the user are kept.
+    """
     if not plain() and not any(name in os.environ for name in POLICY):
         os.environ.update(SPIN)
+    os.environ.setdefault(*BLAS_THREADS)

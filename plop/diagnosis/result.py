@@ -78,7 +78,7 @@ class Diagnosis(ResultFile):
 
     FILE: ClassVar[str] = "diagnosis.json"
     COMMAND: ClassVar[str] = "diagnose"
-    SCHEMA: ClassVar[int] = 4
+    SCHEMA: ClassVar[int] = 5
 
     verdict: Verdict
     ranking: tuple[Ranked, ...]
@@ -98,8 +98,6 @@ class Diagnosis(ResultFile):
     dropped: Mapping[str, str]
     """Episodes and laws that were left out, with the reason."""
     environment: str
-    seconds: float
-    engine_runs: int
 
     def row(self, effect: str) -> Ranked | None:
         """Find a law, or a parameter of the base's own, by name."""

@@ -21,7 +21,7 @@ TEXT = "protocol.md"
 _COLUMNS = "time_s,x_m,y_m,z_m,qw,qx,qy,qz"
 
 
-def plan_of(found: Planned, *, diagnosed: bool, again: bool, environment: str, engine_runs: int) -> Plan:
+def plan_of(found: Planned, *, diagnosed: bool, again: bool, environment: str) -> Plan:
     """Make the protocol.
 
     Args:
@@ -29,7 +29,6 @@ def plan_of(found: Planned, *, diagnosed: bool, again: bool, environment: str, e
         diagnosed: The recordings to explain have been made: only the motion that distinguishes is recorded.
         again: The motion that distinguishes is recorded in the reference, too.
         environment: Of the recordings.
-        engine_runs: How often the engine was run.
     """
     steps = _steps(found, diagnosed, again)
     rounds = tuple(
@@ -46,7 +45,6 @@ def plan_of(found: Planned, *, diagnosed: bool, again: bool, environment: str, e
         tuple(motion.name for motion in found.motions),
         found.dropped,
         environment,
-        engine_runs,
     )
     return replace(kept, text=plan_text(kept, diagnosed))
 

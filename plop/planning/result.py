@@ -64,7 +64,7 @@ class Plan(ResultFile):
 
     FILE: ClassVar[str] = "plan.json"
     COMMAND: ClassVar[str] = "plan"
-    SCHEMA: ClassVar[int] = 1
+    SCHEMA: ClassVar[int] = 2
 
     text: str
     """In words: what would be seen, what to record, in which order, and what then."""
@@ -82,4 +82,3 @@ class Plan(ResultFile):
     dropped: dict[str, str]
     """Episodes, motions and laws that were left out, with the reason."""
     environment: str
-    engine_runs: int

@@ -20,8 +20,6 @@ def diagnosis_of(
     left_out: Mapping[str, str],
     *,
     environment: str = "",
-    seconds: float = 0.0,
-    engine_runs: int = 0,
 ) -> Diagnosis:
     """Collect everything that was found; see docs/reference/outputs.md.
 
@@ -31,8 +29,6 @@ def diagnosis_of(
         sensors: Significant faults; None where they were not looked for.
         left_out: Episodes that were not judged, with the reason.
         environment: Of the recordings.
-        seconds: How long it took [s].
-        engine_runs: How often the engine was run.
     """
     facts, search = found.verdict.evidence, found.search
     names = [evidence.name for evidence in search.evidence]
@@ -50,8 +46,6 @@ def diagnosis_of(
         reference_episodes=tuple(names[count:]),
         dropped={**left_out, **found.dropped},
         environment=environment,
-        seconds=round(seconds, 1),
-        engine_runs=engine_runs,
     )
 
 

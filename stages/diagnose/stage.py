@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,7 +53,6 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         PlopError: A model and recordings of different objects, too few episodes, an unknown effect, a file with
             effects that cannot be used, or an engine that follows nothing.
     """
-    started = time.perf_counter()
     check(config, {name: given.path for name, given in inputs.items()})
     files = (str(inputs["effect_file"].path),) if "effect_file" in inputs else ()
     types = library(files)
@@ -86,15 +84,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         announce=runs.begin,
     )
     runs.forget()
-    kept = diagnosis_of(
-        found,
-        types,
-        sensors,
-        left_out,
-        environment=recordings.environment,
-        seconds=time.perf_counter() - started,
-        engine_runs=runs.done,
-    )
+    kept = diagnosis_of(found, types, sensors, left_out, environment=recordings.environment)
     kept.write(out.path)
     figures = {
         "verdict": kept.verdict.kind,
@@ -102,7 +92,7 @@ def run(inputs: Inputs, config: DiagnoseConfig, out: Output) -> Summary:
         "text": kept.verdict.text,
         "next": kept.next_step,
         "episodes": len(kept.episodes),
-        "engine_runs": kept.engine_runs,
+        "engine_runs": runs.done,
     }
     warnings += [f"{name} is left out: {why}" for name, why in kept.dropped.items()]
     return Summary(figures, rows_of(kept), warnings)
@@ -172,7 +162,7 @@ def _without_cameras(config: DiagnoseConfig) -> dict[str, list[str]]:
 
 STAGE = Stage(
     name="diagnose",
-    version=58,
+    version=59,
     help="Name the physical effect that the model is missing, or say that none can be named.",
     config=DiagnoseConfig,
     inputs={

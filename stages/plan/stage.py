@@ -105,18 +105,12 @@ def run(inputs: Inputs, config: PlanConfig, out: Output) -> Summary:
     )
     runs.forget()
     found.dropped.update(left_out)
-    kept = plan_of(
-        found,
-        diagnosed="diagnosis" in inputs,
-        again=config.again,
-        environment=recordings.environment,
-        engine_runs=runs.done,
-    )
+    kept = plan_of(found, diagnosed="diagnosis" in inputs, again=config.again, environment=recordings.environment)
     write_plan(kept, found.best, out.path)
     figures: dict[str, Any] = {"plan": kept.text, "episodes": sum(step.repeats for step in kept.steps)}
     if kept.separation is not None:
         figures |= {"motion": kept.separation.motion, "settled": round(kept.separation.settled, 2)}
-    figures["engine_runs"] = kept.engine_runs
+    figures["engine_runs"] = runs.done
     warnings += [f"{name} is left out: {why}" for name, why in kept.dropped.items()]
     return Summary(figures, rows_of(kept), warnings)
 
@@ -194,7 +188,7 @@ def check_inputs(inputs: Inputs, config: PlanConfig) -> None:
 
 STAGE = Stage(
     name="plan",
-    version=6,
+    version=7,
     help="Plan recordings: which laws would be seen, how many repeats, and the motion that distinguishes laws.",
     config=PlanConfig,
     inputs={

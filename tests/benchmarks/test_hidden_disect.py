@@ -44,7 +44,6 @@ FACTS = {
     "searches": 400,
     "episodes": ["a"],
     "reference_episodes": [],
-    "seconds": 1.0,
     "limits": "dropped",
     "ranking": [ROW, *({**ROW, "effect": f"law_{k}"} for k in range(RANKED + 1))],
 }
@@ -53,7 +52,7 @@ FACTS = {
 def store_of(folder: Path, facts: dict) -> SimpleNamespace:
     """A store in which every name is a diagnosis, and a comparison, too."""
     (folder / "diagnosis.json").write_text(json.dumps(facts))
-    manifest = SimpleNamespace(stage_version=14, summary={"figures": {"rms_mm": 1.25}})
+    manifest = SimpleNamespace(stage_version=14, summary={"figures": {"rms_mm": 1.25}}, provenance={"seconds": 1.0})
     asked: list[str] = []
     found = SimpleNamespace(path=folder, manifest=manifest)
     return SimpleNamespace(asked=asked, find=lambda name: asked.append(name) or found)

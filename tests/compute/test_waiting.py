@@ -12,6 +12,7 @@ import pytest
 from plop.compute.waiting import POLICY
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+BLAS = "OPENBLAS_NUM_THREADS"
 SEEN = f"import os, sys; print(*[os.environ.get(n, '-') for n in {POLICY}])"
 HOOK = """
 import sys, os
@@ -24,7 +25,7 @@ sys.meta_path.insert(0, Watch())
 
 
 def run(code: str, **environment: str) -> str:
-    clean = {key: value for key, value in os.environ.items() if key not in POLICY}
+    clean = {key: value for key, value in os.environ.items() if key not in (*POLICY, BLAS, "OMP_NUM_THREADS")}
     done = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,
@@ -61,3 +62,13 @@ def test_what_the_user_has_set_stays():
     assert run("import plop; " + SEEN).split() == ["-", "1000", "1"]
     assert run("import plop; " + SEEN, OMP_WAIT_POLICY="ACTIVE").split() == ["ACTIVE", "-", "-"]
     assert run("import plop; " + SEEN, GOMP_SPINCOUNT="7").split() == ["-", "7", "-"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads as Linux lists them")
+@pytest.mark.parametrize(("given", "threads"), [({}, 1), ({"PLOP_PLAIN_THREADS": "1"}, 1), ({BLAS: "2"}, 2)])
+def test_numpy_multiplies_on_one_thread(given: dict[str, str], threads: int):
+    """The threads are counted, so that it is seen when numpy's BLAS reads another variable."""
+    if threads > (os.cpu_count() or 1):
+        pytest.skip("needs two cores")
+    product = "import plop, numpy as np, os; np.ones((400, 400)) @ np.ones((400, 400)); "
+    assert int(run(product + "print(len(os.listdir('/proc/self/task')))", **given)) == threads

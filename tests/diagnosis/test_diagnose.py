@@ -300,7 +300,7 @@ def test_limits_are_amplitudes_that_would_have_been_named():
 
 def test_what_is_kept_can_be_read_again():
     found = Fields().diagnosed({"swelling": 0.06}, LAWS)
-    kept = diagnosis_of(found, library(), (), {"box_9": "no track"}, environment="box", seconds=1.0, engine_runs=7)
+    kept = diagnosis_of(found, library(), (), {"box_9": "no track"}, environment="box")
     again = Diagnosis.from_json(kept.to_json())
     assert again == kept and again.named[0].effect == "swelling" and again.named[0].passes
     assert again.dropped["box_9"] == "no track" and len(again.episodes) == len(again.reference_episodes) == 6

@@ -48,7 +48,7 @@ def test_a_plan_is_written_read_again_and_remade_without_the_engine(inputs, tmp_
     first.mkdir()
     summary = run(inputs, CONFIG, Output(first))
     kept = Plan.load(first)
-    assert summary.figures["engine_runs"] == kept.engine_runs > 20 and summary.figures["plan"] == kept.text
+    assert summary.figures["engine_runs"] > 20 and summary.figures["plan"] == kept.text
     assert kept.text in (first / "protocol.md").read_text() and kept.environment == "block"
     assert {law.effect for law in kept.laws} >= {"swelling", "table_friction", "blade_friction", "stiffness"}
     assert kept.ways == (70,)
@@ -60,10 +60,8 @@ def test_a_plan_is_written_read_again_and_remade_without_the_engine(inputs, tmp_
             assert rows.shape[1] == 8 and np.allclose(np.linalg.norm(rows[:, 4:], axis=1), 1, atol=1e-5)
     second.mkdir()
     shutil.copytree(first / ".jobs", second / ".jobs")
-    run(inputs, CONFIG, Output(second))
-    facts = [json.loads((path / "plan.json").read_text()) for path in (first, second)]
-    assert facts[1].pop("engine_runs") == 0 and facts[0].pop("engine_runs") > 0
-    assert facts[0] == facts[1]
+    assert run(inputs, CONFIG, Output(second)).figures["engine_runs"] == 0
+    assert (first / "plan.json").read_bytes() == (second / "plan.json").read_bytes()
 
 
 def test_what_a_diagnosis_leaves_open_is_planned(inputs, tmp_path):

@@ -138,7 +138,7 @@ def test_the_planned_motion_settles_what_was_confounded():
         effects=LAWS,
     )
     assert (after.verdict.kind, after.verdict.named) == ("EFFECT", ("viscosity",)), after.verdict
-    kept_plan = plan_of(found, diagnosed=True, again=True, environment="box", engine_runs=1)
+    kept_plan = plan_of(found, diagnosed=True, again=True, environment="box")
     (step,) = kept_plan.steps
     assert step.repeats == step.reference == separation.repeats and step.file.startswith("motions/")
     assert kept_plan.rounds == ((step.motion,),) * separation.repeats
@@ -146,7 +146,7 @@ def test_the_planned_motion_settles_what_was_confounded():
 
 def test_between_takes_laws_at_typical_amplitudes_and_records_all_motions():
     found = planned(Lasting(), Wish(between=("swelling", "viscosity"), most=1))
-    kept = plan_of(found, diagnosed=False, again=False, environment="box", engine_runs=1)
+    kept = plan_of(found, diagnosed=False, again=False, environment="box")
     assert kept.separation.laws == ("swelling", "viscosity")
     assert len(kept.steps) == 6 + (found.best.change != Change.NONE)
     assert all(step.reference == 0 for step in kept.steps)
@@ -174,7 +174,7 @@ def test_settings_that_fit_equally_well_are_distinguished():
     found = planned(world, Wish(diagnosis=open_))
     assert found.separation.laws == ("tau_s = 0.05 s", "tau_s = 0.2 s")
     assert found.separation.settled < 0.9  # in this world both settings do the same in every motion
-    text = plan_of(found, diagnosed=True, again=True, environment="box", engine_runs=1).text
+    text = plan_of(found, diagnosed=True, again=True, environment="box").text
     assert "may well stay confounded" in text
 
 

@@ -52,8 +52,6 @@ def diagnosis(said: Verdict, *ranking: Ranked, **changes: Any) -> Diagnosis:
         "reference_episodes": (),
         "dropped": {},
         "environment": "box",
-        "seconds": 1.0,
-        "engine_runs": 3,
         **changes,
     }
     stiffness = () if any(row.effect == "stiffness" for row in ranking) else (base(),)
