@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from plop.diagnosis.conclusion import Conclusion
+from plop.diagnosis.contrast import roots
 from plop.diagnosis.result import SensorFault
+from plop.diagnosis.rule import RULE
 from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.parameters import short_number, with_unit
 from plop.sensors.faults.clock_offset import ClockOffset
@@ -60,6 +62,24 @@ def _added(verdict: Verdict) -> str:
     return f"{first}; then `plop compare --model better` shows how far the error has fallen."
 
 
+def _near(found: Conclusion) -> str:
+    """Name the law that comes near to a verdict, and the motions that would show it; empty where none does.
+
+    A law that few of the recorded motions show cannot be certain, however large it is: only more of them can tell it
+    from a motion that goes differently each time.
+    """
+    first = next((f for f in found.findings if f.kind != "decoy"), None)
+    if first is None or first.score.p > RULE.alike:
+        return ""
+    gains = roots(first.score.gains)
+    names = [e.name for e, gain in zip(found.search.evidence, gains, strict=False) if 2 * gain >= gains.max()]
+    return (
+        f"{first.name} comes near to a verdict: where nothing is hidden as much is found in "
+        f"{short_number(100 * first.score.p)} % of searches. {' and '.join(names)} show most of it: record these "
+        "motions again, here and in the reference."
+    )
+
+
 def _limits(found: Conclusion) -> str:
     """Say from where on laws would have been named, those that are seen most easily first."""
     if not found.verdict.evidence.reference:
@@ -70,6 +90,8 @@ def _limits(found: Conclusion) -> str:
             f"Look at {names} (`plop compare`), and record that motion again, here and in the reference: one recording "
             "is no proof, two that differ alike are."
         )
+    if near := _near(found):
+        return near
     laws = {f.name for f in found.findings if f.kind == "physics"}
     known = [
         (limit.displacement_m, name, limit)

@@ -14,7 +14,7 @@ from plop.diagnosis.next_step import next_step
 from plop.diagnosis.result import Diagnosis, SensorFault
 from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured
-from plop.diagnosis.verdict import Reason
+from plop.diagnosis.verdict import Reason, VerdictKind
 from plop.errors import PlopError
 from plop.parameters import Estimate
 from plop.physics.effects.library import library
@@ -296,6 +296,17 @@ def test_limits_are_amplitudes_that_would_have_been_named():
     assert limit is not None and 0 < abs(limit) < 0.06
     seen = [Fields().diagnosed({"swelling": share * abs(limit)}, LAWS).verdict.named for share in (0.05, 2.0)]
     assert seen == [(), ("swelling",)]
+
+
+def test_a_law_that_comes_near_to_a_verdict_is_told_with_the_motions_to_record_again():
+    found = Fields().diagnosed({"swelling": 0.06}, LAWS)
+    nothing = replace(found.verdict, kind=VerdictKind.NOTHING_DETECTABLE)
+    near = [replace(f, score=replace(f.score, p=0.03)) for f in found.findings]
+    told, gains = next_step(replace(found, verdict=nothing, findings=near)), np.sqrt(near[0].score.gains)
+    assert told.startswith("swelling comes near to a verdict") and "3 % of searches" in told
+    names = [evidence.name for evidence in found.search.evidence[:6]]
+    assert [name in told for name in names] == list(2 * gains >= gains.max())
+    assert next_step(Fields().diagnosed({}, LAWS)).startswith("What would have been named")
 
 
 def test_what_is_kept_can_be_read_again():
