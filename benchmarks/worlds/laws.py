@@ -1,7 +1,8 @@
 """What a foreign world's settings amount to: `python -m benchmarks.worlds.laws mujoco` (or drake).
 
 Declared is not effective. A block on a tilted table tells the friction and whether it creeps; how a press spreads over
-meshes tells how much stiffer and smoother a mesh of linear tetrahedra is than its material.
+meshes tells how much stiffer and smoother a mesh of linear tetrahedra is than its material; motions on a finer mesh
+tell what hangs on where the nodes happen to touch the tool.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from benchmarks.worlds.scene import GRAVITY_M_S2, Motion, World
 from plop.recordings.readers.mesh.sequence import MeshSequence
@@ -57,7 +59,7 @@ def on_a_tilt(record: Recorder, world: World, tilt_deg: float) -> Slide:
 
 def spread(record: Recorder, world: World) -> float:
     """Press, and give how far the far top sinks as a share of what lies under the tool [-]."""
-    sequence = record(world, Motion("press", depth_m=0.004))
+    sequence = record(world, Motion("press", "cylinder", depth_m=0.004))
     away = np.linalg.norm(sequence.rest[:, :2], axis=1)
     top = sequence.rest[:, 2] > world.shape.height_m - 1e-6
     sunk = (sequence.vertices - sequence.vertices[0])[..., 2]
@@ -66,15 +68,38 @@ def spread(record: Recorder, world: World) -> float:
     return float(sunk[deepest, far].mean() / sunk[deepest, near].mean())
 
 
+def refined(record: Recorder, world: World, motion: Motion, finer_m: float) -> tuple[float, float]:
+    """Record a motion on the world's mesh and on a finer one.
+
+    Returns:
+        How far the surface is apart and how far it moves, RMS over its nodes and frames [m].
+    """
+    coarse, fine = (record(replace(world, cells_m=cells), motion) for cells in (world.cells_m, finer_m))
+    nearest = cKDTree(fine.rest).query(coarse.rest)[1]
+    moved, finer = (sequence.vertices - sequence.vertices[0] for sequence in (coarse, fine))
+    apart = moved - finer[:, nearest]
+    return rms_norm(apart), rms_norm(moved)
+
+
+def rms_norm(vectors: np.ndarray) -> float:
+    """Root mean square length of vectors [..., 3]."""
+    return float(np.sqrt((vectors**2).sum(-1).mean()))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("simulator", choices=["drake", "mujoco"])
-    record = importlib.import_module(f"benchmarks.worlds.{parser.parse_args().simulator}").record
+    simulator = parser.parse_args().simulator
+    record = importlib.import_module(f"benchmarks.worlds.{simulator}").record
     out = sys.stdout.write
     for tilt_deg, friction in ((9.0, 0.5), (20.0, 0.2)):
         found = on_a_tilt(record, World(table_friction=friction, cells_m=0.010), tilt_deg)
         out(f"tilt {tilt_deg:g} deg, friction {friction}: {1000 * found.speed_m_s:.1f} mm/s, {found.friction:.3f}\n")
+    world = World(cells_m=0.0075, time_step_s={"drake": 0.005, "mujoco": 0.002}[simulator])
+    for kind in ("press", "push", "drag"):
+        apart, moved = refined(record, world, Motion(kind, "cylinder", depth_m=0.004), 0.005)
+        out(f"{kind}, cells 7.5 and 5 mm: apart {1000 * apart:.2f} of {1000 * moved:.2f} mm\n")
     for cells_m in (0.010, 0.0067, 0.005):
         out(f"press, cells {1000 * cells_m:.1f} mm: far over near {spread(record, World(cells_m=cells_m)):.3f}\n")
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from benchmarks.worlds import needs
-from benchmarks.worlds.laws import on_a_tilt, slide
+from benchmarks.worlds.laws import on_a_tilt, refined, slide
 from benchmarks.worlds.scene import KINDS, Motion, TetrahedralMesh, World, node_volumes, tetrahedral_mesh, tool_motion
 from plop.errors import PlopError
 from plop.physics.scenes.shapes import Shape
@@ -74,6 +75,16 @@ def test_friction_is_read_off_a_way_downhill():
     # the solution of x'' + d x' = a from rest at time 0
     way = pull / damping * (times - (1 - np.exp(-damping * times)) / damping)
     assert abs(slide(times, way, tilt, damping).friction - 0.2) < 2e-3
+
+
+def test_a_motion_on_a_finer_mesh_is_compared_at_the_nearest_nodes():
+    def record(world: World, motion: Motion) -> SimpleNamespace:
+        """Shift the object by the edge of a cell."""
+        rest = tetrahedral_mesh(world).nodes
+        return SimpleNamespace(rest=rest, vertices=np.stack([rest, rest + [world.cells_m, 0, 0]]))
+
+    apart, moved = refined(record, World(cells_m=0.010), Motion("drag"), 0.005)
+    assert (apart, moved) == pytest.approx((0.005 / 2**0.5, 0.010 / 2**0.5))
 
 
 def test_a_missing_simulator_names_the_extra(monkeypatch):
