@@ -44,7 +44,7 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
         whole: The whole library was tried.
     """
     scores = search.scores()
-    findings = _findings(search, scores, rule)
+    findings = _findings(scores, rule)
     facts = _grounds(search, sensors)
     missing = facts.change_p is not None and facts.change_p <= rule.alarm
     first = next((f for f in findings if f.stands), None)
@@ -80,7 +80,7 @@ def _likely(
     unlikely to be as strong by chance, or if it takes most of the difference away and nothing is left that stands out.
     """
     given = [replace(s, p=min(s.p, facts.change_p or 1.0)) for s in scores]
-    first = next((f for f in _findings(search, given, rule) if f.stands and f.kind != "decoy"), None)
+    first = next((f for f in _findings(given, rule) if f.stands and f.kind != "decoy"), None)
     if first is None:
         return None, scores
     own = next(s.p for s in scores if s.hypothesis == first.score.hypothesis)
@@ -94,20 +94,15 @@ def _likely(
 
 def _explains(search: Search, score: Score, scores: Sequence[Score], rule: DecisionRule) -> bool:
     """Tell whether a law takes most of the difference away, and nothing is left that stands out."""
-    sizes = search.sizes()[: int(search.here.sum())]
-    settled, found = _settled(search, finding_of(score, [], sizes, rule), scores, rule)
+    settled, found = _settled(search, finding_of(score, [], rule), scores, rule)
     rest = settled.beside(found.score)
     closed = closed_by(settled, rest)
     return closed is not None and closed >= rule.most and not stands_out(rest, rule)
 
 
-def _findings(search: Search, scores: list[Score], rule: DecisionRule) -> list[Finding]:
+def _findings(scores: list[Score], rule: DecisionRule) -> list[Finding]:
     """Judge every law by its best setting."""
-    sizes = search.sizes()[: int(search.here.sum())]
-    found = []
-    for best in one_per_law(scores):
-        found.append(finding_of(best, _settings(best, scores, rule), sizes, rule))
-    return found
+    return [finding_of(best, _settings(best, scores, rule), rule) for best in one_per_law(scores)]
 
 
 def _settings(best: Score, scores: Sequence[Score], rule: DecisionRule) -> list[Score]:
@@ -121,8 +116,7 @@ def _settled(search: Search, first: Finding, scores: Sequence[Score], rule: Deci
     """Give the first law with the amplitude, and the weights of patches, that belong to each other."""
     found, score = settled(search, first.score)
     others = [settled(search, s)[1] for s in _settings(first.score, scores, rule)]
-    sizes = found.sizes()[: int(found.here.sum())]
-    return found, finding_of(score, others, sizes, rule, curve_of(search, score, rule.response_width))
+    return found, finding_of(score, others, rule, curve_of(search, score, rule.response_width))
 
 
 def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:
@@ -200,8 +194,7 @@ def _named(
 def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:
     """Find a law in what the first one leaves: one that does more than what may be wrong with the first's response."""
     scores = rest.scores()
-    sizes = rest.sizes()[: int(rest.here.sum())]
-    found = [finding_of(score, [], sizes, rule) for score in one_per_law(scores)]
+    found = [finding_of(score, [], rule) for score in one_per_law(scores)]
     second = next((f for f in found if f.stands and f.kind == "physics"), None)
     if second is None:
         return None
@@ -217,7 +210,7 @@ def _together(search: Search, first: Finding, second: Finding, rule: DecisionRul
         k = turn % 2
         rest = search.beside(found[1 - k].score)
         score = rest.score_of(found[k].score.hypothesis)
-        found[k] = finding_of(score, [], rest.sizes()[: int(rest.here.sum())], rule)
+        found[k] = finding_of(score, [], rule)
     return found[0], found[1], rest.beside(found[1].score)
 
 

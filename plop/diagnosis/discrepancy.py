@@ -175,7 +175,7 @@ class Field:
 
     def _leftovers(self) -> list[Leftover]:
         """Give what is left of the residuals of every episode once the base is refitted."""
-        fitted = self.base_fitted()
+        fitted = self.refitted([e.residual for e in self.episodes])
         columns = [each.reshape(-1, 1) for each in fitted]
         field = self._in_field(columns)
         found = []
@@ -188,13 +188,15 @@ class Field:
             found.append(Leftover(whole, whole - own, rough))
         return found
 
-    def base_fitted(self) -> list[np.ndarray]:
-        """Give the residuals with the base's own parameters refitted to all episodes together, [F, K, 3] [m] each."""
-        left = self._without_field([e.residual.reshape(-1, 1) for e in self.episodes])
-        fitted = self._base_covariance @ sum(b.T @ x for b, x in zip(self._base, left, strict=True))
-        return [
-            e.residual - (b @ fitted).reshape(e.residual.shape) for e, b in zip(self.episodes, self._base, strict=True)
-        ]
+    def refitted(self, displacements: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Give what the base's own parameters leave, fitted to all episodes together.
+
+        Args:
+            displacements: Of every episode, [F, K, 3] [m].
+        """
+        onto = sum(left.T @ each.reshape(-1) for left, each in zip(self._base_left, displacements, strict=True))
+        fitted = self._base_covariance @ onto
+        return [each - (b @ fitted).reshape(each.shape) for each, b in zip(displacements, self._base, strict=True)]
 
 
 def inducing_features(episodes: Sequence[Evidence], seed: int = 0) -> list[np.ndarray]:

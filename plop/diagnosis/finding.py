@@ -74,15 +74,12 @@ class Finding:
         return {*self.reasons} <= {Reason.AT_BOUND}
 
 
-def finding_of(
-    score: Score, as_good: Sequence[Score], sizes: np.ndarray, rule: DecisionRule = RULE, curve: Curve = Curve()
-) -> Finding:
+def finding_of(score: Score, as_good: Sequence[Score], rule: DecisionRule = RULE, curve: Curve = Curve()) -> Finding:
     """Judge the best score of a law.
 
     Args:
         score: It.
         as_good: The same law's other settings that do as well.
-        sizes: Squared error of each episode to explain without it, [H].
         rule: Margins.
         curve: Size of its response over its amplitude.
     """
@@ -98,7 +95,7 @@ def finding_of(
     for name, value in columns[0].shapes:
         also = sorted({dict(other.hypothesis.candidate.columns[0].shapes)[name] for other in as_good} - {value})
         parameters[name] = Estimate(value, unit=units.get(name, ""), alternatives=tuple(also), fitted=False)
-    share, error = _share(score.removed, sizes)
+    share, error = _share(score.removed, score.without)
     return Finding(
         score.hypothesis.effect,
         score.hypothesis.candidate.kind,
@@ -164,10 +161,10 @@ def gains_worse(best: np.ndarray, other: np.ndarray, rule: DecisionRule = RULE) 
     return bool(apart.mean() > student.ppf(1 - rule.alike, len(apart) - 1) * error + 1e-9)
 
 
-def _share(removed: np.ndarray, sizes: np.ndarray) -> tuple[float, float]:
+def _share(removed: np.ndarray, without: np.ndarray) -> tuple[float, float]:
     """Share of the squared error that goes away, and its standard error (ratio estimator over episodes)."""
-    total, count = float(sizes.sum()), len(sizes)
+    total, count = float(without.sum()), len(without)
     share = float(removed.sum()) / max(total, 1e-300)
-    apart = removed - share * sizes
+    apart = removed - share * without
     error = np.sqrt(count / max(count - 1, 1) * float((apart**2).sum())) / max(total, 1e-300)
     return share, float(error)

@@ -30,8 +30,10 @@ class Score:
     """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
     """Gain of log density of each episode to explain, held out, [H] [nats]."""
+    without: np.ndarray
+    """Squared error of each without it, the base refitted beside it, [H], in units of its expectation."""
     removed: np.ndarray
-    """Squared error of each that goes away, held out, [H], in units of its expectation."""
+    """How much of that goes away, held out, [H]."""
     size_m: float
     """RMS displacement that the law makes [m]."""
 

@@ -56,9 +56,9 @@ class Search:
         ]
         self._base, self.spread = stacked, spread
         self.field = Field(self.evidence, stacked, spread)
-        self.fitted = self.field.base_fitted()
         self.known: list[np.ndarray] = [np.zeros(shape) for shape in shapes]
         """What has been found already, and is taken off the residuals, [F, K, 3] [m] each."""
+        self.fitted = self.field.refitted(self._residuals)
 
     def add(self, hypotheses: Sequence[Hypothesis]) -> None:
         """Run more hypotheses; those that are unstable, or move nothing, are left out."""
@@ -129,7 +129,7 @@ class Search:
         change = [known + c for known, c in zip(self.known, self._change(score), strict=True)]
         left = [replace(e, residual=e.residual - c) for e, c in zip(self.evidence, change, strict=True)]
         other.field = Field(left, self._base, self.spread)
-        other.fitted = [f + c for f, c in zip(other.field.base_fitted(), change, strict=True)]
+        other.fitted = [f + c for f, c in zip(other.field.refitted([e.residual for e in left]), change, strict=True)]
         return other
 
     @cached_property
@@ -251,22 +251,31 @@ class Search:
         contrast = products.contrast(self.here)
         amount = max(contrast.amount, 0.0)
         gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
-        response = self.response(hypothesis)
-        removed = np.array([self._removed(k, a * response[k]) for k, a in enumerate(amounts)])
+        without, removed = self._removed(hypothesis, amounts)
         found = float(roots(gains).sum())
         if p is None:
             p = chance_without_reference(found) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
-        return Score(hypothesis, products, amount, contrast.error, contrast.freedom, p, gains, removed, size_m)
+        return Score(hypothesis, products, amount, contrast.error, contrast.freedom, p, gains, without, removed, size_m)
 
     def size_m(self, hypothesis: Hypothesis) -> float:
         """RMS displacement that a hypothesis makes in the episodes to explain [m]."""
         response = self.tables[0].response(hypothesis)
         return float(np.sqrt(np.mean([(changes**2).sum(-1).mean() for changes in response])))
 
-    def _removed(self, episode: int, change: np.ndarray) -> float:
-        left = self.fitted[episode] - self.known[episode]
-        return float(self.squares(episode, left) - self.squares(episode, left - change))
+    def _removed(self, hypothesis: Hypothesis, amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Take a law off the episodes to explain, the base refitted beside it.
+
+        Returns:
+            Squared error of each with that base and without the law, and how much of it the law takes away, [H] each.
+        """
+        each, response = np.flatnonzero(self.here).tolist(), self.response(hypothesis)
+        changes = [np.zeros_like(r) for r in response]
+        for k, amount in zip(each, amounts, strict=True):
+            changes[k] = amount * response[k]
+        after = self.field.refitted([r - change for r, change in zip(self._residuals, changes, strict=True)])
+        without = np.array([self.squares(k, after[k] + changes[k]) for k in each])
+        return without, without - np.array([self.squares(k, after[k]) for k in each])
 
     def squares(self, episode: int, residual: np.ndarray) -> float:
         """Mean squared error of an episode in units of its expectation, patches that broke loose counting less."""

@@ -26,7 +26,7 @@ def finding(name: str, low: float, high: float, gain: float = 0.5, **more: Estim
     [candidate, *_] = [c for c in candidates_of(library(()), [name]) if c.effect == name]
     [hypothesis, *_] = hypotheses_of([candidate])
     none = np.zeros(4)
-    score = Score(hypothesis, Products(np.eye(4), none), 1.0, 0.1, 3, 0.005, none + gain, none + gain, 1e-3)
+    score = Score(hypothesis, Products(np.eye(4), none), 1.0, 0.1, 3, 0.005, none + gain, none + 1, none + gain, 1e-3)
     return Finding(name, kind.kind, {first.name: value, **more}, score, gain, 0.1, ())
 
 
