@@ -2,7 +2,7 @@
 
 Declared is not effective. A block on a tilted table tells the friction and whether it creeps; how a press spreads over
 meshes tells how much stiffer and smoother a mesh of linear tetrahedra is than its material; motions on a finer mesh
-tell what hangs on where the nodes happen to touch the tool.
+show what depends on where the nodes happen to touch the tool.
 """
 
 from __future__ import annotations

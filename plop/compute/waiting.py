@@ -30,6 +30,7 @@ SPIN = {"GOMP_SPINCOUNT": "1000", "KMP_BLOCKTIME": "1"}
 
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "1")
+"""Set whether or not threads are tuned: products on more threads have other last digits."""
 
 
 def wait_briefly() -> None:

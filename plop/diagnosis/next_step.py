@@ -75,8 +75,8 @@ def _near(found: Conclusion) -> str:
     names = [e.name for e, gain in zip(found.search.evidence, gains, strict=False) if 2 * gain >= gains.max()]
     return (
         f"{first.name} comes near to a verdict: where nothing is hidden as much is found in "
-        f"{short_number(100 * first.score.p)} % of searches. {' and '.join(names)} show most of it: record these "
-        "motions again, here and in the reference."
+        f"{short_number(100 * first.score.p)} % of searches. Most of it is in {' and '.join(names)}: record "
+        f"{'that motion' if len(names) == 1 else 'these motions'} again, here and in the reference."
     )
 
 
