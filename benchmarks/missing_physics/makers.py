@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.worlds.scene import GRAVITY_M_S2, Motion, World
+from benchmarks.worlds.scene import CELLS_M, GRAVITY_M_S2, TIME_STEP_S, Motion, World
 from plop.physics.effects.library import effect_type
 from plop.physics.engine.material import ElasticLaw, Material
 from plop.physics.scenes.motions import MotionRanges
@@ -111,8 +111,8 @@ class Foreign:
             tool_friction=float(r.uniform(0.3, 0.7)),
             damping_per_s=float(r.uniform(1, 6)),
             taper=float(r.uniform(0, 0.2)),
-            cells_m=0.0075,
-            time_step_s={"drake": 0.005, "mujoco": 0.002}[simulator],
+            cells_m=CELLS_M,
+            time_step_s=TIME_STEP_S[simulator],
         )
 
     @property

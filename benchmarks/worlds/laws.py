@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from benchmarks.worlds.scene import GRAVITY_M_S2, Motion, World
+from benchmarks.worlds.scene import CELLS_M, GRAVITY_M_S2, TIME_STEP_S, Motion, World
+from plop.comparison.error_fields import rms
 from plop.recordings.readers.mesh.sequence import MeshSequence
 
 Recorder = Callable[[World, Motion], MeshSequence]
@@ -77,13 +78,8 @@ def refined(record: Recorder, world: World, motion: Motion, finer_m: float) -> t
     coarse, fine = (record(replace(world, cells_m=cells), motion) for cells in (world.cells_m, finer_m))
     nearest = cKDTree(fine.rest).query(coarse.rest)[1]
     moved, finer = (sequence.vertices - sequence.vertices[0] for sequence in (coarse, fine))
-    apart = moved - finer[:, nearest]
-    return rms_norm(apart), rms_norm(moved)
-
-
-def rms_norm(vectors: np.ndarray) -> float:
-    """Root mean square length of vectors [..., 3]."""
-    return float(np.sqrt((vectors**2).sum(-1).mean()))
+    apart, moves = (float(rms(np.linalg.norm(vectors, axis=-1))) for vectors in (moved - finer[:, nearest], moved))
+    return apart, moves
 
 
 def main() -> None:
@@ -96,10 +92,10 @@ def main() -> None:
     for tilt_deg, friction in ((9.0, 0.5), (20.0, 0.2)):
         found = on_a_tilt(record, World(table_friction=friction, cells_m=0.010), tilt_deg)
         out(f"tilt {tilt_deg:g} deg, friction {friction}: {1000 * found.speed_m_s:.1f} mm/s, {found.friction:.3f}\n")
-    world = World(cells_m=0.0075, time_step_s={"drake": 0.005, "mujoco": 0.002}[simulator])
+    world = World(cells_m=CELLS_M, time_step_s=TIME_STEP_S[simulator])
     for kind in ("press", "push", "drag"):
         apart, moved = refined(record, world, Motion(kind, "cylinder", depth_m=0.004), 0.005)
-        out(f"{kind}, cells 7.5 and 5 mm: apart {1000 * apart:.2f} of {1000 * moved:.2f} mm\n")
+        out(f"{kind}, cells {1000 * CELLS_M:.1f} and 5 mm: apart {1000 * apart:.2f} of {1000 * moved:.2f} mm\n")
     for cells_m in (0.010, 0.0067, 0.005):
         out(f"press, cells {1000 * cells_m:.1f} mm: far over near {spread(record, World(cells_m=cells_m)):.3f}\n")
 

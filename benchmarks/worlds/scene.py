@@ -22,6 +22,8 @@ from plop.recordings.readers.mesh.sequence import MeshSequence
 KINDS = ("press", "double-press", "push", "drag", "rest")
 GRAVITY_M_S2 = 9.81
 FRAME_RATE_HZ = 30.0
+CELLS_M, TIME_STEP_S = 0.0075, {"drake": 0.005, "mujoco": 0.002}
+"""Edge of a mesh's cells [m] and time step [s] of each simulator in the missing-physics benchmark."""
 SETTLE_S = 0.6
 """How long the object lies untouched before the recording begins [s]."""
 _GAP_M = 0.003
