@@ -14,14 +14,15 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.missing_physics.cameras import Cameras
 from benchmarks.missing_physics.makers import WORLDS
-from benchmarks.missing_physics.plan import CAMERAS, plan
-from benchmarks.missing_physics.points import Points
+from benchmarks.missing_physics.plan import CAMERAS, GROUPS, Set, plan
+from benchmarks.missing_physics.points import EPISODES, Points
 from benchmarks.missing_physics.rates import GOALS, rates_of, rivals_of
 from plop.artifacts.atomic_file import write_json
 from plop.finite import json_ready
@@ -31,13 +32,11 @@ from plop.pipeline.execute import versions
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
-def run(
-    work: Path, minutes: float, first_seed: int, bases: int, worlds: list[str], jobs: int, particles: int = PARTICLES
-) -> None:
+def run(points: Points, minutes: float, sets: Iterable[Set]) -> None:
     """Make the rows that are lacking; none is started after so many minutes."""
-    points, cameras = Points(work, jobs, particles), Cameras(work)
-    deadline = time.monotonic() + 60 * minutes
-    for one in plan(first_seed, bases, worlds):
+    work, deadline = points.work, time.monotonic() + 60 * minutes
+    cameras = Cameras(work)
+    for one in sets:
         path = work / "rows" / f"{one.name}.json"
         if time.monotonic() > deadline:
             break
@@ -70,7 +69,7 @@ def score(work: Path, out: Path, command: str) -> None:
         "by_world": {w: rates_of([r for r in rows if r["world"] == w], "reference") for w in (*WORLDS, CAMERAS)},
         "rivals": rivals_of(rows),
         "goals": {name: f"{sign} {value:g}" for name, (sign, value) in GOALS.items()},
-        "particles": sorted({row["particles"] for row in rows if "particles" in row}),
+        **{key: sorted({row[key] for row in rows if key in row}) for key in ("particles", "episodes")},
         "cpu_s": {"median": float(np.median([row["cpu_s"] for row in rows])) if rows else None, "n": len(rows)},
         "runs": rows,
     }
@@ -88,13 +87,18 @@ def main() -> None:
     parser.add_argument("--worlds", default="own,mujoco,drake", help="some of own, mujoco, drake, cameras")
     parser.add_argument("--jobs", type=int, default=1, help="processes of one set on points")
     parser.add_argument("--particles", type=int, default=PARTICLES, help="of the engine, for a set on points")
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="of a set on points, and of its reference")
+    parser.add_argument("--groups", default=",".join(GROUPS), help=f"some of {', '.join(GROUPS)}")
     parser.add_argument("--out", type=Path, default=RESULTS / "missing_physics_0.2.0.json")
     options = parser.parse_args()
-    worlds = options.worlds.split(",")
-    if unknown := {*worlds} - {*WORLDS, CAMERAS}:
-        parser.error(f"--worlds: some of {', '.join([*WORLDS, CAMERAS])}; not {', '.join(sorted(unknown))}")
+    worlds, groups = options.worlds.split(","), options.groups.split(",")
+    for name, given, known in (("--worlds", worlds, [*WORLDS, CAMERAS]), ("--groups", groups, GROUPS)):
+        if unknown := {*given} - {*known}:
+            parser.error(f"{name}: some of {', '.join(known)}; not {', '.join(sorted(unknown))}")
     if options.what == "run":
-        run(options.work, options.minutes, options.first_seed, options.bases, worlds, options.jobs, options.particles)
+        points = Points(options.work, options.jobs, options.particles, options.episodes)
+        sets = (one for one in plan(options.first_seed, options.bases, worlds) if one.group in groups)
+        run(points, options.minutes, sets)
     else:
         score(options.work, options.out, "python -m benchmarks.missing_physics run, then score")
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.missing_physics.makers import Foreign, Own
 
+GROUPS = ("null", "single", "outside", "pair", "sensor")
 CAMERAS = "cameras"
 """The world of `plop simulate`, measured through cameras by the commands of a user."""
 TWINS = ("stiffness", "damping")
@@ -18,13 +19,13 @@ FAULTS = ("clock=0.03", "depth_scale=1.01", "pose_error.x_m=0.003", "pose_error.
 
 
 class Set(NamedTuple):
-    """Six recordings to be judged."""
+    """Recordings to be judged."""
 
     world: str
     seed: int
     """Of the base."""
     group: str
-    """null, single, pair, outside (the law is left out of the library of the diagnosis) or sensor."""
+    """One of GROUPS; outside: the law is left out of the library of the diagnosis."""
     law: str
     """Of a sensor fault: as typed after --fault."""
     repeated: bool

@@ -1,6 +1,6 @@
 """Missing physics on followed points: the method without cameras, in worlds of other engines.
 
-The engine is fitted to six reference episodes by `identify`; sets of six episodes are judged with that reference, once
+The engine is fitted to reference episodes by `identify`; sets of as many episodes are judged with that reference, once
 more without one, and by other methods. A verdict is written, with its SHA-256, before it is compared with what was
 hidden.
 """
@@ -38,6 +38,7 @@ from stages.diagnose.outcome import diagnosis_of
 from stages.diagnose.stage import STAGE
 
 EPISODES = 6
+"""To explain, and as many of the reference."""
 DEALT = 20
 """Other ways of dealing the episodes of a null out that are judged as if each were the real one."""
 LEAST_SNR = 2.0
@@ -49,14 +50,14 @@ TRIES = 6
 class Points:
     """What is kept of the bases, and the rows."""
 
-    def __init__(self, work: Path, jobs: int, particles: int = PARTICLES) -> None:
-        self.work, self.jobs, self.particles = work, jobs, particles
+    def __init__(self, work: Path, jobs: int, particles: int = PARTICLES, episodes: int = EPISODES) -> None:
+        self.work, self.jobs, self.particles, self.episodes = work, jobs, particles, episodes
         (work / "rows").mkdir(parents=True, exist_ok=True)
 
     def base(self, world: str, seed: int, maker: Any) -> tuple[EngineBase, list[Episode]]:
-        """Fit the engine to six episodes in which nothing is hidden, once."""
+        """Fit the engine to episodes in which nothing is hidden, once."""
         path = self.work / f"base-{world}-{seed}.json"
-        reference = [maker.episode(k, {}) for k in range(EPISODES)]
+        reference = [maker.episode(k, {}) for k in range(self.episodes)]
         if not path.is_file():
             start = EngineBase(
                 Material(1.2e4, 0.4, damping_per_s=3.0, table_friction=0.4, tool_friction=0.4, table_slip_m_s=0.003),
@@ -105,6 +106,7 @@ class Points:
             "base": json.loads((self.work / f"base-{world}-{seed}.json").read_text())["facts"],
             "judged_by": STAGE.version,
             "particles": self.particles,
+            "episodes": self.episodes,
             "cpu_s": round(time.process_time() - started, 1),
         }
 
@@ -113,15 +115,15 @@ class Points:
     ) -> tuple[dict[str, Values], dict[str, Values], list[Episode], float]:
         """Make the episodes, with amplitudes that can be seen if that can be had."""
         if not law:
-            return {}, {}, [_renoised(maker.episode(first + k, {}), k) for k in range(EPISODES)], 0.0
-        plain = [maker.episode(first + k, {}) for k in range(EPISODES)]
+            return {}, {}, [_renoised(maker.episode(first + k, {}), k) for k in range(self.episodes)], 0.0
+        plain = [maker.episode(first + k, {}) for k in range(self.episodes)]
         hidden, truth = dict[str, Values](), dict[str, Values]()
         episodes, snr = plain, np.inf
         for each in law.split("+"):  # each law of a pair must be seen by itself
             values, found, alone, own = self._seen(maker, seeds, each, first, plain)
             hidden[each], truth, episodes, snr = values, truth | found, alone, min(snr, own)
         if len(hidden) > 1:
-            both = _recorded(maker, first, hidden)
+            both = _recorded(maker, first, hidden, self.episodes)
             episodes, snr = (plain, 0.0) if both is None else (both, snr)
         return hidden, truth, [_renoised(e, k) for k, e in enumerate(episodes)], snr
 
@@ -132,7 +134,7 @@ class Points:
         values, truth, episodes, snr = dict[str, float](), dict[str, Values](), list(plain), 0.0
         for number in range(TRIES):
             larger, found = maker.drawn(law, np.random.default_rng([*map(int, seeds), 5]), 1.5**number)
-            trial = _recorded(maker, first, {law: larger})
+            trial = _recorded(maker, first, {law: larger}, self.episodes)
             if trial is None:
                 break
             values, truth, episodes, snr = larger, found, trial, _rms_m(trial, plain) / (NOISE_M * 3**0.5)
@@ -141,10 +143,10 @@ class Points:
         return values, truth, episodes, snr
 
 
-def _recorded(maker: Any, first: int, hidden: dict[str, Values]) -> list[Episode] | None:
+def _recorded(maker: Any, first: int, hidden: dict[str, Values], count: int) -> list[Episode] | None:
     """Make the episodes; None where the world cannot run so."""
     try:
-        return [maker.episode(first + k, hidden) for k in range(EPISODES)]
+        return [maker.episode(first + k, hidden) for k in range(count)]
     except Exception as error:
         sys.stdout.write(f"  {hidden}: {error}\n")
         return None

@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.missing_physics import cameras
+from benchmarks.missing_physics.__main__ import main
 from benchmarks.missing_physics.cameras import Cameras
 from benchmarks.missing_physics.plan import CAMERAS, FAULTS, Set, plan
+from benchmarks.missing_physics.points import Points
 from benchmarks.missing_physics.rates import rates_of
 from benchmarks.workspace import Typed
 from plop.errors import SignalTooWeakError
@@ -76,6 +78,20 @@ def test_a_plan_is_the_same_every_time_and_has_all_groups():
     assert {s.group for s in sets if s.world == CAMERAS} == {"null", "single", "outside", "pair", "sensor"}
     assert {s.law for s in sets if s.group == "sensor"} == {*FAULTS}
     assert not [s for s in sets if s.world == "mujoco" and s.group in ("pair", "sensor")]
+
+
+def test_only_the_groups_asked_for_are_judged_with_so_many_episodes(monkeypatch, tmp_path, capsys):
+    said = {"reference": {"verdict": {"kind": "EFFECT", "named": ["tilt"]}}}
+    monkeypatch.setattr(Points, "row", lambda self, one: {"said": said, "snr": 2.5, "episodes": self.episodes})
+    words = ["benchmark", "run", "--work", str(tmp_path), "--worlds", "mujoco", "--bases", "2", "--groups"]
+    monkeypatch.setattr("sys.argv", [*words, "single", "--episodes", "12"])
+    main()
+    rows = [json.loads(path.read_text()) for path in (tmp_path / "rows").iterdir()]
+    assert len(rows) == 4 == capsys.readouterr().out.count("-single-") and {row["episodes"] for row in rows} == {12}
+    monkeypatch.setattr("sys.argv", [*words, "singles"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "--groups: some of null, single, outside, pair, sensor; not singles" in capsys.readouterr().err
 
 
 def test_settings_are_the_demo_s(tmp_path: Path):
