@@ -4,8 +4,8 @@
     python -m benchmarks.missing_physics score
 
 Goes on where it stopped; run it with seeds that nobody has looked at, and once for each version of `diagnose`. MuJoCo
-and Drake: `pip install -e '.[worlds]'`. `cameras` types the commands of a user and takes several minutes a set, the
-others follow points and take one to three.
+and Drake: `pip install -e '.[worlds]'`. `cameras`, `mujoco-cameras` and `drake-cameras` type the commands of a user and
+take a quarter of an hour a set, the others follow points and take a few minutes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.missing_physics.cameras import Cameras
 from benchmarks.missing_physics.makers import WORLDS
-from benchmarks.missing_physics.plan import CAMERAS, GROUPS, Set, plan
+from benchmarks.missing_physics.plan import CAMERAS, FILMED, GROUPS, Set, plan
 from benchmarks.missing_physics.points import EPISODES, Points
 from benchmarks.missing_physics.rates import GOALS, rates_of, rivals_of
 from plop.artifacts.atomic_file import write_json
@@ -41,7 +41,7 @@ def run(points: Points, minutes: float, sets: Iterable[Set]) -> None:
         if time.monotonic() > deadline:
             break
         if not path.is_file():
-            row = cameras.row(one) if one.world == CAMERAS else points.row(one)
+            row = (points if one.world in WORLDS else cameras).row(one)
             write_json(path, json_ready(row), sort_keys=False)
             verdict = row["said"]["reference"]["verdict"]
             sys.stdout.write(f"{one.name}: {verdict['kind']} {verdict['named']} (SNR {row['snr']:.1f})\n")
@@ -66,7 +66,9 @@ def score(work: Path, out: Path, command: str) -> None:
             },
             "no reference": rates_of(rows, "none"),
         },
-        "by_world": {w: rates_of([r for r in rows if r["world"] == w], "reference") for w in (*WORLDS, CAMERAS)},
+        "by_world": {
+            w: rates_of([r for r in rows if r["world"] == w], "reference") for w in (*WORLDS, CAMERAS, *FILMED)
+        },
         "rivals": rivals_of(rows),
         "goals": {name: f"{sign} {value:g}" for name, (sign, value) in GOALS.items()},
         **{key: sorted({row[key] for row in rows if key in row}) for key in ("particles", "episodes")},
@@ -84,7 +86,9 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--first-seed", type=int, default=5000)
     parser.add_argument("--bases", type=int, default=15, help="bases in each world")
-    parser.add_argument("--worlds", default="own,mujoco,drake", help="some of own, mujoco, drake, cameras")
+    parser.add_argument(
+        "--worlds", default="own,mujoco,drake", help=f"some of {', '.join([*WORLDS, CAMERAS, *FILMED])}"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes of one set on points")
     parser.add_argument("--particles", type=int, default=PARTICLES, help="of the engine, for a set on points")
     parser.add_argument("--episodes", type=int, default=EPISODES, help="of a set on points, and of its reference")
@@ -92,7 +96,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS / "missing_physics_0.2.0.json")
     options = parser.parse_args()
     worlds, groups = options.worlds.split(","), options.groups.split(",")
-    for name, given, known in (("--worlds", worlds, [*WORLDS, CAMERAS]), ("--groups", groups, GROUPS)):
+    for name, given, known in (("--worlds", worlds, [*WORLDS, CAMERAS, *FILMED]), ("--groups", groups, GROUPS)):
         if unknown := {*given} - {*known}:
             parser.error(f"{name}: some of {', '.join(known)}; not {', '.join(sorted(unknown))}")
     if options.what == "run":

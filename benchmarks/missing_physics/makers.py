@@ -19,6 +19,7 @@ from plop.physics.engine.material import ElasticLaw, Material
 from plop.physics.scenes.motions import MotionRanges
 from plop.physics.scenes.scene import Scene, simulate_episode
 from plop.physics.scenes.shapes import Shape
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.tracking.episode import Episode, episode_from_sequence
 
 NOISE_M, POINTS = 2e-4, 300
@@ -102,7 +103,9 @@ class Foreign:
     laws = ("tilt", "table_friction", "stiffness", "damping", "blade_friction")
 
     def __init__(self, simulator: str, seed: int) -> None:
-        self.record: Callable[..., Any] = importlib.import_module(f"benchmarks.worlds.{simulator}").record
+        self.record: Callable[[World, Motion], MeshSequence] = importlib.import_module(
+            f"benchmarks.worlds.{simulator}"
+        ).record
         r = np.random.default_rng([seed, 3])
         self.seed = seed
         self.world = World(
@@ -121,11 +124,15 @@ class Foreign:
         return {name: getattr(self.world, name) for name in DECLARED}
 
     def episode(self, number: int, hidden: Mapping[str, Values]) -> Episode:
-        """See `Maker`; hidden are changes of the world's own numbers."""
+        """See `Maker`."""
+        return followed(self.sequence(number, hidden), number)
+
+    def sequence(self, number: int, hidden: Mapping[str, Values]) -> MeshSequence:
+        """Simulate a motion; hidden are changes of the world's own numbers."""
         changes: dict[str, Any] = {k: v for values in hidden.values() for k, v in values.items()}
         if "tilt_x_deg" in changes:
             changes["tilt_deg"] = (changes.pop("tilt_x_deg"), changes.pop("tilt_y_deg"))
-        return followed(self.record(replace(self.world, **changes), self._motion(number)), number)
+        return self.record(replace(self.world, **changes), self._motion(number))
 
     def _motion(self, number: int) -> Motion:
         r = np.random.default_rng([self.seed, 9, number])

@@ -12,6 +12,8 @@ from benchmarks.missing_physics.makers import Foreign, Own
 GROUPS = ("null", "single", "outside", "pair", "sensor")
 CAMERAS = "cameras"
 """The world of `plop simulate`, measured through cameras by the commands of a user."""
+FILMED = ("mujoco-cameras", "drake-cameras")
+"""Worlds of other simulators, measured in the same way."""
 TWINS = ("stiffness", "damping")
 """Laws that another one of the library equals, so that nothing is outside it when they are left out: the density in
 quasi-static motions, and viscosity."""
@@ -35,6 +37,11 @@ class Set(NamedTuple):
     def name(self) -> str:
         """Of its row."""
         return f"{self.world}-{self.seed}-{self.group}-{self.law or 'none'}-{int(self.repeated)}"
+
+    @property
+    def first(self) -> int:
+        """Number of the first motion; those of the reference begin with 0."""
+        return 0 if self.repeated else 60 + 6 * len(self.law)
 
 
 def plan(first_seed: int, bases: int, worlds: Sequence[str]) -> Iterator[Set]:

@@ -75,8 +75,7 @@ class Points:
         world, seed, group, law, repeated = one
         started, maker = time.process_time(), WORLDS[world](seed)
         base, reference = self.base(world, seed, maker)
-        first = 0 if repeated else 60 + 6 * len(law)
-        hidden, truth, episodes, snr = self._hidden(maker, [seed, len(law), repeated], law, first)
+        hidden, truth, episodes, snr = self.hidden(maker, one)
         types = {n: t for n, t in library().items() if not (group == "outside" and n in truth)}
         known, judged, dealt = {}, None, list[bool]()
         for scenario, other in (("reference", Measured(reference)), ("none", None)):
@@ -110,10 +109,14 @@ class Points:
             "cpu_s": round(time.process_time() - started, 1),
         }
 
-    def _hidden(
-        self, maker: Any, seeds: Sequence[int], law: str, first: int
-    ) -> tuple[dict[str, Values], dict[str, Values], list[Episode], float]:
-        """Make the episodes, with amplitudes that can be seen if that can be had."""
+    def hidden(self, maker: Any, one: Set) -> tuple[dict[str, Values], dict[str, Values], list[Episode], float]:
+        """Make the episodes of a set, with amplitudes that can be seen if that can be had.
+
+        Returns:
+            What is hidden, in numbers of the world and in those of the library, the episodes, and the SNR.
+        """
+        law, first = one.law, one.first
+        seeds = [one.seed, len(law), one.repeated]
         if not law:
             return {}, {}, [_renoised(maker.episode(first + k, {}), k) for k in range(self.episodes)], 0.0
         plain = [maker.episode(first + k, {}) for k in range(self.episodes)]

@@ -8,14 +8,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.missing_physics import cameras
+from benchmarks.missing_physics import cameras, filmed
 from benchmarks.missing_physics.__main__ import main
 from benchmarks.missing_physics.cameras import Cameras
+from benchmarks.missing_physics.makers import Foreign
 from benchmarks.missing_physics.plan import CAMERAS, FAULTS, Set, plan
 from benchmarks.missing_physics.points import Points
 from benchmarks.missing_physics.rates import rates_of
 from benchmarks.workspace import Typed
 from plop.errors import SignalTooWeakError
+from plop.recordings.readers.mesh.sequence import MeshSequence
+from tests.support.box_sequence import box_sequence
 
 FOUND = {
     "verdict": {"kind": "EFFECT", "named": ["tilt"], "text": "", "evidence": {"closed": 0.8}},
@@ -38,7 +41,7 @@ def typed(monkeypatch, tmp_path) -> list[tuple[str, ...]]:
 
     (tmp_path / "diagnosis.json").write_text(json.dumps(FOUND))
     monkeypatch.setattr(Typed, "plop", plop)
-    monkeypatch.setattr(cameras, "open_answer", lambda path: {"effects": {"tilt": {"gx": 1.0}}, "snr": 2.1})
+    monkeypatch.setattr(filmed, "open_answer", lambda path: {"effects": {"tilt": {"gx": 1.0}}, "snr": 2.1})
     monkeypatch.setattr("plop.artifacts.store.Store.find", lambda self, name: SimpleNamespace(path=tmp_path))
     return words
 
@@ -67,9 +70,32 @@ def test_a_fault_is_hidden_instead_and_counts_for_sensors(typed, tmp_path):
 
 
 def test_what_no_amplitude_makes_visible_is_not_counted(typed, tmp_path, monkeypatch):
-    monkeypatch.setattr(cameras, "SNRS", ("4",))
+    monkeypatch.setattr(filmed, "SNRS", ("4",))
     row = Cameras(tmp_path / "w").row(Set(CAMERAS, 7, "pair", "tilt+swelling", False))
     assert row["group"] == "unreachable" and rates_of([row], "reference")["pairs_both"]["n"] == 0
+
+
+def test_meshes_of_another_simulator_are_filmed_once_and_their_answer_is_opened_last(typed, tmp_path, monkeypatch):
+    made = []
+
+    def sequence(self: Foreign, number: int, hidden: dict[str, object]) -> MeshSequence:
+        made.append((number, hidden))
+        return box_sequence()
+
+    monkeypatch.setattr(Foreign, "__init__", lambda self, simulator, seed: None)
+    monkeypatch.setattr(Foreign, "sequence", sequence)
+    found = ({"tilt": {"tilt_x_deg": 2.0}}, {"tilt": {"gx_m_s2": 0.34}}, [], 3.0)
+    monkeypatch.setattr(Points, "hidden", lambda self, maker, one: found)
+    one = Set("drake-cameras", 7, "single", "tilt", True)
+    row = Cameras(tmp_path / "w").row(one)
+    assert made == [(k, {}) for k in range(6)] + [(k, found[0]) for k in range(6)]
+    films = ["ingest", "calibrate"]
+    assert [words[0] for words in typed] == [*films, "identify", *films, "diagnose"]
+    assert row["truth"] == found[1] and row["snr"] == 3.0 and row["group"] == "single"
+    raw = tmp_path / "w" / "drake-cameras-7" / "raw"
+    assert len([*(raw / one.name).glob("*.npz")]) == 6 == len([*(raw / "plain").glob("*.npz")])
+    Cameras(tmp_path / "w").row(one)
+    assert len(made) == 12
 
 
 def test_a_plan_is_the_same_every_time_and_has_all_groups():
