@@ -20,6 +20,8 @@ FREEDOM = 4.0
 """Degrees of freedom of noise and of what an episode is off by: few enough for a part that breaks loose, and for one
 motion that goes wrong; the variance is finite."""
 _SINGULAR = 1e-9
+_ROUNDS = 5
+"""In which a mean amount and the spread around it are found from each other."""
 
 
 def roots(gains: np.ndarray) -> np.ndarray:
@@ -47,22 +49,40 @@ class Products:
         told = np.sqrt(np.diag(self.gram))
         return max(float(told.sum() ** 2 / max((told**2).sum(), 1e-300)) - 2.0, FREEDOM)
 
-    def contrast(self, here: np.ndarray) -> Contrast:
+    def contrast(self, here: np.ndarray, spread: float = 0.0) -> Contrast:
         """Fit a and, where some episodes are a reference, s by generalised least squares.
 
         Args:
             here: Which episodes are to be explained, bool [E].
+            spread: Standard deviation between their amounts: the larger, the more nearly all count alike.
         """
-        design, hessian = self._normal(here)
-        if not _regular(hessian):
+        design, normal = self._normal(here)
+        if not _regular(normal):
             return Contrast(0.0, np.inf, 1)
-        count, inverse = len(here), np.linalg.inv(hessian)
-        fitted = inverse @ design.T @ self.onto
-        left = self.onto - self.gram @ design @ fitted
-        pulls = (design @ inverse[0]) * left
-        freedom = max(count - design.shape[1], 1)
-        variance = inverse[0, 0] + (pulls**2).sum() * count / freedom
+        # covariance of g where amounts differ: G + spread^2 G diag(z) G
+        onto = design.T @ np.linalg.inv(np.eye(len(here)) + spread**2 * self.gram * here)
+        inverse = np.linalg.inv(onto @ self.gram @ design)
+        fitted = inverse @ onto @ self.onto
+        pulls = (inverse[0] @ onto) * (self.onto - self.gram @ design @ fitted)
+        freedom = max(len(here) - design.shape[1], 1)
+        variance = inverse[0, 0] + (pulls**2).sum() * len(here) / freedom
         return Contrast(float(fitted[0]), float(np.sqrt(variance)), freedom)
+
+    def typical(self, here: np.ndarray, off: float) -> Contrast:
+        """Fit the mean of amounts that differ from episode to episode (random effects; DerSimonian & Laird 1986).
+
+        An engine responds too strongly in one motion and too weakly in another: of motions of which much is known, one
+        that is off would decide alone.
+
+        Args:
+            here: Which episodes are to be explained, bool [E].
+            off: Standard deviation of an episode's amount, as a share of the mean.
+        """
+        found = self.contrast(here)
+        for _ in range(_ROUNDS):
+            if found.amount > 0:
+                found = self.contrast(here, off * found.amount)
+        return found
 
     def _normal(self, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Give the design of a and, where some episodes are a reference, s, [E, 1 or 2], and its normal matrix."""

@@ -114,7 +114,8 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, curve: Curve = Curve(
     """
     found = {}
     at_bound = score.amount >= score.hypothesis.most * (1 - 1e-9)
-    chance = student.ppf(0.975, score.freedom) * score.error / max(score.amount, 1e-12)
+    known = score.typical
+    chance = student.ppf(0.975, known.freedom) * known.error / max(known.amount, 1e-12)
     width = float(np.hypot(chance, rule.response_width))
     below, above = (curve.amplitude(1 + share) - 1 for share in (-width, width))
     for column, value in zip(score.hypothesis.candidate.columns, score.values, strict=True):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.contrast import Products, roots
+from plop.diagnosis.contrast import Contrast, Products, roots
 from plop.diagnosis.hypotheses import Hypothesis
 
 _AS_GOOD = 0.02
@@ -22,10 +22,8 @@ class Score:
     products: Products
     amount: float
     """Fitted, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
-    error: float
-    """Its standard error."""
-    freedom: int
-    """Degrees of freedom with which that is known."""
+    typical: Contrast
+    """The mean of the amounts of single episodes, which is what is told, with its standard error."""
     p: float
     """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
@@ -50,7 +48,7 @@ class Score:
     @property
     def values(self) -> tuple[float, ...]:
         """Fitted amplitudes."""
-        return tuple(self.amount * value for value in self.hypothesis.values)
+        return tuple(max(self.typical.amount, 0.0) * value for value in self.hypothesis.values)
 
 
 def one_per_setting(scores: Sequence[Score]) -> list[Score]:

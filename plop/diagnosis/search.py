@@ -248,15 +248,15 @@ class Search:
         return self._score(hypothesis, self.products([hypothesis])[0], p)
 
     def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
-        contrast = products.contrast(self.here)
-        amount = max(contrast.amount, 0.0)
+        amount = max(products.contrast(self.here).amount, 0.0)
+        typical = products.typical(self.here, RULE.response_error)
         gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
         without, removed = self._removed(hypothesis, amounts)
         found = float(roots(gains).sum())
         if p is None:
             p = chance_without_reference(found) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
-        return Score(hypothesis, products, amount, contrast.error, contrast.freedom, p, gains, without, removed, size_m)
+        return Score(hypothesis, products, amount, typical, p, gains, without, removed, size_m)
 
     def size_m(self, hypothesis: Hypothesis) -> float:
         """RMS displacement that a hypothesis makes in the episodes to explain [m]."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.contrast import Products
+from plop.diagnosis.contrast import Contrast, Products
 from plop.diagnosis.finding import Finding
 from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
 from plop.diagnosis.result import Diagnosis
@@ -26,7 +26,8 @@ def finding(name: str, low: float, high: float, gain: float = 0.5, **more: Estim
     [candidate, *_] = [c for c in candidates_of(library(()), [name]) if c.effect == name]
     [hypothesis, *_] = hypotheses_of([candidate])
     none = np.zeros(4)
-    score = Score(hypothesis, Products(np.eye(4), none), 1.0, 0.1, 3, 0.005, none + gain, none + 1, none + gain, 1e-3)
+    known, gains = Contrast(1.0, 0.1, 3), none + gain
+    score = Score(hypothesis, Products(np.eye(4), none), 1.0, known, 0.005, gains, none + 1, gains, 1e-3)
     return Finding(name, kind.kind, {first.name: value, **more}, score, gain, 0.1, ())
 
 

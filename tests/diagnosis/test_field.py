@@ -251,3 +251,29 @@ def test_what_the_noise_of_the_model_may_gain_is_no_law_however_little_the_other
 def test_a_chance_counts_the_real_way_and_is_never_zero():
     found = np.array([5.0, 1.0, 5.0, 7.0])
     assert chance(5.0, found) == 0.75 and chance(100.0, found) == 0.25 and chance(0.0, found) == 1.0
+
+
+def test_amounts_that_differ_between_episodes_are_fitted_with_their_covariance():
+    draw = np.random.default_rng(5)
+    here, design = np.array([True] * 4 + [False] * 3), np.ones((7, 2))
+    design[4:, 0] = 0
+    root = draw.normal(size=(7, 9))
+    gram, onto, spread = root @ root.T, draw.normal(size=7) * 3, 0.4
+    precision = np.linalg.inv(gram + spread**2 * gram @ np.diag(here * 1.0) @ gram)
+    wanted = np.linalg.solve(design.T @ gram @ precision @ gram @ design, design.T @ gram @ precision @ onto)
+    assert Products(gram, onto).contrast(here, spread).amount == pytest.approx(wanted[0])
+    alike = np.linalg.solve(design.T @ gram @ design, design.T @ onto)
+    assert Products(gram, onto).contrast(here).amount == pytest.approx(alike[0])
+
+
+def test_two_motions_of_which_most_is_known_do_not_decide_alone_how_much_of_a_law_there_is():
+    """They show 0.4 of it, and four others all of it: the mean is 0.8."""
+    told, amounts = np.array([900.0] * 2 + [100.0] * 4), np.array([0.4] * 2 + [1.0] * 4)
+    found, here = Products(np.diag(told), told * amounts), np.ones(6, bool)
+    assert found.contrast(here).amount < 0.55
+    typical = found.typical(here, 0.25)
+    assert 0.7 < typical.amount < 0.8 and 0.1 < typical.error < 0.25
+    same = Products(np.diag(told), told * 0.7)
+    assert same.typical(here, 0.25).amount == pytest.approx(0.7) == same.contrast(here).amount
+    against = Products(np.diag(told), -told * amounts).typical(here, 0.25)
+    assert against.amount < 0
