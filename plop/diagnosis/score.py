@@ -23,7 +23,7 @@ class Score:
     amount: float
     """Fitted, in units of the hypothesis's amplitudes; 0 where the recordings ask for the other way."""
     typical: Contrast
-    """The mean of the amounts of single episodes, which is what is told, with its standard error."""
+    """The mean of the amounts of single episodes, which is what is reported, with its standard error."""
     p: float
     """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
