@@ -68,17 +68,18 @@ class Products:
         variance = inverse[0, 0] + (pulls**2).sum() * len(here) / freedom
         return Contrast(float(fitted[0]), float(np.sqrt(variance)), freedom)
 
-    def typical(self, here: np.ndarray, off: float) -> Contrast:
+    def typical(self, alike: Contrast, here: np.ndarray, off: float) -> Contrast:
         """Fit the mean of amounts that differ from episode to episode (random effects; DerSimonian & Laird 1986).
 
         An engine responds too strongly in one motion and too weakly in another: of motions of which much is known, one
         that is off would decide alone.
 
         Args:
+            alike: The amount where all episodes have the same.
             here: Which episodes are to be explained, bool [E].
             off: Standard deviation of an episode's amount, as a share of the mean.
         """
-        found = self.contrast(here)
+        found = alike
         for _ in range(_ROUNDS):
             if found.amount > 0:
                 found = self.contrast(here, off * found.amount)

@@ -248,8 +248,8 @@ class Search:
         return self._score(hypothesis, self.products([hypothesis])[0], p)
 
     def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
-        amount = max(products.contrast(self.here).amount, 0.0)
-        typical = products.typical(self.here, RULE.response_error)
+        alike = products.contrast(self.here)
+        amount, typical = max(alike.amount, 0.0), products.typical(alike, self.here, RULE.response_error)
         gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
         without, removed = self._removed(hypothesis, amounts)
         found = float(roots(gains).sum())

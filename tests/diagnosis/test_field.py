@@ -270,10 +270,10 @@ def test_two_motions_of_which_most_is_known_do_not_decide_alone_how_much_of_a_la
     """They show 0.4 of it, and four others all of it: the mean is 0.8."""
     told, amounts = np.array([900.0] * 2 + [100.0] * 4), np.array([0.4] * 2 + [1.0] * 4)
     found, here = Products(np.diag(told), told * amounts), np.ones(6, bool)
-    assert found.contrast(here).amount < 0.55
-    typical = found.typical(here, 0.25)
+    alike = found.contrast(here)
+    typical = found.typical(alike, here, 0.25)
+    assert alike.amount < 0.55
     assert 0.7 < typical.amount < 0.8 and 0.1 < typical.error < 0.25
-    same = Products(np.diag(told), told * 0.7)
-    assert same.typical(here, 0.25).amount == pytest.approx(0.7) == same.contrast(here).amount
-    against = Products(np.diag(told), -told * amounts).typical(here, 0.25)
-    assert against.amount < 0
+    same, against = Products(np.diag(told), told * 0.7), Products(np.diag(told), -told * amounts)
+    assert same.typical(same.contrast(here), here, 0.25).amount == pytest.approx(0.7) == same.contrast(here).amount
+    assert against.typical(against.contrast(here), here, 0.25).amount < 0
