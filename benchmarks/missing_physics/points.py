@@ -37,6 +37,8 @@ from plop.tracking.episode import Episode
 from stages.diagnose.outcome import diagnosis_of
 from stages.diagnose.stage import STAGE
 
+START = Material(1.2e4, 0.4, damping_per_s=3.0, table_friction=0.4, tool_friction=0.4, table_slip_m_s=0.003)
+"""From which the engine is fitted."""
 EPISODES = 6
 """To explain, and as many of the reference."""
 DEALT = 20
@@ -59,11 +61,7 @@ class Points:
         path = self.work / f"base-{world}-{seed}.json"
         reference = [maker.episode(k, {}) for k in range(self.episodes)]
         if not path.is_file():
-            start = EngineBase(
-                Material(1.2e4, 0.4, damping_per_s=3.0, table_friction=0.4, tool_friction=0.4, table_slip_m_s=0.003),
-                spacing_for(reference, self.particles),
-                True,
-            )
+            start = EngineBase(START, spacing_for(reference, self.particles), True)
             base, found = identify(reference, start, NAMES, iterations=12, jobs=self.jobs)
             estimates = {name: estimate.to_json() for name, estimate in found.estimates.items()}
             facts = {"rms_mm": 1000 * found.rms_after_m, "declared": maker.declared, "estimates": estimates}

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from plop.diagnosis.finding import Curve
 from plop.diagnosis.hypotheses import Hypothesis
 from plop.diagnosis.score import Score, one_per_setting
@@ -31,13 +33,23 @@ def refine(search: Search, laws: Sequence[str]) -> bool:
     for score in one_per_setting(search.scores()):
         if score.hypothesis.effect not in laws or score.amount == 0:
             continue
-        multiple = min(score.amount, score.hypothesis.most)
-        if abs(multiple - 1) > NEAR or len(score.hypothesis.runs) > 1:
-            wanted.append(score.hypothesis.at(multiple))
-    known = {h.key for h in search.hypotheses if len(h.runs) == 1}
-    new = [h for h in wanted if h.key not in known]
-    search.add(new)
-    return bool(new)
+        other = score.hypothesis.at(min(score.amount, score.hypothesis.most))
+        if _computed_near(search, other) is None:
+            wanted.append(other)
+    search.add(wanted)
+    return bool(wanted)
+
+
+def _computed_near(search: Search, wanted: Hypothesis) -> Hypothesis | None:
+    """Give the law at the nearest amplitudes at which the engine was run, if they are near."""
+    own = [h for h in search.hypotheses if h.candidate == wanted.candidate and len(h.runs) == 1 and not h.coarse]
+    return min((h for h in own if _apart(h, wanted) <= NEAR), key=lambda h: _apart(h, wanted), default=None)
+
+
+def _apart(one: Hypothesis, other: Hypothesis) -> float:
+    """Give the distance of two amplitudes of a law, as a share of the second."""
+    first, second = np.array(one.values), np.array(other.values)
+    return float(np.linalg.norm(first - second) / np.linalg.norm(second))
 
 
 def settled(search: Search, score: Score) -> tuple[Search, Score]:
@@ -67,25 +79,46 @@ def _elsewhere(search: Search, hypothesis: Hypothesis, factor: float) -> Hypothe
     other = hypothesis.at(factor)
     if factor > hypothesis.most:
         return None
-    search.add([other] if other.key not in {h.key for h in search.hypotheses if len(h.runs) == 1} else [])
+    search.add([other])
     return other if other in search.hypotheses else None
 
 
 def _repeated(search: Search, score: Score) -> tuple[Search, Score]:
-    """Run a law anew at the amplitude that was found, until that repeats itself, with the weights that it leaves."""
-    weighted, found = search, score
+    """Find the amplitude at which the recordings show the response once, with the weights that the law leaves."""
+    weighted, found, tried = search, score, list[tuple[float, float]]()
     for _ in range(_TURNS):
         trial = search.reweighted(found)
         new = trial.score_of(found.hypothesis, score.p)
-        if new.strength <= 0:
+        if new.strength <= 0 or new.amount <= 0:
             break
         weighted, found = trial, new
         multiple = min(new.amount, new.hypothesis.most)
-        moved = None if abs(multiple - 1) <= NEAR else _elsewhere(search, new.hypothesis, multiple)
-        if moved is None:
+        if abs(multiple - 1) <= NEAR and not new.hypothesis.coarse:
+            break
+        tried.append((float(np.log(np.linalg.norm(new.hypothesis.values))), float(np.log(multiple))))
+        wanted = new.hypothesis.at(min(float(np.exp(_step(tried))), new.hypothesis.most))
+        moved = _computed_near(search, wanted) or _elsewhere(search, wanted, 1.0)
+        if moved is None or moved == new.hypothesis:
             break
         found = trial.score_of(moved, score.p)
     return weighted, found
+
+
+def _step(tried: Sequence[tuple[float, float]]) -> float:
+    """Choose where to look next, from logarithms of amplitudes and of how many times the response shows there.
+
+    As far as the last one says, were the response in proportion; between two of which one says more and the other less,
+    where a line through both says neither (regula falsi): a friction that holds up to some amplitude jumps.
+
+    Returns:
+        Logarithm of the factor by which to change the last amplitude.
+    """
+    *others, (place, amount) = tried
+    beyond = [(x, y) for x, y in others if x != place and y * amount < 0]
+    if not beyond:
+        return amount
+    x, y = min(beyond, key=lambda point: abs(point[0] - place))
+    return (x - place) * amount / (amount - y)
 
 
 def curve_of(search: Search, score: Score, width: float) -> Curve:

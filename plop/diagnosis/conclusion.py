@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from plop.diagnosis.amplitude import curve_of, settled
+from plop.diagnosis.amplitude import curve_of, refine, settled
 from plop.diagnosis.finding import Finding, finding_of, worse
 from plop.diagnosis.limits import Limit, detection_limits, unseen
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -193,13 +193,18 @@ def _named(
 
 def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:
     """Find a law in what the first one leaves: one that does more than what may be wrong with the first's response."""
-    scores = rest.scores()
-    found = [finding_of(score, [], rule) for score in one_per_law(scores)]
-    second = next((f for f in found if f.stands and f.kind == "physics"), None)
+    second = _strongest_physics(rest, rule)
+    if second is not None and refine(rest, [second.name]):
+        second = _strongest_physics(rest, rule)
     if second is None:
         return None
     least = rule.response_error**2 * float(first.score.removed.sum())
     return second if float(second.score.removed.sum()) > least else None
+
+
+def _strongest_physics(search: Search, rule: DecisionRule) -> Finding | None:
+    found = [finding_of(score, [], rule) for score in one_per_law(search.scores())]
+    return next((f for f in found if f.stands and f.kind == "physics"), None)
 
 
 def _together(search: Search, first: Finding, second: Finding, rule: DecisionRule) -> tuple[Finding, Finding, Search]:

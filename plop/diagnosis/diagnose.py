@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
+from plop.comparison.discretisations import OTHERS
 from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
+from plop.diagnosis.finding import worse
 from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
 from plop.diagnosis.repeats import with_shared_patches
+from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.score import one_per_law
+from plop.diagnosis.score import Score, one_per_law
 from plop.diagnosis.search import Search
-from plop.diagnosis.table import Measured, RunJobs, Table
+from plop.diagnosis.table import Measured, Table
 from plop.errors import PlopError
+from plop.identification.identify import spacing_for
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
+from plop.tracking.episode import Episode
 
 LEAST_EPISODES = 4
+SURVEY_PARTICLES = 400
+"""With these all laws are run first, several times faster than with the 1,300 of `identify`: what laws change keeps its
+shape, the size of most differs by a tenth (docs/results/parts.md)."""
 REFINED = 4
-"""Laws whose response is computed anew at the amplitude found, with all that cannot be distinguished from the best."""
+"""Of the laws that may be the best one, so many are run by the engine itself at the amplitude found even if chance may
+have found them."""
 ROUNDS = 3
 """How often, at most: a response over its amplitude is a smooth curve, or has one threshold."""
 
@@ -57,7 +67,8 @@ def diagnose(
     candidates = candidates_of(types, wanted)
     announce("no law")
     given = with_shared_patches(*(m for m in (measured, reference) if m is not None))
-    tables = [Table(m, base, run_jobs) for m in given]
+    survey = survey_of(base, given[-1].episodes)
+    tables = [Table(m, base, run_jobs, survey) for m in given]
     check_enough(len(tables[0].episodes), tables[0].dropped)
     announce("every law")
     search = Search(tables, candidates, base_hypotheses(candidates_of(types)))
@@ -66,9 +77,22 @@ def diagnose(
     for _ in range(ROUNDS):
         known = search.unknown_p is None or search.unknown_p <= rule.alarm  # something is missing, or none can tell
         found = [s for s in one_per_law(search.scores()) if s.strength > 0 and (known or s.p <= rule.alarm)]
-        if not refine(search, [score.hypothesis.effect for score in found[:REFINED]]):
+        if not refine(search, [score.hypothesis.effect for score in _may_be_best(found, rule)]):
             break
     return conclude(search, sensors, rule, whole={*types} <= {c.effect for c in candidates})
+
+
+def survey_of(base: EngineBase, episodes: list[Episode]) -> EngineBase | None:
+    """Give the engine with few particles; None where it has hardly more itself."""
+    spacing_m = spacing_for(episodes, SURVEY_PARTICLES)
+    return replace(base, spacing_m=spacing_m) if spacing_m > max(OTHERS) * base.spacing_m else None
+
+
+def _may_be_best(found: Sequence[Score], rule: DecisionRule) -> list[Score]:
+    """Find the laws that do as well as the best one, but for chance between episodes and errors of the response."""
+    least = (1 - rule.response_error) * found[0].strength if found else 0.0
+    near = [s for s in found if s.strength >= least or not worse(found[0], s, rule)]
+    return [s for k, s in enumerate(near) if k < REFINED or s.p <= rule.alike]
 
 
 def _check_laws(search: Search, candidates: list[Candidate]) -> None:

@@ -101,6 +101,8 @@ class Hypothesis:
     """Amplitudes, one for each column."""
     runs: tuple[tuple[Settings, float], ...]
     """Runs of the engine and their weights in the response."""
+    coarse: bool = False
+    """The runs are those of a survey with few particles."""
 
     @property
     def effect(self) -> str:
@@ -119,7 +121,7 @@ class Hypothesis:
         return len(columns) > 1 or self.values[0] == columns[0].value
 
     def at(self, multiple: float) -> Hypothesis:
-        """Give the same law at amplitudes so many times as large, kept in their ranges, as one run."""
+        """Give the same law at amplitudes so many times as large, kept in their ranges, as one run of the engine."""
         values = tuple(
             float(np.clip(multiple * value, column.low, column.high))
             for column, value in zip(self.candidate.columns, self.values, strict=True)

@@ -46,7 +46,8 @@ class Search:
         self.tables, self.candidates = list(tables), list(candidates)
         self.here = np.repeat([True, False][: len(tables)], [len(table.episodes) for table in tables])
         self.evidence: list[Evidence] = [evidence for table in tables for evidence in table.evidence]
-        self.first = tuple(self._run(hypotheses_of(candidates), base))
+        coarse = all(table.survey is not table.full for table in tables)
+        self.first = tuple(self._run([replace(h, coarse=coarse) for h in hypotheses_of(candidates)], base))
         self.hypotheses: list[Hypothesis] = list(self.first)
         columns = [self.response(hypothesis) for hypothesis in self._run(base)]
         shapes = [e.residual.shape for e in self.evidence]
@@ -62,17 +63,18 @@ class Search:
 
     def add(self, hypotheses: Sequence[Hypothesis]) -> None:
         """Run more hypotheses; those that are unstable, or move nothing, are left out."""
-        self.hypotheses += self._run(hypotheses)
+        known = {h.key for h in self.hypotheses if len(h.runs) == 1 and not h.coarse}
+        self.hypotheses += self._run([h for h in hypotheses if h.key not in known])
 
     def _run(self, hypotheses: Sequence[Hypothesis], others: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
         """Run hypotheses, and others at the same time that are asked for later; give those that can be used."""
         for table in self.tables:
-            table.respond(settings for hypothesis in (*hypotheses, *others) for settings, _ in hypothesis.runs)
+            table.respond([*hypotheses, *others])
         return [h for h in hypotheses if not any(t.trouble(h) for t in self.tables) and self._moves(h)]
 
     def failed(self) -> dict[str, str]:
         """Give the laws of which no setting could be run, and why."""
-        troubles = {key: why for table in self.tables for key, why in table.failed.items()}
+        troubles = {key: why for table in self.tables for key, why in table.survey.failed.items()}
         run = {h.effect for h in hypotheses_of(self.candidates) if not any(run_key(s) in troubles for s, _ in h.runs)}
         return {
             h.effect: next(troubles[key] for s, _ in h.runs if (key := run_key(s)) in troubles)
@@ -240,8 +242,14 @@ class Search:
 
     def scores(self) -> list[Score]:
         """Score all hypotheses, best first."""
-        found = [self._score(h, p) for h, p in zip(self.hypotheses, self.products(self.hypotheses), strict=True)]
+        judged = self._judged()
+        found = [self._score(h, p) for h, p in zip(judged, self.products(judged), strict=True)]
         return sorted(found, key=lambda score: (-score.strength, score.hypothesis.key))
+
+    def _judged(self) -> list[Hypothesis]:
+        """Leave out what a survey says of a law where the engine itself has been run with it."""
+        known = {h.candidate.key for h in self.hypotheses if not h.coarse}
+        return [h for h in self.hypotheses if not h.coarse or h.candidate.key not in known]
 
     def score_of(self, hypothesis: Hypothesis, p: float | None = None) -> Score:
         """Score one hypothesis, of which the chance may be known."""

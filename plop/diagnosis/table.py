@@ -1,27 +1,22 @@
-"""The table of evidence: residuals of all episodes, and the responses of runs, each computed once."""
+"""The table of evidence: residuals of all episodes, and the responses of hypotheses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from plop.comparison.discretisations import discretised
-from plop.diagnosis.evidence import Evidence, evidence_of, moved
-from plop.diagnosis.hypotheses import Hypothesis, Settings, run_key
+from plop.diagnosis.evidence import Evidence, evidence_of
+from plop.diagnosis.hypotheses import Hypothesis
+from plop.diagnosis.response_table import ResponseTable, RunJobs
 from plop.diagnosis.responses import Answer, Job
 from plop.errors import PlopError
-from plop.geometry.meshes.tool import ToolGeometry
 from plop.physics.adapters.filled import EngineBase
-from plop.physics.engine.time_step import STEP_RATIO
-from plop.physics.engine.tool_motion import ToolKind, kind_of
 from plop.tracking.episode import Episode
 from plop.tracking.phases import motion_kind
-
-RunJobs = Callable[[Sequence[Job]], list[Answer]]
-"""Runs jobs in any order, in parallel, and gives their answers in the order of the jobs."""
 
 
 @dataclass(frozen=True)
@@ -37,25 +32,36 @@ class Measured:
 class Table:
     """Evidence of one set of episodes."""
 
-    def __init__(self, measured: Measured, base: EngineBase, run_jobs: RunJobs) -> None:
+    def __init__(
+        self, measured: Measured, base: EngineBase, run_jobs: RunJobs, survey: EngineBase | None = None
+    ) -> None:
         """Run the engine without effects; episodes that it cannot follow are dropped.
 
+        Args:
+            measured: The episodes.
+            base: The engine.
+            run_jobs: How it is run.
+            survey: The same with few particles, for responses that need not be exact.
+
         Raises:
-            PlopError: It can follow none.
+            PlopError: The engine can follow no episode.
         """
         self.base, self.run_jobs, self.dropped = base, run_jobs, dict[str, str]()
+        coarse = [] if survey is None else [survey]
         members = discretised(base) if measured.predictions is None else [base]
-        answers = iter(run_jobs([Job(episode, member) for episode in measured.episodes for member in members]))
+        answers = iter(run_jobs([Job(e, member) for e in measured.episodes for member in (*coarse, *members)]))
         self.episodes: list[Episode] = []
         self.plain: list[list[np.ndarray]] = []
-        self._steps_s: list[float] = []
+        first, rough = list[Answer](), list[Answer]()
         for episode in measured.episodes:
+            surveyed = [next(answers) for _ in coarse]
             own, *others = [next(answers) for _ in members]
             if own.points is None:
                 self.dropped[episode.name] = own.trouble
                 continue
             self.episodes.append(episode)
-            self._steps_s.append(own.step_s)
+            first.append(own)
+            rough += surveyed
             self.plain.append([own.points, *(other.points for other in others if other.points is not None)])
         if not self.episodes:
             raise PlopError(
@@ -64,13 +70,11 @@ class Table:
                 fix="Calibrate the engine to recordings of this object: `plop identify`.",
             )
         self._given = measured.predictions
-        self._changes: list[dict[str, np.ndarray]] = [{} for _ in self.episodes]
-        self._without: list[dict[int, np.ndarray]] = [
-            {0: moved(episode, plain[0])} for episode, plain in zip(self.episodes, self.plain, strict=True)
-        ]
-        """Displacements without any law, by how much shorter the time steps are."""
-        self.failed: dict[str, str] = {}
-        """Runs that are unstable in some episode, with the reason."""
+        self.full = ResponseTable(base, self.episodes, first, run_jobs)
+        self.survey = self.full
+        """The same as `full` where there is none, or it cannot follow an episode that the engine follows."""
+        if survey is not None and all(answer.points is not None for answer in rough):
+            self.survey = ResponseTable(survey, self.episodes, rough, run_jobs)
 
     @cached_property
     def evidence(self) -> list[Evidence]:
@@ -86,67 +90,23 @@ class Table:
         """Kind of motion of every episode."""
         return [motion_kind(episode) for episode in self.episodes]
 
-    def respond(self, wanted: Iterable[Settings]) -> None:
-        """Run the engine with laws, what has not been run yet; a run that is unstable in an episode is not used.
+    @property
+    def failed(self) -> dict[str, str]:
+        """Runs that are unstable in some episode, with the reason."""
+        return {**self.survey.failed, **self.full.failed}
 
-        A law is compared with a run without it in the same time steps: where a law needs shorter ones, more of them
-        dissipate more, which is not what it does, and what is about to slide slides after any small difference.
-        """
-        settings = {run_key(s): s for s in wanted}
-        new = {key: s for key, s in settings.items() if key not in self._changes[0] and key not in self.failed}
-        jobs = {key: self.jobs(s) for key, s in new.items()}
-        answers = iter(self.run_jobs([job for own in jobs.values() for job in own if job is not None]))
-        same = [Answer(plain[0], step_s=step_s) for plain, step_s in zip(self.plain, self._steps_s, strict=True)]
-        found = {
-            key: [next(answers) if job else unchanged for job, unchanged in zip(own, same, strict=True)]
-            for key, own in jobs.items()
-        }
-        for key, own in found.items():
-            trouble = next((answer.trouble for answer in own if answer.points is None), None)
-            if trouble is not None:
-                self.failed[key] = trouble
-        stable = {key: own for key, own in found.items() if key not in self.failed}
-        self._run_without(stable.values())
-        for key, own in stable.items():
-            for k, (episode, answer) in enumerate(zip(self.episodes, own, strict=True)):
-                change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
-                self._changes[k][key] = self.evidence[k].seen[..., None] * change
-
-    def jobs(self, settings: Settings) -> list[Job | None]:
-        """Give the runs of a law, one for each episode; None where it acts at cuts, and nothing is cut."""
-        of_cuts = bool(settings) and all(column.needs_blade for column, _ in settings)
-        return [
-            Job(episode, self.base, settings, step_s) if blade or not of_cuts else None
-            for episode, step_s, blade in zip(self.episodes, self._steps_s, self._blades, strict=True)
-        ]
-
-    @cached_property
-    def _blades(self) -> list[bool]:
-        tools = [ToolGeometry.from_mesh(episode.tool.vertices, episode.tool.faces) for episode in self.episodes]
-        return [kind_of(tool) == ToolKind.BLADE for tool in tools]
-
-    def _shorter(self, k: int, answer: Answer) -> int:
-        """Tell by how many times STEP_RATIO a run's time steps are shorter than without laws."""
-        if not answer.step_s < self._steps_s[k]:
-            return 0
-        return round(float(np.log(self._steps_s[k] / answer.step_s) / np.log(STEP_RATIO)))
-
-    def _run_without(self, answers: Iterable[Sequence[Answer]]) -> None:
-        """Run the engine without laws in the time steps of some runs with laws."""
-        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own)}
-        new = sorted((k, shorter) for k, shorter in wanted if shorter not in self._without[k])
-        steps = [self._steps_s[k] / STEP_RATIO**shorter for k, shorter in new]
-        jobs = [Job(self.episodes[k], self.base, most_step_s=step) for (k, _), step in zip(new, steps, strict=True)]
-        for (k, shorter), answer in zip(new, self.run_jobs(jobs), strict=True):
-            points = self.plain[k][0] if answer.points is None else answer.points
-            self._without[k][shorter] = moved(self.episodes[k], points)
+    def respond(self, hypotheses: Sequence[Hypothesis]) -> None:
+        """Run what has not been run yet."""
+        for coarse, responses in ((True, self.survey), (False, self.full)):
+            responses.respond(settings for h in hypotheses if h.coarse == coarse for settings, _ in h.runs)
 
     def trouble(self, hypothesis: Hypothesis) -> str | None:
         """Say why a hypothesis cannot be judged; None where all its runs are there."""
-        return next((self.failed[key] for s, _ in hypothesis.runs if (key := run_key(s)) in self.failed), None)
+        return self._of(hypothesis).trouble(hypothesis)
 
     def response(self, hypothesis: Hypothesis) -> list[np.ndarray]:
         """Give what a hypothesis changes in every episode, [F, K, 3] [m] each."""
-        return [
-            np.asarray(sum(weight * changes[run_key(s)] for s, weight in hypothesis.runs)) for changes in self._changes
-        ]
+        return self._of(hypothesis).response(hypothesis)
+
+    def _of(self, hypothesis: Hypothesis) -> ResponseTable:
+        return self.survey if hypothesis.coarse else self.full

@@ -8,13 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plop.diagnosis.diagnose import survey_of
 from plop.diagnosis.evidence import evidence_of
 from plop.diagnosis.hypotheses import Hypothesis, Settings, base_hypotheses, candidates_of, hypotheses_of
 from plop.diagnosis.repeats import with_shared_patches
+from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.table import Measured, RunJobs, Table
+from plop.diagnosis.table import Measured, Table
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
@@ -95,17 +97,18 @@ def plan(
         PlopError: The engine follows no episode, a law to distinguish moves nothing, or a diagnosis leaves nothing to
             distinguish.
     """
-    known, own = wish.diagnosis is not None, base_hypotheses(candidates_of(types))
-    tried = hypotheses_of(candidates_of(types, None if effects is None else [*effects, *wish.between]))
+    known, own = wish.diagnosis is not None, surveyed(base_hypotheses(candidates_of(types)))
+    tried = surveyed(hypotheses_of(candidates_of(types, None if effects is None else [*effects, *wish.between])))
     asked = typical_ones(wish.between, tried)
     if wish.diagnosis is not None:
         asked = found_by(wish.diagnosis, candidates_of(types))
+        asked = replace(asked, groups=tuple(tuple(surveyed(group)) for group in asked.groups))
         tried = [*tried, *asked.hypotheses]
     announce("no law")
     (measured,) = with_shared_patches(measured)
-    table = Table(measured, base, run_jobs)
+    table = Table(measured, base, run_jobs, survey_of(base, measured.episodes))
     announce("every law")
-    table.respond(_settings([*tried, *own]))
+    table.respond([*tried, *own])
     usable, own = ([h for h in some if table.trouble(h) is None and _moves(table, h)] for some in (tried, own))
     dropped = {**table.dropped, **_unusable(table, tried, usable)}
     asked = answerable(asked, usable, dropped)
@@ -183,6 +186,11 @@ def _with_more(
     return _run(table, k, motion.change, _alone(table, episode), hypotheses, own)
 
 
+def surveyed(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """Have all responses computed with few particles: they are compared with each other."""
+    return [replace(hypothesis, coarse=True) for hypothesis in hypotheses]
+
+
 def _settings(hypotheses: Iterable[Hypothesis]) -> list[Settings]:
     return [settings for hypothesis in hypotheses for settings, _ in hypothesis.runs]
 
@@ -235,13 +243,14 @@ def _varied(
         for change in vary
         if change != Change.NONE and (episode := planned_episode(table.episodes[k], change)) is not None
     ]
-    table.run_jobs([Job(episode, table.base) for _, _, episode in planned])  # at the same time
+    engines = dict.fromkeys([table.base, table.survey.base])
+    table.run_jobs([Job(episode, engine) for _, _, episode in planned for engine in engines])  # at the same time
     alone, found = [], []
     for k, change, episode in planned:
         with _dropping(episode, dropped):
             alone.append((k, change, _alone(table, episode)))
     settings = dict.fromkeys(_settings([*hypotheses, *own]))
-    table.run_jobs([job for _, _, each in alone for law in settings for job in each.jobs(law) if job])
+    table.run_jobs([job for _, _, each in alone for law in settings for job in each.survey.jobs(law) if job])
     for k, change, each in alone:
         with _dropping(each.episodes[0], dropped):
             found.append(_run(table, k, change, each, hypotheses, own))
@@ -263,7 +272,8 @@ def _alone(table: Table, episode: Episode) -> Table:
     Raises:
         PlopError: It cannot follow it.
     """
-    return Table(Measured([episode], {episode.name: [episode.points]}), table.base, table.run_jobs)
+    survey = None if table.survey is table.full else table.survey.base
+    return Table(Measured([episode], {episode.name: [episode.points]}), table.base, table.run_jobs, survey)
 
 
 def _run(
@@ -274,7 +284,7 @@ def _run(
     Raises:
         PlopError: The engine cannot follow it, with every law.
     """
-    alone.respond(_settings([*hypotheses, *own]))
+    alone.respond([*hypotheses, *own])
     if alone.failed:
         raise PlopError("The engine cannot follow it.", found="; ".join(alone.failed.values())[:200])
     episode = alone.episodes[0]

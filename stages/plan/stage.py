@@ -91,7 +91,7 @@ def run(inputs: Inputs, config: PlanConfig, out: Output) -> Summary:
     measured, left_out = read_measured(recordings, init, tracks, names, innermost(model), config.seed, judges=judges)
     check_same_object(model, recordings.environment, measured.episodes, fix=_SAME_OBJECT)
     check_enough(len(measured.episodes), left_out)
-    # the engine runs of the reference are those that a diagnosis needs
+    # the engine runs of the reference are those with which a diagnosis begins
     cache = out.path / ".jobs" if out.cache is None else out.cache.with_name("diagnose")
     runs = Runs(cache, files, config.jobs, config.scheduler, out.progress)
     found = plan(
@@ -188,7 +188,7 @@ def check_inputs(inputs: Inputs, config: PlanConfig) -> None:
 
 STAGE = Stage(
     name="plan",
-    version=7,
+    version=8,
     help="Plan recordings: which laws would be seen, how many repeats, and the motion that distinguishes laws.",
     config=PlanConfig,
     inputs={

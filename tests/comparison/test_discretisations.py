@@ -97,7 +97,7 @@ def test_a_response_is_the_engine_s_own_and_a_run_that_fails_is_not_used(episode
     for given in (None, {episode.name: [episode.points]}):
         table = Table(Measured([episode], given), BASE, run)
         one, two = (Hypothesis(CANDIDATE, (v, 0.0), ((((COLUMN, v),), 0.5),)) for v in (1.0, 2.0))
-        table.respond(settings for h in (one, two) for settings, _ in h.runs)
+        table.respond([one, two])
         assert table.response(one)[0][-1, 0, 0] == pytest.approx(0.5 * 2.0)
         assert table.trouble(one) is None and table.trouble(two) == "unstable"
 

@@ -27,7 +27,7 @@ def test_what_holds_cut_faces_together_does_nothing_where_nothing_is_cut():
     types, episode, law = library(), coarse_episode(1), cohesion(needs_blade=False)
     settings = law.runs[0][0]
     table = Table(Measured([episode]), BASE, lambda jobs: [run_job(job, types) for job in jobs])
-    table.respond([settings])
+    table.respond([law])
     own, other = (run_job(Job(episode, BASE, each), types) for each in ((), settings))
     alone = moved(episode, other.points) - moved(episode, own.points)
     assert own.step_s > 1.5 * other.step_s and np.abs(alone).max() > 5e-5
@@ -45,7 +45,7 @@ def test_a_law_of_cuts_is_run_only_where_the_tool_is_a_blade():
         return [run_job(job, types) for job in jobs]
 
     table = Table(Measured([whole, blade]), BASE, run)
-    table.respond([law.runs[0][0]])
+    table.respond([law])
     assert [job.episode.name for job in asked if job.settings] == ["cut"]
     none, some = table.response(law)
     assert none.shape == table.evidence[0].residual.shape and not none.any() and some.shape == none.shape
