@@ -15,7 +15,7 @@ from plop.diagnosis.hypotheses import Hypothesis
 from plop.diagnosis.score import Score, one_per_setting
 from plop.diagnosis.search import Search
 
-NEAR = 0.15
+NEAR = 0.05
 """An amplitude is found where the response was computed within this share of it."""
 _TURNS = 5
 """Rounds in which amplitude and weights are found from each other."""
