@@ -3,13 +3,11 @@
 `plop simulate` hides something and films it with six depth cameras, or another simulator's meshes are filmed by `plop
 ingest mesh`; `plop diagnose` fits Gaussians, follows them and judges, against an engine that `plop identify` fitted to
 recordings in which nothing is hidden; where plop simulates, in another discretisation and with another elastic law.
-Settings are those of `make demo-physics`, but for the engine, which is as fine as `identify` makes it by itself. The
-answer is opened only after the verdict.
+The engine is as fine as `identify` makes it by itself. The answer is opened only after the verdict.
 """
 
 from __future__ import annotations
 
-import importlib.resources
 import json
 import time
 from pathlib import Path
@@ -20,11 +18,29 @@ from benchmarks.missing_physics.plan import CAMERAS, Set
 from benchmarks.missing_physics.points import LEAST_SNR
 from benchmarks.workspace import Typed
 from plop.physics.effects.library import library
-from plop_cli.demo_physics import PROFILE
 from stages.diagnose.stage import STAGE
 
-FINER = ("--spacing-m", "0", "--iterations", "5")
-"""The defaults of `identify`, which the demo's settings replace by half as many particles."""
+SETTINGS = """\
+[simulate]
+episodes = 6                         # each kind of motion twice: an episode is predicted from the others
+motions = ["push", "hold", "cut-push"]
+
+[simulate.cameras]
+texture = "dough"
+depth_noise_m = 0.0005
+
+[fit-init]
+steps = 500
+virtual_views = 0
+count = 2400
+tool_count = 2000
+
+[filter.update]
+iterations = 24
+
+[identify]
+iterations = 5
+"""
 
 
 class Cameras:
@@ -38,7 +54,7 @@ class Cameras:
         started, loop = time.process_time(), workspace(self.work / f"{one.world}-{one.seed}")
         filmed: Filmed = Simulated(loop, one) if one.world == CAMERAS else Meshes(loop, one)
         filmed.plain()
-        loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
+        loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base")
         if not filmed.hidden():
             verdict: dict[str, Any] = {"kind": "-", "named": [], "evidence": {}}
             return {**one._asdict(), "group": "unreachable", "said": {"reference": {"verdict": verdict}}, "snr": 0.0}
@@ -61,5 +77,5 @@ class Cameras:
 
 
 def workspace(folder: Path) -> Typed:
-    """Make a workspace with the settings of the demo."""
-    return Typed(folder, (importlib.resources.files("plop.pipeline") / "profiles" / PROFILE).read_text())
+    """Make a workspace."""
+    return Typed(folder, SETTINGS)

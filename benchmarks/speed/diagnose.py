@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.facts import machine
-from benchmarks.missing_physics.cameras import FINER, workspace
+from benchmarks.missing_physics.cameras import workspace
 from benchmarks.workspace import Typed
 from plop.artifacts.atomic_file import write_json
 from plop.pipeline.execute import versions
@@ -33,7 +33,7 @@ def main() -> None:
     options = parser.parse_args()
     loop = workspace(options.work)
     loop.plop("simulate", "block.toml", "--seed", str(REFERENCE_SEED), "--name", "plain")
-    loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base", *FINER)
+    loop.plop("identify", "--recordings", "plain", "--split", "all", "--name", "base")
     hide = ("--hide", HIDDEN, "--snr", str(SNR), "--motions-seed", str(REFERENCE_SEED), "--name", "mystery")
     loop.plop("simulate", "block.toml", "--seed", str(SEED), *hide)
     loop.plop("compare", "--model", "base", "--recordings", "plain")  # makes the tracks

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from statistics import mean
+from statistics import mean, median
 from typing import Any
 
 from markdown_parts import rows
@@ -133,6 +133,23 @@ def _discretisations() -> str:
     )
 
 
+def _survey() -> str:
+    by: dict[str, dict[str, list[float]]] = {}
+    worlds = read("survey")["worlds"].values()
+    for name, found in ((name, row) for world in worlds for name, row in world.items()):
+        for key, values in found.items():
+            by.setdefault(name, {}).setdefault(key, []).extend(values)
+
+    def cell(values: list[float]) -> str:
+        return f"{median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
+
+    lines = [
+        [f"`{name}`", len(row["size"]), f"{median(row['moves_mm']):.2f}", cell(row["cosine"]), cell(row["size"])]
+        for name, row in sorted(by.items())
+    ]
+    return rows(["law", "n", "moves by [mm]", "cosine of the two responses", "size, of that with 1,300"], lines)
+
+
 def _effects() -> str:
     lines = [
         [
@@ -187,6 +204,7 @@ TABLES: dict[str, Table] = {
     "depth-checks": (_depth_checks, ("depth_checks",)),
     "known-laws": (_known_laws, ("known_laws",)),
     "identified": (_identified, ("identified",)),
+    "survey": (_survey, ("survey",)),
     "discretisations": (_discretisations, ("discretisations",)),
     "effects": (_effects, ("effects",)),
     "cuts": (_cuts, ("cohesive_motions",)),

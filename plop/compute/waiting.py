@@ -7,7 +7,7 @@ sleeping and waking up in each section. Spinning for about as long as that takes
 (Karlin et al., Empirical studies of competitive spinning, 1991). docs/results/speed.md compares the three.
 
 The threads of OpenBLAS, which numpy uses, spin until the last of them is done, and no setting ends that: with two of
-them `diagnose` took seven times as long beside a training (146 s for 21 s), with one it takes 32 s, and 19 s alone. Its
+them `diagnose` takes four times as long beside a training as alone, with one a third more (docs/results/speed.md). Its
 products are many and small; what runs in parallel here are episodes, runs of the engine and compiled loops. And one
 thread adds up in the same order on every machine.
 
