@@ -30,7 +30,8 @@ REFINED = 4
 """Of the laws that may be the best one, so many are run by the engine itself at the amplitude found even if chance may
 have found them."""
 ROUNDS = 3
-"""How often, at most: a response over its amplitude is a smooth curve, or has one threshold."""
+"""How often, at most: a response over its amplitude is a smooth curve, or has one threshold. As often again for laws of
+which only the survey has said something so far."""
 
 
 def diagnose(
@@ -74,10 +75,11 @@ def diagnose(
     search = Search(tables, candidates, base_hypotheses(candidates_of(types)))
     _check_laws(search, candidates)
     announce("amplitudes of the best")
-    for _ in range(ROUNDS):
+    for turn in range(2 * ROUNDS):
         known = search.unknown_p is None or search.unknown_p <= rule.alarm  # something is missing, or none can tell
         found = [s for s in one_per_law(search.scores()) if s.strength > 0 and (known or s.p <= rule.alarm)]
-        if not refine(search, [score.hypothesis.effect for score in _may_be_best(found, rule)]):
+        near = _may_be_best(found, rule)
+        if not refine(search, [s.hypothesis.effect for s in near if turn < ROUNDS or s.hypothesis.coarse]):
             break
     return conclude(search, sensors, rule, whole={*types} <= {c.effect for c in candidates})
 
