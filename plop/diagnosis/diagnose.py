@@ -24,8 +24,8 @@ from plop.tracking.episode import Episode
 
 LEAST_EPISODES = 4
 SURVEY_PARTICLES = 400
-"""With these all laws are run first, several times faster than with the 1,300 of `identify`: what most laws change keeps
-its shape (cosine 0.9 in the median) and its size within a quarter (docs/results/parts.md)."""
+"""With these all laws are run first, several times faster than with the 1,300 of `identify`. What most laws change keeps
+its shape (cosine 0.9 in the median), and its size within a quarter (docs/results/parts.md)."""
 REFINED = 4
 """Of the laws that may be the best one, so many are run by the engine itself at the amplitude found even if chance may
 have found them."""
