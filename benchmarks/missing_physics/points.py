@@ -22,13 +22,14 @@ from benchmarks.missing_physics.makers import NOISE_M, WORLDS, Values
 from benchmarks.missing_physics.other_methods import other_methods
 from benchmarks.missing_physics.plan import Set
 from plop.artifacts.atomic_file import write_json
+from plop.comparison.discretisations import spacing_for
 from plop.diagnosis.diagnose import diagnose
 from plop.diagnosis.rule import RULE
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured
 from plop.finite import json_ready
-from plop.identification.identify import NAMES, PARTICLES, identify, spacing_for
+from plop.identification.identify import NAMES, PARTICLES, identify
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library

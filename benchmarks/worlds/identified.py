@@ -20,10 +20,11 @@ from scipy.optimize import minimize_scalar
 from benchmarks.facts import machine
 from benchmarks.missing_physics.makers import WORLDS
 from plop.artifacts.atomic_file import write_json
+from plop.comparison.discretisations import spacing_for
 from plop.diagnosis.runs import Runs
 from plop.diagnosis.table import Measured, Table
 from plop.finite import json_ready
-from plop.identification.identify import NAMES, identify, spacing_for
+from plop.identification.identify import NAMES, PARTICLES, identify
 from plop.parameters import NORMAL_95
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.material_parameters import PARAMETERS
@@ -39,7 +40,7 @@ def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
     """Fit one base and compare it with motions that it has not seen."""
     maker = WORLDS[world](seed)
     fitted = [maker.episode(k, {}) for k in range(EPISODES)]
-    start = EngineBase(FIRST_GUESS, spacing_for(fitted), True)
+    start = EngineBase(FIRST_GUESS, spacing_for(fitted, PARTICLES), True)
     began = time.perf_counter()
     base, found = identify(fitted, start, NAMES, iterations=IdentifyConfig().iterations, jobs=jobs)
     seconds = time.perf_counter() - began

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from plop.comparison.discretisations import OTHERS
+from plop.comparison.discretisations import OTHERS, spacing_for
 from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
 from plop.diagnosis.finding import worse
@@ -17,15 +17,14 @@ from plop.diagnosis.score import Score, one_per_law
 from plop.diagnosis.search import Search
 from plop.diagnosis.table import Measured, Table
 from plop.errors import PlopError
-from plop.identification.identify import spacing_for
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
 from plop.tracking.episode import Episode
 
 LEAST_EPISODES = 4
 SURVEY_PARTICLES = 400
-"""With these all laws are run first, several times faster than with the 1,300 of `identify`. What most laws change keeps
-its shape (cosine 0.9 in the median), and its size within a quarter (docs/results/parts.md)."""
+"""With these all laws are run first, several times faster than with the 1,300 of `identify`. What most laws change
+keeps its shape (cosine 0.9 in the median), and its size within a quarter (docs/results/parts.md)."""
 REFINED = 4
 """Of the laws that may be the best one, so many are run by the engine itself at the amplitude found even if chance may
 have found them."""

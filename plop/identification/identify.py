@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from trimesh.triangles import area, mass_properties
 
 from plop.comparison.engine_run import predict_points, start_particles
 from plop.errors import PlopError
@@ -26,19 +25,6 @@ COARSER = 1.4
 """Distance of the particles with which derivatives are taken, in units of the engine's own: a quarter of the time."""
 NAMES = ("youngs_modulus_pa", "damping_per_s", "table_friction", "tool_friction", "table_slip_m_s")
 """Parameters that are fitted unless others are named."""
-
-
-def spacing_for(episodes: list[Episode], particles: int = PARTICLES) -> float:
-    """Choose a distance of particles so that about so many fill the object [m].
-
-    There is one for each cell and, since the outer ones lie on the surface, half a one more for each cell face there.
-    """
-    found = []
-    for episode in episodes:
-        triangles = episode.vertices[episode.faces]
-        volume, surface = abs(mass_properties(triangles).volume), float(area(triangles).sum())
-        found.append(max(np.roots([particles, 0, -surface / 2, -volume]).real.tolist()))
-    return round(float(np.median(found)), 5)
 
 
 def starts_settled(episodes: list[Episode], base: EngineBase) -> bool:

@@ -11,9 +11,10 @@ import numpy as np
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.layouts import Model
 from plop.artifacts.lineage import recordings_content
+from plop.comparison.discretisations import spacing_for
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA
 from plop.errors import PlopError
-from plop.identification.identify import NAMES, identify, spacing_for, starts_settled
+from plop.identification.identify import NAMES, PARTICLES, identify, starts_settled
 from plop.parameters import NOT_DETERMINED, Estimate, short_number
 from plop.physics.adapters.base_io import base_to_dict
 from plop.physics.adapters.filled import EngineBase
@@ -92,7 +93,7 @@ def run(inputs: Inputs, config: IdentifyConfig, out: Output) -> Summary:
     episodes, left_out = tracked_episodes(
         recordings, inputs["init"].path, inputs["tracks"].path, names, seed=config.seed
     )
-    spacing = config.spacing_m or spacing_for(episodes)
+    spacing = config.spacing_m or spacing_for(episodes, PARTICLES)
     base = EngineBase(config.material, spacing, True, config.table_cone)
     settled = starts_settled(episodes[:3], base) if config.start == "auto" else config.start == "settled"
     base = replace(base, settled=settled)

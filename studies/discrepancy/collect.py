@@ -12,9 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from plop.comparison.discretisations import spacing_for
 from plop.diagnosis.hypotheses import candidates_of
 from plop.diagnosis.responses import Job, run_job
-from plop.identification.identify import NAMES, identify, spacing_for, starts_settled
+from plop.identification.identify import NAMES, PARTICLES, identify, starts_settled
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library
 from plop.physics.engine.material import ElasticLaw, Material
@@ -61,7 +62,7 @@ def main() -> None:
     if out.exists():
         stored = pickle.loads(out.read_bytes())  # noqa: S301 -- made here
     else:
-        base = EngineBase(replace(Material(), law=ElasticLaw.NEO_HOOKEAN), spacing_for(reference))
+        base = EngineBase(replace(Material(), law=ElasticLaw.NEO_HOOKEAN), spacing_for(reference, PARTICLES))
         base = replace(base, settled=starts_settled(reference[:3], base))
         base, _ = identify(reference, base, NAMES, iterations=5, jobs=1)
         stored = {"base": base, "ref": reference, "sets": sets, "answers": {}}

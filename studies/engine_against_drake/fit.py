@@ -10,7 +10,8 @@ import time
 from dataclasses import replace
 
 from benchmarks.worlds.scene import Motion, World
-from plop.identification.identify import NAMES, identify, spacing_for
+from plop.comparison.discretisations import spacing_for
+from plop.identification.identify import NAMES, PARTICLES, identify
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.material import Material
 from plop.tracking.episode import episode_from_sequence
@@ -30,7 +31,7 @@ def main() -> None:
     episodes = [episode_from_sequence(record(world, motion), noise_m=1e-4) for motion in MOTIONS]
     material = Material(1.2e4, 0.4, damping_per_s=2.0, table_friction=0.4, tool_friction=0.3, table_slip_m_s=0.003)
     begun = time.process_time()
-    _, found = identify(episodes, EngineBase(material, spacing_for(episodes), True), NAMES, iterations=5, jobs=1)
+    _, found = identify(episodes, EngineBase(material, spacing_for(episodes, PARTICLES), True), NAMES, iterations=5, jobs=1)
     print(f"{found.rollouts} runs, {time.process_time() - begun:.0f} s, {1000 * found.rms_after_m:.3f} mm")
     for name, e in found.estimates.items():
         print(name, f"{e.value:.4g} ({e.low:.3g} to {e.high:.3g})")

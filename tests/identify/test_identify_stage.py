@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.comparison.discretisations import predicted_by_each
+from plop.comparison.discretisations import predicted_by_each, spacing_for
 from plop.errors import PlopError
 from plop.identification.first_guess import DRAWS, likeliest_draw
-from plop.identification.identify import identify, spacing_for, starts_settled
+from plop.identification.identify import identify, starts_settled
 from plop.identification.tracked_case import SlopeCase, TrackedCase
 from plop.models import load_model
 from plop.parameters import NOT_DETERMINED, Estimate
