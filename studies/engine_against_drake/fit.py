@@ -31,7 +31,8 @@ def main() -> None:
     episodes = [episode_from_sequence(record(world, motion), noise_m=1e-4) for motion in MOTIONS]
     material = Material(1.2e4, 0.4, damping_per_s=2.0, table_friction=0.4, tool_friction=0.3, table_slip_m_s=0.003)
     begun = time.process_time()
-    _, found = identify(episodes, EngineBase(material, spacing_for(episodes, PARTICLES), True), NAMES, iterations=5, jobs=1)
+    base = EngineBase(material, spacing_for(episodes, PARTICLES), True)
+    _, found = identify(episodes, base, NAMES, iterations=5, jobs=1)
     print(f"{found.rollouts} runs, {time.process_time() - begun:.0f} s, {1000 * found.rms_after_m:.3f} mm")
     for name, e in found.estimates.items():
         print(name, f"{e.value:.4g} ({e.low:.3g} to {e.high:.3g})")
