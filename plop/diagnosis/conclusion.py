@@ -160,12 +160,12 @@ def _named(
     others = [s.hypothesis.effect for s in rivals if s.hypothesis.effect != first.name]
     rest = search.beside(first.score)
     chosen, gain = [first], first.gain
-    closed, left = closed_by(search, rest), search.sizes(first.score)
+    closed, left = closed_by(search, rest), first.score.without - first.score.removed
     second = None if others or not stands_out(rest, rule) else _second(rest, first, rule)
     if second is not None:
         first, second, rest = _together(search, first, second, rule)
-        chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()
-        gain = 1 - float(left[search.here].sum() / search.sizes()[search.here].sum())
+        chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()[search.here]
+        gain = 1 - float(left.sum() / search.sizes()[search.here].sum())
     share = closed or 0.0  # a share that cannot be measured is none that could be claimed
     part = stands_out(rest, rule) and share < rule.whole
     if part and share < rule.nothing:
@@ -174,7 +174,7 @@ def _named(
         facts,
         error=float(search.sizes()[search.here].mean()),
         floor=None if facts.floor is None else float(search.sizes()[~search.here].mean()),
-        left=float(left[search.here].mean()),
+        left=float(left.mean()),
         rest_p=rest.unknown_p,
         closed=closed,
         alternatives=tuple(others),

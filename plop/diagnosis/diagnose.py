@@ -10,7 +10,7 @@ from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
 from plop.diagnosis.finding import worse
 from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
-from plop.diagnosis.repeats import with_shared_patches
+from plop.diagnosis.repeats import share_responses, with_shared_patches
 from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.diagnosis.score import Score, one_per_law
@@ -70,6 +70,7 @@ def diagnose(
     survey = survey_of(base, given[-1].episodes)
     tables = [Table(m, base, run_jobs, survey) for m in given]
     check_enough(len(tables[0].episodes), tables[0].dropped)
+    share_responses(tables)
     announce("every law")
     search = Search(tables, candidates, base_hypotheses(candidates_of(types)))
     _check_laws(search, candidates)

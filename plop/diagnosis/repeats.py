@@ -1,16 +1,17 @@
-"""Repeats of a motion, compared patch by patch: the same places of the object in each."""
+"""Repeats of a motion: the same places of the object are compared in each, and a law changes the same in each."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.diagnosis.discrepancy import path_distances
-from plop.diagnosis.evidence import foot_of, tool_path
+from plop.diagnosis.evidence import compared_frames, foot_of, tool_path
 from plop.diagnosis.noise import repeats_of
-from plop.diagnosis.table import Measured
+from plop.diagnosis.table import Measured, Table
 from plop.tracking.episode import Episode
 
 
@@ -18,12 +19,36 @@ def with_shared_patches(*sets: Measured) -> list[Measured]:
     """Give repeats of a motion the patches of the first of them; other episodes keep their own."""
     episodes = [episode for each in sets for episode in each.episodes]
     found = list(episodes)
-    durations_s = [float(e.times[-1] - e.times[0]) for e in episodes]
-    for group in repeats_of(path_distances([tool_path(e) for e in episodes], durations_s)):
+    for group in _repeats(episodes):
         for k in group[1:]:
             found[k] = _with_patches_of(episodes[k], episodes[group[0]])
     ends = np.cumsum([len(each.episodes) for each in sets])
     return [replace(each, episodes=found[end - len(each.episodes) : end]) for each, end in zip(sets, ends, strict=True)]
+
+
+def share_responses(tables: Sequence[Table]) -> None:
+    """Let repeats of a motion have the responses of the first of them: the engine is run once for each motion.
+
+    What the paths of repeats differ by changes a response by far less than the engine's error.
+    """
+    places = [(table, k) for table in tables for k in range(len(table.episodes))]
+    episodes = [table.episodes[k] for table, k in places]
+    for group in _repeats(episodes):
+        first, its = places[group[0]]
+        for i in group[1:]:
+            table, k = places[i]
+            if _compared(episodes[i]) == _compared(episodes[group[0]]):
+                table.repeat(k, first, its)
+
+
+def _compared(episode: Episode) -> tuple[int, int]:
+    """Count frames and patches that are compared."""
+    return len(compared_frames(len(episode.times))), episode.patches
+
+
+def _repeats(episodes: Sequence[Episode]) -> list[np.ndarray]:
+    durations_s = [float(e.times[-1] - e.times[0]) for e in episodes]
+    return repeats_of(path_distances([tool_path(e) for e in episodes], durations_s))
 
 
 def _with_patches_of(episode: Episode, other: Episode) -> Episode:

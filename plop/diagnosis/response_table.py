@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -37,7 +37,9 @@ class ResponseTable:
         self.base, self.episodes, self.run_jobs = base, list(episodes), run_jobs
         self._plain = [np.asarray(answer.points) for answer in plain]
         self._steps_s = [answer.step_s for answer in plain]
-        self._changes: list[dict[str, np.ndarray]] = [{} for _ in self.episodes]
+        self._changes: dict[str, dict[int, np.ndarray]] = {}
+        """Law -> what it changes in the episodes in which it was run, [F, K, 3] [m] each."""
+        self._repeats: dict[int, tuple[ResponseTable, int]] = {}
         self._without: list[dict[int, np.ndarray]] = [
             {0: moved(episode, points)} for episode, points in zip(self.episodes, self._plain, strict=True)
         ]
@@ -52,32 +54,40 @@ class ResponseTable:
         dissipate more, which is not what it does, and what is about to slide slides after any small difference.
         """
         settings = {run_key(s): s for s in wanted}
-        new = {key: s for key, s in settings.items() if key not in self._changes[0] and key not in self.failed}
+        new = {key: s for key, s in settings.items() if key not in self._changes and key not in self.failed}
         jobs = {key: self.jobs(s) for key, s in new.items()}
-        answers = iter(self.run_jobs([job for own in jobs.values() for job in own if job is not None]))
-        same = [Answer(points, step_s=step_s) for points, step_s in zip(self._plain, self._steps_s, strict=True)]
-        found = {
-            key: [next(answers) if job else unchanged for job, unchanged in zip(own, same, strict=True)]
-            for key, own in jobs.items()
-        }
+        answers = iter(self.run_jobs([job for own in jobs.values() for job in own.values()]))
+        found = {key: {k: next(answers) for k in own} for key, own in jobs.items()}
         for key, own in found.items():
-            trouble = next((answer.trouble for answer in own if answer.points is None), None)
+            trouble = next((answer.trouble for answer in own.values() if answer.points is None), None)
             if trouble is not None:
                 self.failed[key] = trouble
         stable = {key: own for key, own in found.items() if key not in self.failed}
         self._run_without(stable.values())
         for key, own in stable.items():
-            for k, (episode, answer) in enumerate(zip(self.episodes, own, strict=True)):
-                change = moved(episode, np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
-                self._changes[k][key] = self._seen[k][..., None] * change
+            self._changes[key] = {
+                k: moved(self.episodes[k], np.asarray(answer.points)) - self._without[k][self._shorter(k, answer)]
+                for k, answer in own.items()
+            }
 
-    def jobs(self, settings: Settings) -> list[Job | None]:
-        """Give the runs of a law, one for each episode; None where it acts at cuts, and nothing is cut."""
+    def repeat(self, k: int, other: ResponseTable, its: int) -> None:
+        """Take what laws change in an episode from another one, with the same motion, patches and number of frames.
+
+        Args:
+            k: The episode.
+            other: Where the other one is; it is asked for the same laws.
+            its: Its number there.
+        """
+        self._repeats[k] = other, its
+
+    def jobs(self, settings: Settings) -> dict[int, Job]:
+        """Give the runs of a law by episode; none of a repeat, nor where it acts at cuts and nothing is cut."""
         of_cuts = bool(settings) and all(column.needs_blade for column, _ in settings)
-        return [
-            Job(episode, self.base, settings, step_s) if blade or not of_cuts else None
-            for episode, step_s, blade in zip(self.episodes, self._steps_s, self._blades, strict=True)
-        ]
+        return {
+            k: Job(episode, self.base, settings, self._steps_s[k])
+            for k, episode in enumerate(self.episodes)
+            if k not in self._repeats and (self._blades[k] or not of_cuts)
+        }
 
     @cached_property
     def _blades(self) -> list[bool]:
@@ -94,9 +104,9 @@ class ResponseTable:
             return 0
         return round(float(np.log(self._steps_s[k] / answer.step_s) / np.log(STEP_RATIO)))
 
-    def _run_without(self, answers: Iterable[Sequence[Answer]]) -> None:
+    def _run_without(self, answers: Iterable[Mapping[int, Answer]]) -> None:
         """Run the engine without laws in the time steps of some runs with laws."""
-        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in enumerate(own)}
+        wanted = {(k, self._shorter(k, answer)) for own in answers for k, answer in own.items()}
         new = sorted((k, shorter) for k, shorter in wanted if shorter not in self._without[k])
         steps = [self._steps_s[k] / STEP_RATIO**shorter for k, shorter in new]
         jobs = [Job(self.episodes[k], self.base, most_step_s=step) for (k, _), step in zip(new, steps, strict=True)]
@@ -110,6 +120,12 @@ class ResponseTable:
 
     def response(self, hypothesis: Hypothesis) -> list[np.ndarray]:
         """Give what a hypothesis changes in every episode, [F, K, 3] [m] each."""
-        return [
-            np.asarray(sum(weight * changes[run_key(s)] for s, weight in hypothesis.runs)) for changes in self._changes
-        ]
+        found = []
+        for k, seen in enumerate(self._seen):
+            table, its = self._repeats.get(k, (self, k))
+            found.append(seen[..., None] * sum(w * table.change(its, run_key(s)) for s, w in hypothesis.runs))
+        return found
+
+    def change(self, k: int, law: str) -> np.ndarray:
+        """Give what a law that was run changes in an episode, whether a patch could be seen or not, [F, K, 3] [m]."""
+        return self._changes[law].get(k, np.zeros_like(self._without[k][0]))

@@ -290,12 +290,9 @@ class Search:
         weights = self.field.noise.weights[episode]
         return float((weights * (residual.reshape(-1, 3) ** 2).sum(1)).sum() / (3 * max((weights > 0).sum(), 1)))
 
-    def sizes(self, score: Score | None = None) -> np.ndarray:
-        """Mean squared error of every episode, without or with a law, held out, [E]."""
-        plain = np.array([self.squares(k, self.fitted[k] - self.known[k]) for k in range(len(self.here))])
-        if score is not None:
-            plain[: int(self.here.sum())] -= score.removed
-        return plain
+    def sizes(self) -> np.ndarray:
+        """Mean squared error of every episode without a law, the base refitted, [E]."""
+        return np.array([self.squares(k, self.fitted[k] - self.known[k]) for k in range(len(self.here))])
 
     def described(self) -> Description:
         """Describe what is in the recordings beyond the reference."""

@@ -100,6 +100,12 @@ class Table:
         for coarse, responses in ((True, self.survey), (False, self.full)):
             responses.respond(settings for h in hypotheses if h.coarse == coarse for settings, _ in h.runs)
 
+    def repeat(self, k: int, other: Table, its: int) -> None:
+        """Take what laws change in an episode from another one of the same motion, see `ResponseTable.repeat`."""
+        self.full.repeat(k, other.full, its)
+        if self.survey.base == other.survey.base:
+            self.survey.repeat(k, other.survey, its)
+
     def trouble(self, hypothesis: Hypothesis) -> str | None:
         """Say why a hypothesis cannot be judged; None where all its runs are there."""
         return self._of(hypothesis).trouble(hypothesis)

@@ -11,7 +11,7 @@ import numpy as np
 from plop.diagnosis.diagnose import survey_of
 from plop.diagnosis.evidence import evidence_of
 from plop.diagnosis.hypotheses import Hypothesis, Settings, base_hypotheses, candidates_of, hypotheses_of
-from plop.diagnosis.repeats import with_shared_patches
+from plop.diagnosis.repeats import share_responses, with_shared_patches
 from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
@@ -107,6 +107,7 @@ def plan(
     announce("no law")
     (measured,) = with_shared_patches(measured)
     table = Table(measured, base, run_jobs, survey_of(base, measured.episodes))
+    share_responses([table])
     announce("every law")
     table.respond([*tried, *own])
     usable, own = ([h for h in some if table.trouble(h) is None and _moves(table, h)] for some in (tried, own))
@@ -250,7 +251,7 @@ def _varied(
         with _dropping(episode, dropped):
             alone.append((k, change, _alone(table, episode)))
     settings = dict.fromkeys(_settings([*hypotheses, *own]))
-    table.run_jobs([job for _, _, each in alone for law in settings for job in each.survey.jobs(law) if job])
+    table.run_jobs([job for _, _, each in alone for law in settings for job in each.survey.jobs(law).values()])
     for k, change, each in alone:
         with _dropping(each.episodes[0], dropped):
             found.append(_run(table, k, change, each, hypotheses, own))

@@ -1,4 +1,4 @@
-"""Repeats of a motion have the same patches, in whatever points each was followed."""
+"""Repeats of a motion have the same patches, in whatever points each was followed, and the same responses."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from trimesh import Trimesh
 
 from plop.diagnosis.discrepancy import path_distances
 from plop.diagnosis.evidence import foot_of, tool_path
+from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
 from plop.diagnosis.noise import repeats_of
-from plop.diagnosis.repeats import with_shared_patches
-from plop.diagnosis.table import Measured
+from plop.diagnosis.repeats import share_responses, with_shared_patches
+from plop.diagnosis.responses import Answer, Job, run_job
+from plop.diagnosis.rule import RULE
+from plop.diagnosis.table import Measured, Table
+from plop.physics.effects.library import library
 from plop.physics.scenes.scene import simulate_episode
 from plop.tracking.episode import episode_from_sequence
-from tests.support.coarse_episodes import SCENE
+from tests.support.coarse_episodes import BASE, SCENE
 
 
 def followed(k: int, seed: int, points: int = 150):
@@ -62,3 +66,45 @@ def test_a_repeat_is_one_whatever_mesh_the_object_was_given():
     np.testing.assert_allclose(foot_of(other), foot_of(one), atol=1e-6)
     distances = path_distances([tool_path(e) for e in (one, other)], [1.0, 1.0])
     assert distances[0, 1] < 1e-3 and len(repeats_of(distances)) == 1
+
+
+def test_a_law_is_run_once_for_each_motion():
+    types, asked = library(), list[Job]()
+    law = next(h for h in hypotheses_of(candidates_of(types)) if h.effect == "stiffness")
+
+    def run(jobs: list[Job]) -> list[Answer]:
+        asked.extend(job for job in jobs if job.settings)
+        return [run_job(job, types) for job in jobs]
+
+    given = with_shared_patches(Measured([followed(0, 1), followed(1, 3)]), Measured([followed(0, 2)]))
+    again = given[1].episodes[0]
+    hidden = np.repeat((again.patch == 0)[None], len(again.times), 0)
+    given[1].episodes[0] = replace(again, seen=~hidden)
+    tables = [Table(each, BASE, run) for each in given]
+    share_responses(tables)
+    for table in tables:
+        table.respond([law])
+    assert [job.episode.name for job in asked] == [e.name for e in given[0].episodes]
+    (own, other), (repeat,) = (table.response(law) for table in tables)
+    seen = tables[1].evidence[0].seen
+    assert not seen.all() and other.shape != own.shape
+    np.testing.assert_array_equal(repeat, own * seen[..., None])
+    by_itself = Table(given[1], BASE, run)
+    by_itself.respond([law])
+    (itself,) = by_itself.response(law)
+    assert np.linalg.norm(itself - repeat) < RULE.response_error * np.linalg.norm(itself), "in points of its own"
+
+
+def test_a_repeat_with_other_patches_is_run_by_itself():
+    types, asked = library(), list[str]()
+    law = next(h for h in hypotheses_of(candidates_of(types)) if h.effect == "stiffness")
+
+    def run(jobs: list[Job]) -> list[Answer]:
+        asked.extend(job.key for job in jobs if job.settings)
+        return [run_job(job, types) for job in jobs]
+
+    many, few = replace(followed(0, 1), patch=np.arange(150)), followed(0, 2, points=30)
+    table = Table(Measured([many, few]), BASE, run)
+    share_responses([table])
+    table.respond([law])
+    assert len(asked) == 2 and [r.shape[1] for r in table.response(law)] == [150, few.patches]

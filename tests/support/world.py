@@ -35,9 +35,13 @@ class World(ABC):
     def start(self, episode: Episode) -> np.ndarray:
         return np.asarray(episode.points[0], float)
 
+    def motion(self, name: str) -> int:
+        """Number of the motion of an episode; each has its own unless a subclass says otherwise."""
+        return int(name[-3:])
+
     def fields(self, episode: Episode, number: int) -> np.ndarray:
         """Displacement by one unit, of order 1 mm, growing in time; alike in all episodes, [T, M, 3]."""
-        law, own = np.random.default_rng([number]), np.random.default_rng([int(episode.name[-3:]), number])
+        law, own = np.random.default_rng([number]), np.random.default_rng([self.motion(episode.name), number])
         places = (self.start(episode) - self.start(episode).mean(0)) / 0.02
         ramp = np.linspace(0, 1, len(episode.times)) ** (law.uniform(0.5, 2) * own.uniform(0.8, 1.2))
         shift, strain = (law.normal(0, 1, size) + 0.4 * own.normal(0, 1, size) for size in (3, (3, 3)))
@@ -64,6 +68,9 @@ class World(ABC):
         episodes = []
         for k in range(6):
             like = replace(coarse_episode(k % 2), name=f"box_{10 * seed + k:03d}", seen=None)
+            poses = like.tool.world_from_tool.copy()
+            poses[:, :3, 3] += np.random.default_rng(self.motion(like.name)).normal(0, 0.01, 3)
+            like = replace(like, tool=replace(like.tool, world_from_tool=poses))
             noise = np.random.default_rng([seed, k]).normal(0, NOISE_M, like.points.shape)
             points = self.moved(like, hidden) + noise
             points[0] = self.start(like)
