@@ -34,6 +34,10 @@ class Lasting(World):
         swelling, viscosity = 10 * values.get("swelling", 0.0), values.get("viscosity", 0.0) / 100
         return [swelling + viscosity, 0.0 * viscosity, values.get("softening", 0.0) * 0.0, values.get("stiffness", 0.0)]
 
+    def motion(self, name):
+        """Every motion is in both sets."""
+        return int(name[-1])
+
     def fields(self, episode, number):
         """As in `World`, for the number of the recorded motion, which a planned one has in its name."""
         own = re.search(r"\d{3}", episode.name)
