@@ -74,11 +74,14 @@ def main() -> None:
 def followed(store: Store, name: str) -> Measured:
     """Read what was followed in some recordings when `diagnose` judged them."""
     part = "" if name == "mystery" else "reference_"
-    inputs, at = store.find("timed").manifest.inputs, lambda one: store.find(f"{one['stage']}@{one['fingerprint']}").path
-    paths = {key: at(inputs[f"{part}{key}"]) for key in ("init", "tracks")}
+    given = store.find("timed").manifest.inputs
+    init, tracks = (
+        store.find(f"{given[part + key]['stage']}@{given[part + key]['fingerprint']}").path
+        for key in ("init", "tracks")
+    )
     recordings = RecordingSet.load(store.find(name).path)
     base = store.find("base").path
-    return read_measured(recordings, paths["init"], paths["tracks"], recordings.names, base, 0)[0]
+    return read_measured(recordings, init, tracks, recordings.names, base, 0)[0]
 
 
 if __name__ == "__main__":

@@ -10,12 +10,12 @@ from plop.diagnosis.amplitude import refine
 from plop.diagnosis.conclusion import Conclusion, conclude
 from plop.diagnosis.finding import worse
 from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
-from plop.diagnosis.repeats import share_responses, with_shared_patches
+from plop.diagnosis.repeats import tables_of
 from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.diagnosis.score import Score, one_per_law
 from plop.diagnosis.search import Search
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.table import Measured
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
@@ -66,11 +66,9 @@ def diagnose(
     wanted = [*types] if effects is None else list(effects)
     candidates = candidates_of(types, wanted)
     announce("no law")
-    given = with_shared_patches(*(m for m in (measured, reference) if m is not None))
-    survey = survey_of(base, given[-1].episodes)
-    tables = [Table(m, base, run_jobs, survey) for m in given]
+    given = [measured] if reference is None else [measured, reference]
+    tables = tables_of(given, base, run_jobs, survey_of(base, given[-1].episodes))
     check_enough(len(tables[0].episodes), tables[0].dropped)
-    share_responses(tables)
     announce("every law")
     search = Search(tables, candidates, base_hypotheses(candidates_of(types)))
     _check_laws(search, candidates)

@@ -11,8 +11,19 @@ from scipy.spatial import cKDTree
 from plop.diagnosis.discrepancy import path_distances
 from plop.diagnosis.evidence import compared_frames, foot_of, tool_path
 from plop.diagnosis.noise import repeats_of
+from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.table import Measured, Table
+from plop.physics.adapters.filled import EngineBase
 from plop.tracking.episode import Episode
+
+
+def tables_of(
+    sets: Sequence[Measured], base: EngineBase, run_jobs: RunJobs, survey: EngineBase | None = None
+) -> list[Table]:
+    """Make the table of each set, in which repeats of a motion have the same patches and responses; see `Table`."""
+    tables = [Table(each, base, run_jobs, survey) for each in with_shared_patches(*sets)]
+    share_responses(tables)
+    return tables
 
 
 def with_shared_patches(*sets: Measured) -> list[Measured]:

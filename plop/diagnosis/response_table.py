@@ -40,6 +40,7 @@ class ResponseTable:
         self._changes: dict[str, dict[int, np.ndarray]] = {}
         """Law -> what it changes in the episodes in which it was run, [F, K, 3] [m] each."""
         self._repeats: dict[int, tuple[ResponseTable, int]] = {}
+        """Episode -> where the same motion was run, and its number there."""
         self._without: list[dict[int, np.ndarray]] = [
             {0: moved(episode, points)} for episode, points in zip(self.episodes, self._plain, strict=True)
         ]

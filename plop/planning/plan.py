@@ -11,7 +11,7 @@ import numpy as np
 from plop.diagnosis.diagnose import survey_of
 from plop.diagnosis.evidence import evidence_of
 from plop.diagnosis.hypotheses import Hypothesis, Settings, base_hypotheses, candidates_of, hypotheses_of
-from plop.diagnosis.repeats import share_responses, with_shared_patches
+from plop.diagnosis.repeats import tables_of
 from plop.diagnosis.response_table import RunJobs
 from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
@@ -105,9 +105,7 @@ def plan(
         asked = replace(asked, groups=tuple(tuple(surveyed(group)) for group in asked.groups))
         tried = [*tried, *asked.hypotheses]
     announce("no law")
-    (measured,) = with_shared_patches(measured)
-    table = Table(measured, base, run_jobs, survey_of(base, measured.episodes))
-    share_responses([table])
+    (table,) = tables_of([measured], base, run_jobs, survey_of(base, measured.episodes))
     announce("every law")
     table.respond([*tried, *own])
     usable, own = ([h for h in some if table.trouble(h) is None and _moves(table, h)] for some in (tried, own))
