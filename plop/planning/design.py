@@ -8,6 +8,7 @@ a whole diagnosis, with every way of dealing the episodes out, can be drawn many
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -29,15 +30,19 @@ _JITTER = 1e-9
 class Design:
     """Motions to record in an object to explain, and in the reference."""
 
-    def __init__(self, here: Sequence[Motion], reference: Sequence[Motion], seed: int = 0) -> None:
+    def __init__(
+        self, here: Sequence[Motion], reference: Sequence[Motion], seed: int = 0, hidden: int | None = None
+    ) -> None:
         """Multiply all responses over the covariance that these recordings would have.
 
         Args:
             here: Motions of the recordings to explain; one that is repeated is listed as often. E with the reference.
             reference: Those in which nothing is missing.
             seed: Of the draws.
+            hidden: Column of a law that is in the recordings to explain when the weights of the noise are found: so a
+                diagnosis finds them, and what a large law does where the base is no match for it counts for less.
         """
-        motions = [*here, *reference]
+        motions = [*(m if hidden is None else _with(m, hidden) for m in here), *reference]
         self.here = np.arange(len(motions)) < len(here)
         self.kinds = [motion.kind for motion in motions]
         self._seed = seed
@@ -93,3 +98,10 @@ class Design:
         """How much more strongly an object responds than the engine says, in each draw, [DRAWS] [-]."""
         drawn = np.random.default_rng(self._seed + 1).normal(1.0, rule.response_error, DRAWS)
         return np.asarray(np.maximum(drawn, 0.0))
+
+
+def _with(motion: Motion, column: int) -> Motion:
+    """Let a motion be recorded with a law in it."""
+    evidence = motion.evidence
+    residual = evidence.residual + evidence.seen[..., None] * motion.responses[column]
+    return replace(motion, evidence=replace(evidence, residual=residual))

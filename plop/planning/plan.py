@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -133,26 +134,29 @@ def _with_separation(
     """Rank motions by the pairs that are most alike; see with all laws how often the best have to be recorded."""
     motions = found.motions
     here = range(len(motions)) if wish.diagnosis is None else _diagnosed(motions, wish.diagnosis)
-    recorded = Design([motions[k] for k in here], motions, wish.seed)
-    asked_for = pairs_of(asked, usable, recorded)
 
-    def design(pairs: Sequence[Pair], motion: Motion, count: int) -> tuple[Design, list[Pair]]:
+    def design(pairs: Sequence[Pair], motion: Motion | None, count: int, hidden: int | None = None) -> Design:
         few = _columns(pairs)
         own = [replace(m, responses=tuple(m.responses[k] for k in few)) for m in motions]
-        more = [own[motions.index(motion)] if motion in motions else motion] * count
-        made = Design([*(own[k] for k in here), *more], [*own, *(more if wish.again else [])], wish.seed)
-        return made, [Pair(few.index(pair.truth), few.index(pair.rival)) for pair in pairs]
+        more = [] if motion is None else [own[motions.index(motion)] if motion in motions else motion] * count
+        return Design([*(own[k] for k in here), *more], [*own, *(more if wish.again else [])], wish.seed, hidden)
 
+    def settled(motion: Motion | None, count: int) -> float:
+        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), rule)
+
+    recorded = Design([motions[k] for k in here], motions, wish.seed)
+    asked_for = pairs_of(asked, usable, recorded)
     few = [usable[k] for k in _columns(asked_for)]
     choices = [*motions, *_varied(table, motions, few, own, wish.vary, found.dropped)]
-    scored = [(least_information(*design(asked_for, motion, TWICE), rule), motion) for motion in choices]
+    numbered = _numbered(asked_for)
+    scored = [(least_information(design(asked_for, motion, TWICE), numbered, rule), motion) for motion in choices]
     ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
     pairs = with_all_laws(asked_for, asked, usable, recorded)
     few = [usable[k] for k in _columns(pairs)]
     best = [(value, _with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
     trials = []
     for count in REPEATS:
-        trials += [(settled_chance(*design(pairs, m, count), rule), -count, value, m) for value, m in best]
+        trials += [(settled(motion, count), -count, value, motion) for value, motion in best]
         if max(trial[0] for trial in trials) >= rule.seen:
             break
     chance, count, _, chosen = max(trials, key=lambda trial: (min(trial[0], rule.seen), *trial[1:3]))
@@ -161,11 +165,17 @@ def _with_separation(
         tuple(MotionChoice(m.name, m.like, m.change, value) for value, m in ranked),
         chosen.name,
         least_information(recorded, asked_for, rule),
-        settled_chance(recorded, pairs, rule),
+        settled(None, 0),
         -count,
         chance,
     )
     return replace(found, separation=separation, best=chosen, choices=choices)
+
+
+def _numbered(pairs: Sequence[Pair]) -> list[Pair]:
+    """Number the hypotheses of pairs among themselves."""
+    few = _columns(pairs)
+    return [Pair(few.index(pair.truth), few.index(pair.rival)) for pair in pairs]
 
 
 def _columns(pairs: Sequence[Pair]) -> list[int]:

@@ -7,12 +7,13 @@ similar amount of B (Kullback & Leibler 1951) is
 
 The engine's responses are off by some share rho, so that rho^2 D(A, nothing) of it says nothing: a motion is as good as
 the least of D(A, B) - rho^2 D(A, nothing) over all pairs (Hunter & Reiner, Technometrics 7, 1965; Box & Hill,
-Technometrics 9, 1967). Whether a diagnosis would then call B worse is drawn, with the diagnosis's own rule.
+Technometrics 9, 1967). Whether a diagnosis would then call B worse is drawn, with the diagnosis's own rule, and with
+the weights that it would find where A is there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,11 +62,18 @@ def least_information(design: Design, pairs: Sequence[Pair], rule: DecisionRule 
     return min(information(design, pair, rule) for pair in pairs)
 
 
-def settled_chance(design: Design, pairs: Sequence[Pair], rule: DecisionRule = RULE) -> float:
-    """Give the chance that a diagnosis calls all rivals worse than the law that is there, for the worst of the laws."""
-    labels, here = design.here[None].astype(float), design.here
-    factors, chances = design.factors(rule), []
+def settled_chance(designed: Callable[[int], Design], pairs: Sequence[Pair], rule: DecisionRule = RULE) -> float:
+    """Give the chance that a diagnosis calls all rivals worse than the law that is there, for the worst of the laws.
+
+    Args:
+        designed: Gives the recordings in which the law of a column is hidden.
+        pairs: Laws and rivals.
+        rule: Margins.
+    """
+    chances = []
     for truth in dict.fromkeys(pair.truth for pair in pairs):
+        design = designed(truth)
+        labels, here, factors = design.here[None].astype(float), design.here, design.factors(rule)
         rivals = [pair.rival for pair in pairs if pair.truth == truth]
         settled = 0
         for draw in range(DRAWS):
