@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from plop.diagnosis.diagnose import survey_of
-from plop.diagnosis.evidence import evidence_of
-from plop.diagnosis.hypotheses import Hypothesis, Settings, base_hypotheses, candidates_of, hypotheses_of
+from plop.diagnosis.hypotheses import Hypothesis, base_hypotheses, candidates_of, hypotheses_of
 from plop.diagnosis.repeats import tables_of
 from plop.diagnosis.response_table import RunJobs
-from plop.diagnosis.responses import Job
 from plop.diagnosis.result import Diagnosis
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.diagnosis.table import Measured, Table
-from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
 from plop.planning.design import Design
-from plop.planning.motions import Change, Motion, as_expected, planned_episode
+from plop.planning.engine_runs import recorded_motion, varied_motions, with_more
+from plop.planning.motions import Change, Motion
 from plop.planning.power import LawPower, powers
 from plop.planning.questions import SILENT, Question, answerable, found_by, pairs_of, typical_ones, with_all_laws
 from plop.planning.result import MotionChoice, Separation
 from plop.planning.separation import Pair, least_information, settled_chance
-from plop.tracking.episode import Episode
 
 TWICE = 2
 """Recordings of a motion by which motions are compared: an episode is predicted from the others of its kind."""
@@ -112,7 +108,7 @@ def plan(
     usable, own = ([h for h in some if table.trouble(h) is None and _moves(table, h)] for some in (tried, own))
     dropped = {**table.dropped, **_unusable(table, tried, usable)}
     asked = answerable(asked, usable, dropped)
-    motions = [_recorded(table, k, usable, own) for k in range(len(table.episodes))]
+    motions = [recorded_motion(table, k, usable, own) for k in range(len(table.episodes))]
     # where the recordings have been made, their diagnosis says what they show
     laws, ways = ([], []) if known else powers(motions, usable, wish.most, seed=wish.seed, rule=rule)
     found = Planned(laws, ways, None, None, motions, motions, dropped)
@@ -147,13 +143,13 @@ def _with_separation(
     recorded = Design([motions[k] for k in here], motions, wish.seed)
     asked_for = pairs_of(asked, usable, recorded)
     few = [usable[k] for k in _columns(asked_for)]
-    choices = [*motions, *_varied(table, motions, few, own, wish.vary, found.dropped)]
+    choices = [*motions, *varied_motions(table, motions, few, own, wish.vary, found.dropped)]
     numbered = _numbered(asked_for)
     scored = [(least_information(design(asked_for, motion, TWICE), numbered, rule), motion) for motion in choices]
     ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
     pairs = with_all_laws(asked_for, asked, usable, recorded)
     few = [usable[k] for k in _columns(pairs)]
-    best = [(value, _with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
+    best = [(value, with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
     trials = []
     for count in REPEATS:
         trials += [(settled(motion, count), -count, value, motion) for value, motion in best]
@@ -183,25 +179,9 @@ def _columns(pairs: Sequence[Pair]) -> list[int]:
     return sorted({k for pair in pairs for k in (pair.truth, pair.rival)})
 
 
-def _with_more(
-    table: Table, motions: Sequence[Motion], motion: Motion, hypotheses: Sequence[Hypothesis], own: Sequence[Hypothesis]
-) -> Motion:
-    """Run more laws in a motion that is not one of those that were recorded."""
-    if motion in motions:
-        return motion
-    k = next(k for k, each in enumerate(motions) if each.name == motion.like)
-    episode = planned_episode(table.episodes[k], motion.change)
-    assert episode is not None
-    return _run(table, k, motion.change, _alone(table, episode), hypotheses, own)
-
-
 def surveyed(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
     """Have all responses computed with few particles: they are compared with each other."""
     return [replace(hypothesis, coarse=True) for hypothesis in hypotheses]
-
-
-def _settings(hypotheses: Iterable[Hypothesis]) -> list[Settings]:
-    return [settings for hypothesis in hypotheses for settings, _ in hypothesis.runs]
 
 
 def _moves(table: Table, hypothesis: Hypothesis) -> bool:
@@ -217,86 +197,9 @@ def _unusable(table: Table, tried: Sequence[Hypothesis], usable: Sequence[Hypoth
     return why
 
 
-def _recorded(table: Table, k: int, hypotheses: Sequence[Hypothesis], own: Sequence[Hypothesis]) -> Motion:
-    """Describe a motion that was recorded."""
-    episode, evidence = table.episodes[k], table.evidence[k]
-    columns = [table.response(h)[k] for h in own]
-    stacked = np.stack(columns, -1) if columns else np.zeros((*evidence.residual.shape, 0))
-    responses = tuple(table.response(h)[k] for h in hypotheses)
-    return Motion(episode.name, episode.name, Change.NONE, episode.tool, table.kinds[k], evidence, stacked, responses)
-
-
 def _diagnosed(motions: Sequence[Motion], diagnosis: Diagnosis) -> list[int]:
     """Give the motions of the recordings that were diagnosed: those of the same name, else as many in turn."""
     named = {motion.name: k for k, motion in enumerate(motions)}
     if set(diagnosis.episodes) <= named.keys():
         return [named[name] for name in diagnosis.episodes]
     return [k % len(motions) for k in range(len(diagnosis.episodes))]
-
-
-def _varied(
-    table: Table,
-    motions: Sequence[Motion],
-    hypotheses: Sequence[Hypothesis],
-    own: Sequence[Hypothesis],
-    vary: Sequence[Change],
-    dropped: dict[str, str],
-) -> list[Motion]:
-    """Run the motions of the family: of each kind of recorded motion, the first, with its path changed in every way."""
-    sources: dict[str, int] = {}
-    for k, motion in enumerate(motions):
-        sources.setdefault(motion.kind, k)
-    planned = [
-        (k, change, episode)
-        for k in sources.values()
-        for change in vary
-        if change != Change.NONE and (episode := planned_episode(table.episodes[k], change)) is not None
-    ]
-    engines = dict.fromkeys([table.base, table.survey.base])
-    table.run_jobs([Job(episode, engine) for _, _, episode in planned for engine in engines])  # at the same time
-    alone, found = [], []
-    for k, change, episode in planned:
-        with _dropping(episode, dropped):
-            alone.append((k, change, _alone(table, episode)))
-    settings = dict.fromkeys(_settings([*hypotheses, *own]))
-    table.run_jobs([job for _, _, each in alone for law in settings for job in each.survey.jobs(law).values()])
-    for k, change, each in alone:
-        with _dropping(each.episodes[0], dropped):
-            found.append(_run(table, k, change, each, hypotheses, own))
-    return found
-
-
-@contextmanager
-def _dropping(episode: Episode, dropped: dict[str, str]) -> Iterator[None]:
-    """Leave an episode out that the engine cannot follow."""
-    try:
-        yield
-    except PlopError as error:
-        dropped[episode.name] = f"{error.problem} {error.found or ''}".strip()
-
-
-def _alone(table: Table, episode: Episode) -> Table:
-    """Run the engine without laws through a planned motion.
-
-    Raises:
-        PlopError: It cannot follow it.
-    """
-    survey = None if table.survey is table.full else table.survey.base
-    return Table(Measured([episode], {episode.name: [episode.points]}), table.base, table.run_jobs, survey)
-
-
-def _run(
-    table: Table, k: int, change: Change, alone: Table, hypotheses: Sequence[Hypothesis], own: Sequence[Hypothesis]
-) -> Motion:
-    """Describe a planned motion.
-
-    Raises:
-        PlopError: The engine cannot follow it, with every law.
-    """
-    alone.respond([*hypotheses, *own])
-    if alone.failed:
-        raise PlopError("The engine cannot follow it.", found="; ".join(alone.failed.values())[:200])
-    episode = alone.episodes[0]
-    made = _recorded(alone, 0, hypotheses, own)
-    evidence = as_expected(evidence_of(episode, alone.plain[0][:1]), table.evidence[k])
-    return replace(made, like=table.episodes[k].name, change=change, evidence=evidence)
