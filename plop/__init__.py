@@ -48,7 +48,7 @@ _PUBLIC = {
     "effect_type": "plop.physics.effects.library",
     "augment": "plop.models",
     "diagnose": "plop.pipeline.diagnose",
-    "Verdict": "plop.diagnosis.verdict",
+    "Verdict": "plop.diagnosis.decision.verdict",
 }
 """Public name -> module that holds it, `module:name` where its name there differs."""
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from plop.artifacts.result_file import to_json
 from plop.artifacts.store import Store
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.decision.result import Diagnosis
 from plop.errors import PlopError
 from plop.physics.scenes.sealed import open_answer
 from plop_cli.console import Console, format_seconds

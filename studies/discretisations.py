@@ -21,8 +21,8 @@ from joblib import Parallel, delayed
 from benchmarks.missing_physics.points import PARTICLES, SCENE, fitted_engine
 from benchmarks.missing_physics.response import response_error
 from plop.comparison.discretisations import OTHERS, discretised
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured, Table
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type

@@ -18,11 +18,11 @@ import numpy as np
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.store import Store
 from plop.diagnosis.diagnose import SURVEY_PARTICLES, survey_of
-from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
-from plop.diagnosis.measured import engine_beside, read_measured
-from plop.diagnosis.repeats import with_shared_patches
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.responses.hypotheses import candidates_of, hypotheses_of
+from plop.diagnosis.responses.measured import engine_beside, read_measured
+from plop.diagnosis.responses.repeats import with_shared_patches
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured, Table
 from plop.physics.effects.library import library
 from plop.pipeline.execute import versions
 from plop.recordings.set import RecordingSet

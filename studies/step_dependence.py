@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plop.diagnosis.hypotheses import candidates_of
+from plop.diagnosis.responses.hypotheses import candidates_of
 from plop.physics.adapters.filled import EngineBase, filled_particles
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import library

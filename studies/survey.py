@@ -20,10 +20,10 @@ from benchmarks.missing_physics.points import EPISODES, START
 from plop.artifacts.atomic_file import write_json
 from plop.comparison.discretisations import spacing_for
 from plop.diagnosis.diagnose import SURVEY_PARTICLES, survey_of
-from plop.diagnosis.hypotheses import Hypothesis, candidates_of, hypotheses_of
-from plop.diagnosis.response_table import ResponseTable
-from plop.diagnosis.responses import Job
-from plop.diagnosis.runs import Runs
+from plop.diagnosis.responses.hypotheses import Hypothesis, candidates_of, hypotheses_of
+from plop.diagnosis.responses.response_table import ResponseTable
+from plop.diagnosis.responses.job import Job
+from plop.diagnosis.responses.runs import Runs
 from plop.identification.identify import PARTICLES
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library

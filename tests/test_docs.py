@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 import plop
-from plop.diagnosis.result import Diagnosis, Ranked
-from plop.diagnosis.verdict import Verdict
+from plop.diagnosis.decision.result import Diagnosis, Ranked
+from plop.diagnosis.decision.verdict import Verdict
 from plop.parameters import Estimate
 from plop.physics.effects.library import library
 from plop.pipeline.registry import pipeline

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from plop.diagnosis.conclusion import Conclusion
-from plop.diagnosis.hypotheses import Hypothesis
+from plop.diagnosis.decision.conclusion import Conclusion
+from plop.diagnosis.responses.hypotheses import Hypothesis
 
 _THRESHOLD = 0.1
 """Share of the largest contribution below which sparse regression drops a column."""

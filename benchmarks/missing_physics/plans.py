@@ -28,11 +28,11 @@ import numpy as np
 from benchmarks.missing_physics.makers import NOISE_M
 from benchmarks.missing_physics.rates import proportion
 from plop.artifacts.atomic_file import write_json
-from plop.diagnosis.conclusion import Conclusion
+from plop.diagnosis.decision.conclusion import Conclusion
+from plop.diagnosis.decision.verdict import VerdictKind
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured
-from plop.diagnosis.verdict import VerdictKind
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured
 from plop.errors import PlopError
 from plop.identification.identify import NAMES, identify
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict

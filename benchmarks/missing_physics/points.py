@@ -24,10 +24,10 @@ from benchmarks.missing_physics.plan import Set
 from plop.artifacts.atomic_file import write_json
 from plop.comparison.discretisations import spacing_for
 from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.search import Search
-from plop.diagnosis.table import Measured
+from plop.diagnosis.scores.search import Search
 from plop.finite import json_ready
 from plop.identification.identify import NAMES, PARTICLES, identify
 from plop.physics.adapters.base_io import base_from_dict, base_to_dict

@@ -21,8 +21,8 @@ from benchmarks.facts import machine
 from benchmarks.missing_physics.makers import WORLDS
 from plop.artifacts.atomic_file import write_json
 from plop.comparison.discretisations import spacing_for
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured, Table
 from plop.finite import json_ready
 from plop.identification.identify import NAMES, PARTICLES, identify
 from plop.parameters import NORMAL_95

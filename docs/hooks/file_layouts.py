@@ -23,7 +23,7 @@ DOCUMENTED = (
 RESULTS = {
     "scores": "plop.metrics.scores.Scores",
     "compare": "plop.comparison.result.Comparison",
-    "diagnosis": "plop.diagnosis.result.Diagnosis",
+    "diagnosis": "plop.diagnosis.decision.result.Diagnosis",
     "plan": "plop.planning.result.Plan",
 }
 """Files whose layout is a dataclass."""

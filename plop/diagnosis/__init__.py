@@ -1,1 +1,1 @@
-"""From a wrong prediction to the missing physical effect: compare, screen, refit, judge."""
+"""From recordings to a verdict: evidence, responses of laws, scores, decision; each uses those before it."""

@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from plop.comparison.discretisations import OTHERS, spacing_for
-from plop.diagnosis.amplitude import refine
-from plop.diagnosis.conclusion import Conclusion, conclude
-from plop.diagnosis.finding import worse
-from plop.diagnosis.hypotheses import Candidate, base_hypotheses, candidates_of
-from plop.diagnosis.repeats import tables_of
-from plop.diagnosis.response_table import RunJobs
+from plop.diagnosis.decision.amplitude import refine
+from plop.diagnosis.decision.conclusion import Conclusion, conclude
+from plop.diagnosis.decision.finding import worse
+from plop.diagnosis.responses.hypotheses import Candidate, base_hypotheses, candidates_of
+from plop.diagnosis.responses.repeats import tables_of
+from plop.diagnosis.responses.response_table import RunJobs
+from plop.diagnosis.responses.table import Measured
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.score import Score, one_per_law
-from plop.diagnosis.search import Search
-from plop.diagnosis.table import Measured
+from plop.diagnosis.scores.score import Score, one_per_law
+from plop.diagnosis.scores.search import Search
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType

@@ -8,7 +8,7 @@ import numpy as np
 
 from plop.comparison.discretisations import predicted_by_each
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.diagnosis.evidence import compared_frames
+from plop.diagnosis.evidence.evidence import compared_frames
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.config import EngineConfig
 from plop.physics.engine.material import Material

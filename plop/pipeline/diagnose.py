@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from plop.artifacts.store import Store
-from plop.diagnosis.result import Diagnosis
-from plop.diagnosis.verdict import Verdict
+from plop.diagnosis.decision.result import Diagnosis
+from plop.diagnosis.decision.verdict import Verdict
 from plop.pipeline.run import run
 
 

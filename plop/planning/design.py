@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.calibration import ByChance, strongest, ways_to_deal
-from plop.diagnosis.contrast import Products
-from plop.diagnosis.discrepancy import Field
+from plop.diagnosis.evidence.contrast import Products
+from plop.diagnosis.evidence.discrepancy import Field
 from plop.diagnosis.rule import DecisionRule
-from plop.diagnosis.search import ENOUGH_WAYS
+from plop.diagnosis.scores.calibration import ByChance, strongest, ways_to_deal
+from plop.diagnosis.scores.search import ENOUGH_WAYS
 from plop.planning.motions import Motion
 
 DRAWS = 40

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.diagnosis.evidence import evidence_of
-from plop.diagnosis.hypotheses import Hypothesis, Settings
-from plop.diagnosis.responses import Job
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.evidence.evidence import evidence_of
+from plop.diagnosis.responses.hypotheses import Hypothesis, Settings
+from plop.diagnosis.responses.job import Job
+from plop.diagnosis.responses.table import Measured, Table
 from plop.errors import PlopError
 from plop.planning.motions import Change, Motion, as_expected, planned_episode
 from plop.tracking.episode import Episode

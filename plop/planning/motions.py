@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from plop.diagnosis.evidence import Evidence
+from plop.diagnosis.evidence.evidence import Evidence
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.varied_motion import Variation, varied
 from plop.tracking.episode import Episode

@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
+from plop.diagnosis.decision.result import Diagnosis
 from plop.diagnosis.diagnose import survey_of
-from plop.diagnosis.hypotheses import Hypothesis, base_hypotheses, candidates_of, hypotheses_of
-from plop.diagnosis.repeats import tables_of
-from plop.diagnosis.response_table import RunJobs
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.responses.hypotheses import Hypothesis, base_hypotheses, candidates_of, hypotheses_of
+from plop.diagnosis.responses.repeats import tables_of
+from plop.diagnosis.responses.response_table import RunJobs
+from plop.diagnosis.responses.table import Measured, Table
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.table import Measured, Table
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType
 from plop.planning.design import Design

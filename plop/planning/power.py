@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.hypotheses import Hypothesis
-from plop.diagnosis.limits import least_seen
+from plop.diagnosis.decision.limits import least_seen
+from plop.diagnosis.responses.hypotheses import Hypothesis
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.planning.design import DRAWS, Design
 from plop.planning.motions import Motion

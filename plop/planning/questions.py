@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from plop.diagnosis.hypotheses import Candidate, Hypothesis
-from plop.diagnosis.result import Diagnosis, Ranked
+from plop.diagnosis.decision.result import Diagnosis, Ranked
+from plop.diagnosis.responses.hypotheses import Candidate, Hypothesis
 from plop.errors import PlopError
 from plop.parameters import short_number, with_unit
 from plop.planning.design import Design

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.finding import gains_worse
+from plop.diagnosis.decision.finding import gains_worse
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.planning.design import DRAWS, Design
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from plop.comparison.result import Comparison
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.decision.result import Diagnosis
 from plop.metrics.scores import Scores
 from plop.parameters import Estimate
 from plop.uncertainty.scores import BandScores

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from plop.diagnosis.limits import Limit
-from plop.diagnosis.result import Diagnosis, Ranked
-from plop.diagnosis.verdict import VerdictKind
+from plop.diagnosis.decision.limits import Limit
+from plop.diagnosis.decision.result import Diagnosis, Ranked
+from plop.diagnosis.decision.verdict import VerdictKind
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import re
 from collections.abc import Callable, Sequence
 from math import exp
 
-from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
+from plop.diagnosis.decision.result import Diagnosis, Ranked, SensorFault
+from plop.diagnosis.decision.verdict import VerdictKind
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.verdict import VerdictKind
 from plop.parameters import is_log_change, short_number, with_unit
 from plop.sensors.faults.library import ALL_FAULTS, TOOL
 

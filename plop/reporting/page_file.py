@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from plop.diagnosis.finding import NO_HELP, explained_text
+from plop.diagnosis.decision.finding import NO_HELP, explained_text
 from plop.parameters import NOT_DETERMINED, alternatives_text, short_number, with_unit
 from plop.reporting.baselines import BASELINES, ORACLE
 from plop.reporting.colours import PHASE_COLOURS, colour_map

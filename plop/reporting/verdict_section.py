@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from plop.diagnosis.finding import explained_text
-from plop.diagnosis.verdict import VerdictKind
+from plop.diagnosis.decision.finding import explained_text
+from plop.diagnosis.decision.verdict import VerdictKind
 from plop.reporting.baselines import BASELINES, beaten
 from plop.reporting.compared import Compared, ReportFacts
 from plop.reporting.errors_over import closed_gap, error_over, judged_on

@@ -14,7 +14,7 @@ from plop.artifacts.lineage import made_from
 from plop.artifacts.manifest import LOGS, MANIFEST_NAME
 from plop.artifacts.result_file import SchemaError
 from plop.artifacts.store import Artifact
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.decision.result import Diagnosis
 from plop.dynamics.i2n.model_io import MODEL_SCHEMA, read_facts
 from plop.errors import PlopError
 from plop.models import effects_of, engine_of, load_model

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from plop.diagnosis.conclusion import Conclusion
-from plop.diagnosis.finding import Finding, explained_text
-from plop.diagnosis.next_step import next_step
-from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
+from plop.diagnosis.decision.conclusion import Conclusion
+from plop.diagnosis.decision.finding import Finding, explained_text
+from plop.diagnosis.decision.next_step import next_step
+from plop.diagnosis.decision.result import Diagnosis, Ranked, SensorFault
 from plop.parameters import NOT_DETERMINED, Estimate, short_number, with_unit
 from plop.physics.effects.library import EffectType
 

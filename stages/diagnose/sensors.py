@@ -5,7 +5,7 @@ from __future__ import annotations
 from joblib import Parallel, delayed
 
 from plop.compute.workers import workers
-from plop.diagnosis.result import SensorFault
+from plop.diagnosis.decision.result import SensorFault
 from plop.parameters import Estimate, estimate_text
 from plop.pipeline.stage import Output
 from plop.recordings.set import RecordingSet

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from plop.diagnosis.decision.result import SensorFault
 from plop.diagnosis.diagnose import check_enough, diagnose
-from plop.diagnosis.measured import engine_beside, read_measured, unseen
-from plop.diagnosis.result import SensorFault
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured
+from plop.diagnosis.responses.measured import engine_beside, read_measured, unseen
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured
 from plop.models import effects_of, innermost, judges_of, trained_on
 from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Choice, Inputs, InputSpec, Origin, Output, Stage, Summary

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from plop.diagnosis.decision.result import Diagnosis
 from plop.diagnosis.diagnose import check_enough
-from plop.diagnosis.hypotheses import candidates_of
-from plop.diagnosis.measured import engine_beside, read_measured, unseen
-from plop.diagnosis.result import Diagnosis
-from plop.diagnosis.runs import Runs
+from plop.diagnosis.responses.hypotheses import candidates_of
+from plop.diagnosis.responses.measured import engine_beside, read_measured, unseen
+from plop.diagnosis.responses.runs import Runs
 from plop.errors import PlopError
 from plop.models import effects_of, innermost, judges_of, trained_on
 from plop.parameters import short_number, with_unit

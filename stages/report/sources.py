@@ -12,7 +12,7 @@ from plop.artifacts.layouts import ComparisonFiles
 from plop.artifacts.lineage import made_from
 from plop.comparison.field_file import StoredField, read_field
 from plop.comparison.result import Comparison
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.decision.result import Diagnosis
 from plop.errors import PlopError
 from plop.models import trained_on
 from plop.pipeline.stage import Input, Inputs

@@ -13,7 +13,7 @@ from plop.artifacts.atomic_file import write_text
 from plop.artifacts.layouts import Report, ScoreFiles
 from plop.artifacts.lineage import parents
 from plop.artifacts.store import Artifact
-from plop.diagnosis.result import Diagnosis
+from plop.diagnosis.decision.result import Diagnosis
 from plop.errors import PlopError
 from plop.metrics.scores import Scores
 from plop.pipeline.stage import Choice, Input, Inputs, InputSpec, Output, Recipe, Stage, Summary

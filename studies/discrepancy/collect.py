@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from plop.comparison.discretisations import spacing_for
-from plop.diagnosis.hypotheses import candidates_of
-from plop.diagnosis.responses import Job, run_job
+from plop.diagnosis.responses.hypotheses import candidates_of
+from plop.diagnosis.responses.job import Job, run_job
 from plop.identification.identify import NAMES, PARTICLES, identify, starts_settled
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library

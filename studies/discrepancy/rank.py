@@ -16,13 +16,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plop.comparison.discretisations import discretised
-from plop.diagnosis.conclusion import conclude
-from plop.diagnosis.discrepancy import SPREAD, Spread
-from plop.diagnosis.hypotheses import candidates_of
-from plop.diagnosis.responses import Answer, Job
-from plop.diagnosis.hypotheses import base_hypotheses
-from plop.diagnosis.search import Search
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.decision.conclusion import conclude
+from plop.diagnosis.evidence.discrepancy import SPREAD, Spread
+from plop.diagnosis.responses.hypotheses import candidates_of
+from plop.diagnosis.responses.job import Answer, Job
+from plop.diagnosis.responses.hypotheses import base_hypotheses
+from plop.diagnosis.scores.search import Search
+from plop.diagnosis.responses.table import Measured, Table
 from plop.physics.effects.library import library
 from plop.tracking.episode import Episode
 

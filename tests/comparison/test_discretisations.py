@@ -7,10 +7,10 @@ import pytest
 
 from plop.comparison import discretisations
 from plop.comparison.discretisations import OTHERS, discretised, predicted_by_each
-from plop.diagnosis.evidence import evidence_of
-from plop.diagnosis.hypotheses import Hypothesis, candidates_of
-from plop.diagnosis.responses import Answer, Job
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.evidence.evidence import evidence_of
+from plop.diagnosis.responses.hypotheses import Hypothesis, candidates_of
+from plop.diagnosis.responses.job import Answer, Job
+from plop.diagnosis.responses.table import Measured, Table
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import library

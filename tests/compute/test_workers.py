@@ -7,7 +7,7 @@ import os
 from joblib import Parallel, delayed
 
 from plop.compute.workers import workers
-from plop.diagnosis.runs import Runs
+from plop.diagnosis.responses.runs import Runs
 from plop.pipeline.mapping import in_processes
 
 

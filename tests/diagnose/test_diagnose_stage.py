@@ -14,8 +14,8 @@ import pytest
 
 from plop.comparison.bases import predictions_of
 from plop.comparison.discretisations import discretised
-from plop.diagnosis import measured as reading
 from plop.diagnosis.diagnose import diagnose
+from plop.diagnosis.responses import measured as reading
 from plop.errors import PlopError
 from plop.physics.effects.library import effect_type, library
 from plop.pipeline.stage import Input, Inputs, Output

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.contrast import Contrast, Products
-from plop.diagnosis.finding import Finding
-from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
-from plop.diagnosis.result import Diagnosis
-from plop.diagnosis.score import Score
+from plop.diagnosis.decision.finding import Finding
+from plop.diagnosis.decision.result import Diagnosis
+from plop.diagnosis.evidence.contrast import Contrast, Products
+from plop.diagnosis.responses.hypotheses import candidates_of, hypotheses_of
+from plop.diagnosis.scores.score import Score
 from plop.parameters import NOT_DETERMINED, Estimate
 from plop.physics.effects.library import library
 from stages.diagnose.outcome import _row, rows_of

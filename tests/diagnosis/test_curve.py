@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plop.diagnosis.finding import Curve
+from plop.diagnosis.decision.finding import Curve
 
 
 def test_a_response_in_proportion_gives_amplitudes_in_proportion():

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.description import describe, description_text
-from plop.diagnosis.evidence import PATH_STEPS, Evidence
+from plop.diagnosis.evidence.description import describe, description_text
+from plop.diagnosis.evidence.evidence import PATH_STEPS, Evidence
 
 FRAMES, PATCHES, COUNT = 12, 20, 4
 

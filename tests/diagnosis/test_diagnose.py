@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.calibration import LEAST
-from plop.diagnosis.conclusion import conclude
+from plop.diagnosis.decision.conclusion import conclude
+from plop.diagnosis.decision.next_step import next_step
+from plop.diagnosis.decision.result import Diagnosis, SensorFault
+from plop.diagnosis.decision.verdict import Reason, VerdictKind
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.next_step import next_step
-from plop.diagnosis.result import Diagnosis, SensorFault
-from plop.diagnosis.search import Search
-from plop.diagnosis.table import Measured
-from plop.diagnosis.verdict import Reason, VerdictKind
+from plop.diagnosis.responses.table import Measured
+from plop.diagnosis.scores.calibration import LEAST
+from plop.diagnosis.scores.search import Search
 from plop.errors import PlopError
 from plop.parameters import Estimate
 from plop.physics.effects.library import library

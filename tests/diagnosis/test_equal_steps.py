@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.diagnosis.evidence import moved
-from plop.diagnosis.hypotheses import Hypothesis, candidates_of
-from plop.diagnosis.responses import Answer, Job, run_job
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.evidence.evidence import moved
+from plop.diagnosis.responses.hypotheses import Hypothesis, candidates_of
+from plop.diagnosis.responses.job import Answer, Job, run_job
+from plop.diagnosis.responses.table import Measured, Table
 from plop.physics.effects.library import library
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.tools import box_mesh

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
-from plop.diagnosis.calibration import LEAST, ByChance, between_repeats, chance, ways_to_deal
-from plop.diagnosis.contrast import FREEDOM, Products, roots
-from plop.diagnosis.discrepancy import SPREAD, Field, inducing_features, path_distances
-from plop.diagnosis.evidence import PATH_STEPS, Evidence
-from plop.diagnosis.noise import Scales, repeats_of
-from plop.diagnosis.unknown import Unknown
+from plop.diagnosis.evidence.contrast import FREEDOM, Products, roots
+from plop.diagnosis.evidence.discrepancy import SPREAD, Field, inducing_features, path_distances
+from plop.diagnosis.evidence.evidence import PATH_STEPS, Evidence
+from plop.diagnosis.evidence.noise import Scales, repeats_of
+from plop.diagnosis.scores.calibration import LEAST, ByChance, between_repeats, chance, ways_to_deal
+from plop.diagnosis.scores.unknown import Unknown
 
 FRAMES, PATCHES, EPISODES = 12, 20, 5
 

@@ -9,14 +9,14 @@ import pytest
 from scipy.spatial import cKDTree
 from trimesh import Trimesh
 
-from plop.diagnosis.discrepancy import path_distances
-from plop.diagnosis.evidence import foot_of, tool_path
-from plop.diagnosis.hypotheses import candidates_of, hypotheses_of
-from plop.diagnosis.noise import repeats_of
-from plop.diagnosis.repeats import share_responses, with_shared_patches
-from plop.diagnosis.responses import Answer, Job, run_job
+from plop.diagnosis.evidence.discrepancy import path_distances
+from plop.diagnosis.evidence.evidence import foot_of, tool_path
+from plop.diagnosis.evidence.noise import repeats_of
+from plop.diagnosis.responses.hypotheses import candidates_of, hypotheses_of
+from plop.diagnosis.responses.job import Answer, Job, run_job
+from plop.diagnosis.responses.repeats import share_responses, with_shared_patches
+from plop.diagnosis.responses.table import Measured, Table
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.table import Measured, Table
 from plop.physics.effects.library import library
 from plop.physics.scenes.scene import simulate_episode
 from plop.tracking.episode import episode_from_sequence

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plop.diagnosis import runs as runs_module
-from plop.diagnosis.hypotheses import candidates_of
-from plop.diagnosis.responses import Answer, Job, run_job
-from plop.diagnosis.runs import Runs, code_digest, digest
+from plop.diagnosis.responses import runs as runs_module
+from plop.diagnosis.responses.hypotheses import candidates_of
+from plop.diagnosis.responses.job import Answer, Job, run_job
+from plop.diagnosis.responses.runs import Runs, code_digest, digest
 from plop.errors import PlopError
 from plop.physics.effects.library import library
 from tests.support.coarse_episodes import BASE, coarse_episode
@@ -101,7 +101,7 @@ def test_an_unstable_run_is_an_answer_and_is_remembered(tmp_path, monkeypatch):
     def refuse(*_: object) -> None:
         raise PlopError("The engine's run is unstable.", where="youngs_modulus_pa", found="x")
 
-    monkeypatch.setattr("plop.diagnosis.responses.start_particles", refuse)
+    monkeypatch.setattr("plop.diagnosis.responses.job.start_particles", refuse)
     runs = Runs(tmp_path, jobs=1)
     for _ in range(2):
         (answer,) = runs(jobs()[:1])

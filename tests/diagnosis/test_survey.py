@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.amplitude import _step
+from plop.diagnosis.decision.amplitude import _step
 from plop.diagnosis.diagnose import diagnose, survey_of
-from plop.diagnosis.responses import Answer, Job
+from plop.diagnosis.responses.job import Answer, Job
 from plop.physics.effects.library import library
 from tests.diagnosis.test_diagnose import LAWS, Fields, finding
 from tests.support.coarse_episodes import BASE, coarse_episode

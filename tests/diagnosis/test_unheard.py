@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.hypotheses import Column
-from plop.diagnosis.responses import Answer, Job, run_job
+from plop.diagnosis.responses.hypotheses import Column
+from plop.diagnosis.responses.job import Answer, Job, run_job
 from plop.errors import PlopError, UserCodeError
 from plop.physics.effects.library import library
 from tests.support.coarse_episodes import BASE, coarse_episode

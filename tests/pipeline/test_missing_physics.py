@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from plop.comparison.engine_run import predict_points, start_particles
-from plop.diagnosis.conclusion import Conclusion
+from plop.diagnosis.decision.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.runs import Runs
-from plop.diagnosis.table import Measured
+from plop.diagnosis.responses.runs import Runs
+from plop.diagnosis.responses.table import Measured
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type, library

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.table import Measured
+from plop.diagnosis.responses.table import Measured
 from plop.errors import PlopError
 from plop.parameters import Estimate
 from plop.physics.effects.library import library

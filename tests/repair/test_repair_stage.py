@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from plop.artifacts.manifest import Manifest
-from plop.diagnosis.next_step import next_step
-from plop.diagnosis.result import SensorFault
+from plop.diagnosis.decision.next_step import next_step
+from plop.diagnosis.decision.result import SensorFault
 from plop.errors import PlopError
 from plop.parameters import Estimate
 from plop.pipeline.stage import Input, Output

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from plop.artifacts.manifest import Manifest
-from plop.diagnosis.limits import Limit
-from plop.diagnosis.result import Ranked
-from plop.diagnosis.verdict import Reason
+from plop.diagnosis.decision.limits import Limit
+from plop.diagnosis.decision.result import Ranked
+from plop.diagnosis.decision.verdict import Reason
 from plop.parameters import Estimate
 from plop.pipeline.stage import Input, Output
 from stages.compare import stage as compare_stage

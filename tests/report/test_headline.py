@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from plop.diagnosis.limits import Limit
-from plop.diagnosis.result import Diagnosis, Ranked
-from plop.diagnosis.verdict import VerdictKind
+from plop.diagnosis.decision.limits import Limit
+from plop.diagnosis.decision.result import Diagnosis, Ranked
+from plop.diagnosis.decision.verdict import VerdictKind
 from plop.parameters import Estimate
 from plop.reporting.headline import headline
 from tests.support.diagnoses import clock, diagnosis, ranked, verdict

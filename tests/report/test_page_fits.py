@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from plop.diagnosis.result import Diagnosis
-from plop.diagnosis.verdict import Reason
+from plop.diagnosis.decision.result import Diagnosis
+from plop.diagnosis.decision.verdict import Reason
 from plop.parameters import NOT_DETERMINED, Estimate
 from plop.pipeline.stage import Input, Output
 from stages.report.stage import ReportConfig, run

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from plop.diagnosis.result import Diagnosis, Ranked, SensorFault
-from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
+from plop.diagnosis.decision.result import Diagnosis, Ranked, SensorFault
+from plop.diagnosis.decision.verdict import Grounds, Verdict, VerdictKind
 from plop.parameters import Estimate
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from plop.diagnosis.conclusion import Conclusion
+from plop.diagnosis.decision.conclusion import Conclusion
 from plop.diagnosis.diagnose import diagnose
-from plop.diagnosis.responses import Answer, Job
-from plop.diagnosis.table import Measured
+from plop.diagnosis.responses.job import Answer, Job
+from plop.diagnosis.responses.table import Measured
 from plop.physics.effects.library import EffectType, library
 from plop.tracking.episode import Episode
 from tests.support.coarse_episodes import BASE, coarse_episode

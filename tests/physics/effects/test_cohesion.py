@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plop.diagnosis.hypotheses import candidates_of
+from plop.diagnosis.responses.hypotheses import candidates_of
 from plop.parameters import Parameter
 from plop.physics.effects.cohesion import Cohesion
 from plop.physics.effects.effect import Effect

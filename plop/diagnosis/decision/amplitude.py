@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plop.diagnosis.finding import Curve
-from plop.diagnosis.hypotheses import Hypothesis
-from plop.diagnosis.score import Score, one_per_setting
-from plop.diagnosis.search import Search
+from plop.diagnosis.decision.finding import Curve
+from plop.diagnosis.responses.hypotheses import Hypothesis
+from plop.diagnosis.scores.score import Score, one_per_setting
+from plop.diagnosis.scores.search import Search
 
 NEAR = 0.05
 """An amplitude is found where the response was computed within this share of it."""

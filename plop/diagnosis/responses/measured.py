@@ -10,7 +10,7 @@ import numpy as np
 
 from plop.artifacts.layouts import Fits
 from plop.comparison.bases import predictions_of
-from plop.diagnosis.table import Measured
+from plop.diagnosis.responses.table import Measured
 from plop.dynamics.i2n.model_io import read_facts
 from plop.errors import PlopError
 from plop.models import engine_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.evidence import PATH_STEPS, Evidence
+from plop.diagnosis.evidence.evidence import PATH_STEPS, Evidence
 from plop.parameters import short_number
 
 PARTS = ("first", "second", "last")

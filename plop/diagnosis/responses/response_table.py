@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.evidence import compared_frames, moved
-from plop.diagnosis.hypotheses import Hypothesis, Settings, run_key
-from plop.diagnosis.responses import Answer, Job
+from plop.diagnosis.evidence.evidence import compared_frames, moved
+from plop.diagnosis.responses.hypotheses import Hypothesis, Settings, run_key
+from plop.diagnosis.responses.job import Answer, Job
 from plop.geometry.meshes.tool import ToolGeometry
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.engine.time_step import STEP_RATIO

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.discrepancy import Field
+from plop.diagnosis.evidence.discrepancy import Field
 
 _AT_ONCE = 200
 _SINGULAR = 1e-9

@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.calibration import ByChance, between_repeats, chance, strongest, ways_to_deal
-from plop.diagnosis.contrast import FREEDOM, Products, roots
-from plop.diagnosis.description import Description, describe
-from plop.diagnosis.discrepancy import SPREAD, Field, Spread, missed2
-from plop.diagnosis.evidence import Evidence
-from plop.diagnosis.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
-from plop.diagnosis.misfit import differences, misfits, outlying
+from plop.diagnosis.evidence.contrast import FREEDOM, Products, roots
+from plop.diagnosis.evidence.description import Description, describe
+from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread, missed2
+from plop.diagnosis.evidence.evidence import Evidence
+from plop.diagnosis.responses.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
+from plop.diagnosis.responses.table import Table
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.score import Score
-from plop.diagnosis.table import Table
-from plop.diagnosis.unknown import Unknown
-from plop.diagnosis.without_reference import chance_without_reference
+from plop.diagnosis.scores.calibration import ByChance, between_repeats, chance, strongest, ways_to_deal
+from plop.diagnosis.scores.misfit import differences, misfits, outlying
+from plop.diagnosis.scores.score import Score
+from plop.diagnosis.scores.unknown import Unknown
+from plop.diagnosis.scores.without_reference import chance_without_reference
 
 ENOUGH_WAYS = 100
 """Ways of dealing episodes out that are needed for a chance of 1 %."""

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from plop.comparison.discretisations import discretised
-from plop.diagnosis.evidence import Evidence, evidence_of
-from plop.diagnosis.hypotheses import Hypothesis
-from plop.diagnosis.response_table import ResponseTable, RunJobs
-from plop.diagnosis.responses import Answer, Job
+from plop.diagnosis.evidence.evidence import Evidence, evidence_of
+from plop.diagnosis.responses.hypotheses import Hypothesis
+from plop.diagnosis.responses.job import Answer, Job
+from plop.diagnosis.responses.response_table import ResponseTable, RunJobs
 from plop.errors import PlopError
 from plop.physics.adapters.filled import EngineBase
 from plop.tracking.episode import Episode

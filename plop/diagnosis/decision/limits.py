@@ -12,10 +12,10 @@ from scipy.stats import norm
 from plop.diagnosis.rule import RULE, DecisionRule
 
 if TYPE_CHECKING:
-    from plop.diagnosis.contrast import Products
-    from plop.diagnosis.hypotheses import Column
-    from plop.diagnosis.score import Score
-    from plop.diagnosis.search import Search
+    from plop.diagnosis.evidence.contrast import Products
+    from plop.diagnosis.responses.hypotheses import Column
+    from plop.diagnosis.scores.score import Score
+    from plop.diagnosis.scores.search import Search
 
 
 _STEPS = 24

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from plop.diagnosis.contrast import roots
+from plop.diagnosis.decision.verdict import Reason
+from plop.diagnosis.evidence.contrast import roots
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.score import Score
-from plop.diagnosis.verdict import Reason
+from plop.diagnosis.scores.score import Score
 from plop.parameters import Estimate
 
 NO_HELP = "does not help"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plop.diagnosis.contrast import Contrast, Products, roots
-from plop.diagnosis.hypotheses import Hypothesis
+from plop.diagnosis.evidence.contrast import Contrast, Products, roots
+from plop.diagnosis.responses.hypotheses import Hypothesis
 
 _AS_GOOD = 0.02
 """Share of its strength by which a law may differ between amplitudes at which it does as well."""

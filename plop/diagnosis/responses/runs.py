@@ -18,15 +18,15 @@ from plop.artifacts.atomic_file import whole
 from plop.compute.cluster import connected
 from plop.compute.kernel_cache import sources_digest
 from plop.compute.workers import workers
-from plop.diagnosis.hypotheses import run_key
-from plop.diagnosis.responses import Answer, Job, run_job
+from plop.diagnosis.responses.hypotheses import run_key
+from plop.diagnosis.responses.job import Answer, Job, run_job
 from plop.physics.effects.library import library
 
 KEPT_BYTES = 2_000_000_000
 """Answers that are kept for later diagnoses; the least recently used ones go first."""
-_PACKAGE = Path(__file__).parent.parent
+_PACKAGE = Path(__file__).parents[2]
 _CODE = ("physics/engine", "physics/effects", "physics/adapters", "geometry")
-_CODE_FILES = ("comparison/engine_run.py", "compute/numba_lanes.py", "diagnosis/responses.py")
+_CODE_FILES = ("comparison/engine_run.py", "compute/numba_lanes.py", "diagnosis/responses/job.py")
 
 
 @dataclass

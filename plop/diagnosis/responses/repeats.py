@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plop.diagnosis.discrepancy import path_distances
-from plop.diagnosis.evidence import compared_frames, foot_of, tool_path
-from plop.diagnosis.noise import repeats_of
-from plop.diagnosis.response_table import RunJobs
-from plop.diagnosis.table import Measured, Table
+from plop.diagnosis.evidence.discrepancy import path_distances
+from plop.diagnosis.evidence.evidence import compared_frames, foot_of, tool_path
+from plop.diagnosis.evidence.noise import repeats_of
+from plop.diagnosis.responses.response_table import RunJobs
+from plop.diagnosis.responses.table import Measured, Table
 from plop.physics.adapters.filled import EngineBase
 from plop.tracking.episode import Episode
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from plop.diagnosis.conclusion import Conclusion
-from plop.diagnosis.contrast import roots
-from plop.diagnosis.result import SensorFault
+from plop.diagnosis.decision.conclusion import Conclusion
+from plop.diagnosis.decision.result import SensorFault
+from plop.diagnosis.decision.verdict import Verdict, VerdictKind
+from plop.diagnosis.evidence.contrast import roots
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.verdict import Verdict, VerdictKind
 from plop.parameters import short_number, with_unit
 from plop.sensors.faults.clock_offset import ClockOffset
 

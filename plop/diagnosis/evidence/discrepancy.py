@@ -25,9 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from plop.diagnosis.contrast import Products
-from plop.diagnosis.evidence import Evidence
-from plop.diagnosis.noise import Leftover, Noise, Scales, repeats_of
+from plop.diagnosis.evidence.contrast import Products
+from plop.diagnosis.evidence.evidence import Evidence
+from plop.diagnosis.evidence.noise import Leftover, Noise, Scales, repeats_of
 
 FEATURES = 24
 """Inducing points of the field."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from plop.diagnosis.amplitude import curve_of, refine, settled
-from plop.diagnosis.finding import Finding, finding_of, worse
-from plop.diagnosis.limits import Limit, detection_limits, unseen
+from plop.diagnosis.decision.amplitude import curve_of, refine, settled
+from plop.diagnosis.decision.finding import Finding, finding_of, worse
+from plop.diagnosis.decision.limits import Limit, detection_limits, unseen
+from plop.diagnosis.decision.verdict import Grounds, Verdict, VerdictKind
+from plop.diagnosis.decision.verdict_text import verdict_text
 from plop.diagnosis.rule import RULE, DecisionRule
-from plop.diagnosis.score import Score, one_per_law, one_per_setting
-from plop.diagnosis.search import Search
-from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
-from plop.diagnosis.verdict_text import verdict_text
+from plop.diagnosis.scores.score import Score, one_per_law, one_per_setting
+from plop.diagnosis.scores.search import Search
 
 _TURNS = 4
 """Rounds in which two laws are fitted to what the other leaves."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plop.comparison.engine_run import run_points, start_particles
-from plop.diagnosis.hypotheses import Settings, run_key
+from plop.diagnosis.responses.hypotheses import Settings, run_key
 from plop.errors import PlopError, UserCodeError
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.library import EffectType

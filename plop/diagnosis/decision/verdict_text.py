@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from plop.diagnosis.description import description_text
-from plop.diagnosis.finding import Finding
-from plop.diagnosis.verdict import Grounds, Verdict, VerdictKind
+from plop.diagnosis.decision.finding import Finding
+from plop.diagnosis.decision.verdict import Grounds, Verdict, VerdictKind
+from plop.diagnosis.evidence.description import description_text
 from plop.parameters import estimate_text, is_log_change, short_number
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from plop.artifacts.result_file import ResultFile
-from plop.diagnosis.finding import NO_HELP
-from plop.diagnosis.limits import Limit
+from plop.diagnosis.decision.finding import NO_HELP
+from plop.diagnosis.decision.limits import Limit
+from plop.diagnosis.decision.verdict import Reason, Verdict
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.verdict import Reason, Verdict
 from plop.parameters import Estimate
 from plop.sensors.faults.library import TOOL
 

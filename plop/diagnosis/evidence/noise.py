@@ -19,8 +19,8 @@ from itertools import product
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from plop.diagnosis.contrast import FREEDOM
-from plop.diagnosis.evidence import Evidence
+from plop.diagnosis.evidence.contrast import FREEDOM
+from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.rule import RULE
 
 _SAME_MOTION = 0.02

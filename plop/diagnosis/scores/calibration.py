@@ -21,7 +21,7 @@ from math import comb, prod
 import numpy as np
 from scipy.stats import chi2
 
-from plop.diagnosis.contrast import Products
+from plop.diagnosis.evidence.contrast import Products
 
 MOST = 2000
 """Ways that are tried at most; of more, some are drawn."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from plop.diagnosis.description import Description
+from plop.diagnosis.evidence.description import Description
 
 
 class VerdictKind(StrEnum):

@@ -1,0 +1,1 @@
+"""How well each hypothesis explains the evidence, and how often chance explains as much."""
