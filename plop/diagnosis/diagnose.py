@@ -74,7 +74,8 @@ def diagnose(
     _check_laws(search, candidates)
     announce("amplitudes of the best")
     for turn in range(2 * ROUNDS):
-        known = search.unknown_p is None or search.unknown_p <= rule.alarm  # something is missing, or none can tell
+        change_p = search.difference.p
+        known = change_p is None or change_p <= rule.alarm  # something is missing, or none can tell
         found = [s for s in one_per_law(search.scores()) if s.strength > 0 and (known or s.p <= rule.alarm)]
         near = _may_be_best(found, rule)
         if not refine(search, [s.hypothesis.effect for s in near if turn < ROUNDS or s.hypothesis.coarse]):

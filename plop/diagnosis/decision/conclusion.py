@@ -55,8 +55,8 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     if verdict is None:
         decoys = (first.name,) if first is not None and first.kind == "decoy" else ()
         kind = VerdictKind.NONE_OF_THESE if missing or decoys else VerdictKind.NOTHING_DETECTABLE
-        shown = search.described() if missing else None
-        alone = () if missing or search.here.all() else tuple(search.alone(rule.alarm))
+        shown = search.difference.described() if missing else None
+        alone = () if missing or search.here.all() else tuple(search.difference.alone(rule.alarm))
         verdict = Verdict(kind, (), "", replace(facts, decoys=decoys, description=shown, alone=alone))
     if sensors:
         facts = replace(verdict.evidence, physics=verdict.kind, physics_named=verdict.named)
@@ -123,7 +123,7 @@ def _grounds(search: Search, sensors: Sequence[str]) -> Grounds:
     sizes, here = search.sizes(), search.here
     floor = None if here.all() else float(sizes[~here].mean())
     return Grounds(
-        tuple(sensors), float(sizes[here].mean()), floor, change_p=search.unknown_p, reference=not here.all()
+        tuple(sensors), float(sizes[here].mean()), floor, change_p=search.difference.p, reference=not here.all()
     )
 
 
@@ -175,7 +175,7 @@ def _named(
         error=float(search.sizes()[search.here].mean()),
         floor=None if facts.floor is None else float(search.sizes()[~search.here].mean()),
         left=float(left.mean()),
-        rest_p=rest.unknown_p,
+        rest_p=rest.difference.p,
         closed=closed,
         alternatives=tuple(others),
         share=gain,
@@ -221,7 +221,8 @@ def _together(search: Search, first: Finding, second: Finding, rule: DecisionRul
 
 def stands_out(search: Search, rule: DecisionRule = RULE) -> bool:
     """Tell whether something else is in the recordings than in the reference, whatever it is."""
-    return search.unknown_p is not None and search.unknown_p <= rule.alarm
+    change_p = search.difference.p
+    return change_p is not None and change_p <= rule.alarm
 
 
 def closed_by(before: Search, after: Search, rule: DecisionRule = RULE) -> float | None:
@@ -229,10 +230,10 @@ def closed_by(before: Search, after: Search, rule: DecisionRule = RULE) -> float
 
     It is measured as a smooth field where one stands out, else as the size of the error.
     """
-    if before.unknown_p is None:
+    if before.difference.p is None:
         return None
-    in_field = before.field_p <= rule.alarm
-    was, left = ((s.unknown_gain if in_field else s.excess) for s in (before, after))
+    in_field = before.difference.field_p <= rule.alarm
+    was, left = ((s.difference.gain if in_field else s.excess) for s in (before, after))
     return None if was <= 0 else float(1 - max(left, 0.0) / was)
 
 

@@ -43,7 +43,7 @@ def detection_limits(search: Search, scores: Sequence[Score], rule: DecisionRule
     """
     if search.here.all():
         return {score.hypothesis.effect: unseen(score.hypothesis.candidate.columns[0]) for score in scores}
-    certain = search.unknown_p is not None and search.unknown_p <= rule.alarm
+    certain = search.difference.p is not None and search.difference.p <= rule.alarm
     level, found = rule.alike if certain else rule.alarm, {}  # as the decision is made
     for score in scores:
         hypothesis = score.hypothesis

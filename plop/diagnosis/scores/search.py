@@ -8,17 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import FREEDOM, Products, roots
-from plop.diagnosis.evidence.description import Description, describe
-from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread, missed2
+from plop.diagnosis.evidence.contrast import Products, roots
+from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread
 from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.responses.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
 from plop.diagnosis.responses.table import Table
 from plop.diagnosis.rule import RULE
-from plop.diagnosis.scores.calibration import ByChance, between_repeats, chance, strongest, ways_to_deal
-from plop.diagnosis.scores.misfit import differences, misfits, outlying
+from plop.diagnosis.scores.calibration import ByChance, between_repeats, strongest, ways_to_deal
+from plop.diagnosis.scores.difference import Difference
 from plop.diagnosis.scores.score import Score
-from plop.diagnosis.scores.unknown import Unknown
 from plop.diagnosis.scores.without_reference import chance_without_reference
 
 ENOUGH_WAYS = 100
@@ -111,8 +109,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = {"law_ways", "_by_chance", "_tried", "unknown", "unknown_p", "unknown_gain"}
-        computed |= {"_misfits", "size_p", "field_p"}
+        computed = {"law_ways", "_by_chance", "_tried", "difference"}
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -135,50 +132,12 @@ class Search:
         return other
 
     @cached_property
-    def unknown(self) -> Unknown:
-        """What else is in the recordings than in the reference, see `Unknown`."""
-        return Unknown.of(self.field, self._residuals)
-
-    @cached_property
-    def unknown_p(self) -> float | None:
-        """Chance that recordings and reference differ as much where nothing is hidden, in either of two ways.
-
-        None without reference.
-        """
-        return None if self.here.all() else min(1.0, 2 * min(self.field_p, self.size_p))
-
-    @cached_property
-    def _misfits(self) -> np.ndarray:
-        """Misfit of every episode, see `misfit`, [E]."""
-        seen = [e.seen.reshape(-1) for e in self.evidence]
-        left = [((f - known).reshape(-1, 3) ** 2).sum(1) for f, known in zip(self.fitted, self.known, strict=True)]
-        noise = [e.variance_m2.reshape(-1) for e in self.evidence]
-        missed = [missed2(e, self.spread) for e in self.evidence]
-        left, noise, missed = ([part[s] for part, s in zip(each, seen, strict=True)] for each in (left, noise, missed))
-        return misfits(left, noise, missed, FREEDOM)
-
-    @cached_property
-    def size_p(self) -> float:
-        """Chance that the recordings are explained less well than the reference by as much."""
-        found = differences(self._misfits, self.ways, self.kinds)
-        return chance(float(found[0]), found) if found[0] > 0 else 1.0
-
-    def alone(self, chance: float) -> list[str]:
-        """Name the recordings that are explained far less well than any other of their motion."""
-        return [self.evidence[k].name for k in outlying(self._misfits, self.here, self.kinds, chance)]
-
-    @cached_property
-    def field_p(self) -> float:
-        """Chance that a smooth field explains as much; 1 where, held out, it predicts nothing."""
-        if self.unknown_gain <= 0:
-            return 1.0
-        evidence = self.unknown.evidence(self.ways)
-        return chance(float(evidence[0] - evidence.min()), evidence - evidence.min())
-
-    @cached_property
-    def unknown_gain(self) -> float:
-        """Gain of log density by whatever else is in the recordings, held out [nats]."""
-        return float(self.unknown.held_out(self.here).sum())
+    def difference(self) -> Difference:
+        """What else is in the recordings than in the reference, whatever it is."""
+        left = [f - known for f, known in zip(self.fitted, self.known, strict=True)]
+        return Difference(
+            self.field, self.evidence, self._residuals, left, self.here, self.ways, self.kinds, self.spread
+        )
 
     @property
     def _residuals(self) -> list[np.ndarray]:
@@ -232,7 +191,7 @@ class Search:
     def alarmed(self, alarm: float) -> bool:
         """Tell whether a law, or a difference whatever it is, has so small a chance."""
         laws = {h.effect for h in self.first}
-        differs = self.unknown_p is not None and self.unknown_p <= alarm
+        differs = self.difference.p is not None and self.difference.p <= alarm
         return differs or any(self.chance_of(law) <= alarm for law in laws)
 
     def critical(self, p: float, effect: str) -> float:
@@ -293,11 +252,6 @@ class Search:
     def sizes(self) -> np.ndarray:
         """Mean squared error of every episode without a law, the base refitted, [E]."""
         return np.array([self.squares(k, self.fitted[k] - self.known[k]) for k in range(len(self.here))])
-
-    def described(self) -> Description:
-        """Describe what is in the recordings beyond the reference."""
-        left = [f - known for f, known in zip(self.fitted, self.known, strict=True)]
-        return describe(left, self.evidence, self.kinds, self.here)
 
     @property
     def kinds(self) -> list[str]:
