@@ -138,7 +138,7 @@ def _with_separation(
         return Design([*(own[k] for k in here), *more], [*own, *(more if wish.again else [])], wish.seed, hidden)
 
     def settled(motion: Motion | None, count: int) -> float:
-        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), rule)
+        return settled_chance(partial(design, pairs, motion, count), _numbered(pairs), gains, rule)
 
     recorded = Design([motions[k] for k in here], motions, wish.seed)
     asked_for = pairs_of(asked, usable, recorded)
@@ -149,6 +149,9 @@ def _with_separation(
     ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
     pairs = with_all_laws(asked_for, asked, usable, recorded)
     few = [usable[k] for k in _columns(pairs)]
+    gains = (
+        {} if wish.diagnosis is None or len({h.effect for h in asked.hypotheses}) == 1 else _found(wish.diagnosis, few)
+    )
     best = [(value, with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
     trials = []
     for count in REPEATS:
@@ -166,6 +169,12 @@ def _with_separation(
         chance,
     )
     return replace(found, separation=separation, best=chosen, choices=choices)
+
+
+def _found(diagnosis: Diagnosis, hypotheses: Sequence[Hypothesis]) -> dict[int, np.ndarray]:
+    """Give the gains that a diagnosis found for the laws of hypotheses, by number."""
+    rows = {k: diagnosis.row(hypothesis.effect) for k, hypothesis in enumerate(hypotheses)}
+    return {k: np.array(row.gains) for k, row in rows.items() if row is not None}
 
 
 def _numbered(pairs: Sequence[Pair]) -> list[Pair]:

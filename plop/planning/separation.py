@@ -8,12 +8,12 @@ similar amount of B (Kullback & Leibler 1951) is
 The engine's responses are off by some share rho, so that rho^2 D(A, nothing) of it says nothing: a motion is as good as
 the least of D(A, B) - rho^2 D(A, nothing) over all pairs (Hunter & Reiner, Technometrics 7, 1965; Box & Hill,
 Technometrics 9, 1967). Whether a diagnosis would then call B worse is drawn, with the diagnosis's own rule, and with
-the weights that it would find where A is there.
+the weights that it would find where A is there; recordings that have been diagnosed are as they were found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,24 +62,41 @@ def least_information(design: Design, pairs: Sequence[Pair], rule: DecisionRule 
     return min(information(design, pair, rule) for pair in pairs)
 
 
-def settled_chance(designed: Callable[[int], Design], pairs: Sequence[Pair], rule: DecisionRule = RULE) -> float:
+def settled_chance(
+    designed: Callable[[int], Design],
+    pairs: Sequence[Pair],
+    found: Mapping[int, np.ndarray] = {},
+    rule: DecisionRule = RULE,
+) -> float:
     """Give the chance that a diagnosis calls all rivals worse than the law that is there, for the worst of the laws.
 
     Args:
         designed: Gives the recordings in which the law of a column is hidden.
         pairs: Laws and rivals.
+        found: By column, gains of the recordings that have been diagnosed, [H] [nats]: only those after them are drawn.
         rule: Margins.
     """
     chances = []
     for truth in dict.fromkeys(pair.truth for pair in pairs):
         design = designed(truth)
-        labels, here, factors = design.here[None].astype(float), design.here, design.factors(rule)
+        labels, factors = design.here[None].astype(float), design.factors(rule)
         rivals = [pair.rival for pair in pairs if pair.truth == truth]
         settled = 0
         for draw in range(DRAWS):
             amount = float(factors[draw])
-            own = design.products(draw, truth, truth, amount).held_out(labels)[0][0, here]
-            others = (design.products(draw, k, truth, amount).held_out(labels)[0][0, here] for k in rivals)
-            settled += own.sum() > 0 and all(gains_worse(own, other, rule) for other in others)
+            drawn = {
+                k: design.products(draw, k, truth, amount).held_out(labels)[0][0, design.here] for k in (truth, *rivals)
+            }
+            compared = (_recorded(drawn, found, (truth, rival)) for rival in rivals)
+            settled += drawn[truth].sum() > 0 and all(gains_worse(own, other, rule) for own, other in compared)
         chances.append(settled / DRAWS)
     return min(chances)
+
+
+def _recorded(
+    drawn: Mapping[int, np.ndarray], found: Mapping[int, np.ndarray], columns: Sequence[int]
+) -> list[np.ndarray]:
+    """Put what was found before what is drawn, where it is known of all."""
+    if not set(columns) <= found.keys():
+        return [drawn[k] for k in columns]
+    return [np.concatenate([found[k], drawn[k][len(found[k]) :]]) for k in columns]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from plop.diagnosis.decision.conclusion import Conclusion
 from plop.diagnosis.decision.finding import Finding, explained_text
 from plop.diagnosis.decision.next_step import next_step
@@ -35,7 +37,7 @@ def diagnosis_of(
     count = int(search.here.sum())
     return Diagnosis(
         verdict=found.verdict,
-        ranking=tuple(_row(finding, types) for finding in found.findings),
+        ranking=tuple(_row(finding, types, found.gains[finding.name]) for finding in found.findings),
         limits=found.limits,
         sensors=sensors,
         searches=len(search.law_ways),
@@ -49,7 +51,7 @@ def diagnosis_of(
     )
 
 
-def _row(finding: Finding, types: Mapping[str, EffectType]) -> Ranked:
+def _row(finding: Finding, types: Mapping[str, EffectType], gains: np.ndarray) -> Ranked:
     kind, score = types.get(finding.name), finding.score
     return Ranked(
         effect=finding.name,
@@ -60,6 +62,7 @@ def _row(finding: Finding, types: Mapping[str, EffectType]) -> Ranked:
         gain=finding.gain,
         gain_error=finding.gain_error,
         strength=score.strength,
+        gains=tuple(gains.tolist()),
         p=score.p,
         size_mm=1000 * score.size_m,
         parameters=_parameters(finding, kind),

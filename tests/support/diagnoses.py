@@ -20,6 +20,7 @@ def ranked(effect: str, parameters: Mapping[str, Estimate] | None = None, **chan
         "gain": 0.7,
         "gain_error": 0.05,
         "strength": 40.0,
+        "gains": (300.0, 250.0, 280.0, 260.0, 300.0, 200.0),
         "p": 0.005,
         "size_mm": 1.5,
         "reasons": (),

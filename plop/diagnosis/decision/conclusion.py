@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from plop.diagnosis.decision.amplitude import curve_of, refine, settled
 from plop.diagnosis.decision.finding import Finding, finding_of, worse
 from plop.diagnosis.decision.limits import Limit, detection_limits, unseen
@@ -32,6 +34,8 @@ class Conclusion:
     """What the best law cannot be distinguished from: other laws, else other settings of the same law."""
     dropped: dict[str, str]
     """Episodes and laws left out, with the reason."""
+    gains: dict[str, np.ndarray]
+    """Law -> gain of each episode to explain [nats], by which laws are compared: with weights found without any law."""
 
 
 def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = RULE, whole: bool = True) -> Conclusion:
@@ -68,7 +72,8 @@ def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = R
     verdict = replace(verdict, text=verdict_text(verdict, ranked, named))
     limits = detection_limits(search, one_per_law(scores), rule)
     limits |= {c.effect: unseen(c.columns[0]) for c in search.candidates if c.effect not in limits}
-    return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores))
+    gains = {s.hypothesis.effect: s.gains for s in one_per_law(scores)}
+    return Conclusion(verdict, ranked, limits, search, rivals, _dropped(search, scores), gains)
 
 
 def _likely(

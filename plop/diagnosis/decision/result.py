@@ -30,6 +30,8 @@ class Ranked:
     gain_error: float
     strength: float
     """Sum over episodes of the root of the gain of log density, held out [nats^0.5]: what ranks."""
+    gains: tuple[float, ...]
+    """Gain of log density in each episode to explain, fitted to all others [nats]: by these laws are compared."""
     p: float
     """Chance that the whole search finds as much where nothing is hidden."""
     size_mm: float
@@ -78,7 +80,7 @@ class Diagnosis(ResultFile):
 
     FILE: ClassVar[str] = "diagnosis.json"
     COMMAND: ClassVar[str] = "diagnose"
-    SCHEMA: ClassVar[int] = 5
+    SCHEMA: ClassVar[int] = 6
 
     verdict: Verdict
     ranking: tuple[Ranked, ...]
