@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from plop.diagnosis.decision.finding import Finding
-from plop.diagnosis.decision.result import Diagnosis
+from plop.diagnosis.decision.result import Diagnosis, Ranked
 from plop.diagnosis.evidence.contrast import Contrast, Products
 from plop.diagnosis.responses.hypotheses import candidates_of, hypotheses_of
 from plop.diagnosis.scores.score import Score
 from plop.parameters import NOT_DETERMINED, Estimate
-from plop.physics.effects.library import library
-from stages.diagnose.outcome import _row, rows_of
+from plop.physics.effects.library import EffectType, library
+from stages.diagnose import outcome
+from stages.diagnose.outcome import rows_of
 from tests.support.diagnoses import diagnosis, verdict
 
 
@@ -29,6 +30,10 @@ def finding(name: str, low: float, high: float, gain: float = 0.5, **more: Estim
     known, gains = Contrast(1.0, 0.1, 3), none + gain
     score = Score(hypothesis, Products(np.eye(4), none), 1.0, known, 0.005, gains, none + 1, gains, 1e-3)
     return Finding(name, kind.kind, {first.name: value, **more}, score, gain, 0.1, ())
+
+
+def _row(found: Finding, types: dict[str, EffectType]) -> Ranked:
+    return outcome._row(found, types, found.score.gains)
 
 
 def test_rows_say_what_the_recordings_determine_by_the_range_of_each_law():
