@@ -149,9 +149,7 @@ def _with_separation(
     ranked = sorted(scored, key=lambda entry: (-entry[0], entry[1].name))
     pairs = with_all_laws(asked_for, asked, usable, recorded)
     few = [usable[k] for k in _columns(pairs)]
-    gains = (
-        {} if wish.diagnosis is None or len({h.effect for h in asked.hypotheses}) == 1 else _found(wish.diagnosis, few)
-    )
+    gains = _found(wish.diagnosis, asked, few)
     best = [(value, with_more(table, motions, motion, few, own)) for value, motion in ranked[:BEST]]
     trials = []
     for count in REPEATS:
@@ -171,8 +169,10 @@ def _with_separation(
     return replace(found, separation=separation, best=chosen, choices=choices)
 
 
-def _found(diagnosis: Diagnosis, hypotheses: Sequence[Hypothesis]) -> dict[int, np.ndarray]:
-    """Give the gains that a diagnosis found for the laws of hypotheses, by number."""
+def _found(diagnosis: Diagnosis | None, asked: Question, hypotheses: Sequence[Hypothesis]) -> dict[int, np.ndarray]:
+    """Give the gains that a diagnosis found for the laws of hypotheses, by number; of one law's settings none are kept."""
+    if diagnosis is None or len({hypothesis.effect for hypothesis in asked.hypotheses}) == 1:
+        return {}
     rows = {k: diagnosis.row(hypothesis.effect) for k, hypothesis in enumerate(hypotheses)}
     return {k: np.array(row.gains) for k, row in rows.items() if row is not None}
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plop.diagnosis.decision.finding import gains_worse
+from plop.diagnosis.evidence.contrast import roots
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.planning.design import DRAWS, Design
 
@@ -68,7 +69,10 @@ def settled_chance(
     found: Mapping[int, np.ndarray] = {},
     rule: DecisionRule = RULE,
 ) -> float:
-    """Give the chance that a diagnosis calls all rivals worse than the law that is there, for the worst of the laws.
+    """Give the chance that a diagnosis calls all rivals worse than the law that is there.
+
+    That is the law for which the chance is worst; where some recordings have been diagnosed, the one that explains them
+    best: were it another, what is recorded would speak against it.
 
     Args:
         designed: Gives the recordings in which the law of a column is hidden.
@@ -76,8 +80,10 @@ def settled_chance(
         found: By column, gains of the recordings that have been diagnosed, [H] [nats]: only those after them are drawn.
         rule: Margins.
     """
-    chances = []
-    for truth in dict.fromkeys(pair.truth for pair in pairs):
+    chances, truths = [], list(dict.fromkeys(pair.truth for pair in pairs))
+    if known := found.keys() & set(truths):
+        truths = [max(known, key=lambda k: float(roots(found[k]).sum()))]
+    for truth in truths:
         design = designed(truth)
         labels, factors = design.here[None].astype(float), design.factors(rule)
         rivals = [pair.rival for pair in pairs if pair.truth == truth]
