@@ -170,7 +170,7 @@ def _with_separation(
 
 
 def _found(diagnosis: Diagnosis | None, asked: Question, hypotheses: Sequence[Hypothesis]) -> dict[int, np.ndarray]:
-    """Give the gains that a diagnosis found for the laws of hypotheses, by number; of one law's settings none are kept."""
+    """Give the gains that a diagnosis found for the laws of hypotheses, by number; none of one law's settings."""
     if diagnosis is None or len({hypothesis.effect for hypothesis in asked.hypotheses}) == 1:
         return {}
     rows = {k: diagnosis.row(hypothesis.effect) for k, hypothesis in enumerate(hypotheses)}
