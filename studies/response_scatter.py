@@ -25,6 +25,7 @@ from plop.physics.adapters.filled import EngineBase
 from plop.physics.effects.effect import Effect
 from plop.physics.effects.library import effect_type
 from plop.pipeline.execute import versions
+from plop.statistics.bootstrap import bootstrap_interval
 from plop.tracking.episode import Episode
 from plop.tracking.phases import motion_kind
 
@@ -39,8 +40,8 @@ def main() -> None:
     """Compare and write the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, default=Path("artifacts/.bench-responses"), help="Workspace.")
-    parser.add_argument("--worlds", nargs="+", choices=list(WORLDS), default=list(WORLDS))
-    parser.add_argument("--seeds", type=int, nargs="+", default=[9100])
+    parser.add_argument("--worlds", nargs="+", choices=list(WORLDS), default=["own", "mujoco"])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[7974])
     parser.add_argument("--jobs", type=int, default=-1, help="Processes that fit the engine.")
     parser.add_argument("--out", type=Path, default=Path("docs/results/response_scatter.json"))
     options = parser.parse_args()
@@ -127,12 +128,12 @@ def spread(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _sd(variances: list[float]) -> dict[str, float]:
-    """Root of the mean and of the median variance; the mean is decided by few laws that stick or slip."""
-    return {
-        name: round(float(np.sqrt(max(of(variances), 0.0))), 3)
-        for name, of in (("mean", np.mean), ("median", np.median))
-    }
+def _sd(variances: list[float]) -> dict[str, float | None]:
+    """Root of the mean variance, with its 95 % interval over laws, and of the median, which a law that slips leaves."""
+    found = bootstrap_interval(variances)
+    assert found is not None
+    values = {"mean": found.mean, "low": found.low, "high": found.high, "median": float(np.median(variances))}
+    return {name: None if v is None else round(float(np.sqrt(max(v, 0.0))), 3) for name, v in values.items()}
 
 
 if __name__ == "__main__":
