@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from plop.diagnosis.evidence.contrast import Products
 from plop.diagnosis.evidence.discrepancy import Field
@@ -24,7 +25,6 @@ DRAWS = 40
 """Draws of the evidence: nine in ten is then known to 5 %."""
 WAYS = 500
 """Ways of dealing the episodes out by which a draw says what chance finds, at most."""
-_JITTER = 1e-9
 
 
 class Design:
@@ -60,12 +60,12 @@ class Design:
     def draws(self) -> np.ndarray:
         """Products with residuals in which nothing is hidden, [DRAWS, E, H]."""
         count, wide = self.gram.shape[:2]
-        square = self.gram.reshape(count * wide, count * wide)
-        square = (square + square.T) / 2
-        values, vectors = np.linalg.eigh(square + _JITTER * np.trace(square) / len(square) * np.eye(len(square)))
-        root = vectors * np.sqrt(np.maximum(values, 0))
-        drawn = np.random.default_rng(self._seed).normal(size=(DRAWS, len(square)))
-        return np.asarray((drawn @ root.T).reshape(DRAWS, count, wide))
+        # responses that resemble each other make it singular, so that pivots are needed
+        root, pivots, rank, _ = dpstrf(self.gram.reshape(count * wide, count * wide), lower=1)
+        drawn = np.random.default_rng(self._seed).normal(size=(DRAWS, rank))
+        found = np.empty((DRAWS, count * wide))
+        found[:, pivots - 1] = drawn @ np.tril(root)[:, :rank].T
+        return found.reshape(DRAWS, count, wide)
 
     def products(self, draw: int, hypothesis: int, hidden: int | None = None, amount: float = 0.0) -> Products:
         """Give what a draw says of a hypothesis.

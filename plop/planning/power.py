@@ -82,12 +82,11 @@ def _limit(design: Design, k: int, most: float, rule: DecisionRule) -> float:
 
 def seen_chance(design: Design, k: int, rule: DecisionRule = RULE, amount: float = 1.0) -> float:
     """Give the chance that a law at some multiple of its amplitude is found stronger than chance allows."""
-    labels = design.here[None].astype(float)
-    strengths = [
-        design.products(d, k, k, amount * factor).strength(labels)[0]
-        for d, factor in enumerate(design.factors(rule).tolist())
-    ]
-    return float(np.mean(np.array(strengths) >= design.critical(k, rule)))
+    labels, chances = design.here[None].astype(float), list[float]()
+    for d, factor in enumerate(design.factors(rule).tolist()):
+        drawn = design.products(d, k, k, amount * factor)
+        chances.append(design.by_chance[d].chance(float(drawn.strength(labels)[0]), drawn.freedom))
+    return float(np.mean(np.array(chances) <= rule.alarm))
 
 
 def _power(

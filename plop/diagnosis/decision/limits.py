@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import norm
 
 from plop.diagnosis.rule import RULE, DecisionRule
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from plop.diagnosis.scores.score import Score
     from plop.diagnosis.scores.search import Search
 
-
-_STEPS = 24
+_PRECISION = 1e-6
 
 
 @dataclass(frozen=True)
@@ -71,17 +71,14 @@ def least_seen(without: Products, here: np.ndarray, critical: float, most: float
         critical: Strength that it must have.
         most: Largest multiple in its range.
     """
-    labels, low, high = here[None].astype(float), 0.0, most
+    labels = here[None].astype(float)
 
-    def seen(multiple: float) -> bool:
-        return bool(without.with_amount(multiple, here).strength(labels)[0] >= critical)
+    def beyond(multiple: float) -> float:
+        return float(without.with_amount(multiple, here).strength(labels)[0]) - critical
 
-    if not seen(high):
+    if beyond(most) < 0:
         return float("inf")
-    for _ in range(_STEPS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if seen(middle) else (middle, high)
-    return high
+    return 0.0 if beyond(0.0) >= 0 else float(brentq(beyond, 0.0, most, rtol=_PRECISION))
 
 
 def unseen(column: Column) -> Limit:

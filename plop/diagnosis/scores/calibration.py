@@ -19,7 +19,8 @@ from itertools import combinations, product
 from math import comb, prod
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.optimize import brentq
+from scipy.special import chdtr, chdtrc
 
 from plop.diagnosis.evidence.contrast import Products
 
@@ -28,7 +29,6 @@ MOST = 2000
 LEAST = 1e-3
 """The smallest chance that is told: beyond it, a dozen episodes tell nothing of the tail."""
 _ROUNDING = 1e-9
-_STEPS = 40
 
 
 def ways_to_deal(here: np.ndarray, kinds: Sequence[str], least: int, seed: int = 0) -> np.ndarray:
@@ -122,18 +122,15 @@ class ByChance:
         if strength <= 0:
             return 1.0
         shares = freedom * (np.maximum(self.found, 0.0) / strength) ** 2
-        by_noise = self.tried * float(chi2.sf(2 * strength**2 / self.episodes, 1))
-        return min(max(float(chi2.cdf(shares, freedom).mean()), by_noise, LEAST), 1.0)
+        by_noise = self.tried * float(chdtrc(1, 2 * strength**2 / self.episodes))
+        return min(max(float(chdtr(freedom, shares).mean()), by_noise, LEAST), 1.0)
 
     def critical(self, p: float, freedom: float) -> float:
         """Give the strength that has so small a chance."""
-        low, high = 0.0, max(float(self.found.max()), 1.0)
+        high = max(float(self.found.max()), 1.0)
         while self.chance(high, freedom) > p:
-            low, high = high, 2 * high
-        for _ in range(_STEPS):
-            middle = (low + high) / 2
-            low, high = (middle, high) if self.chance(middle, freedom) > p else (low, middle)
-        return high
+            high *= 2
+        return float(brentq(lambda strength: self.chance(strength, freedom) - p, 0.0, high))
 
 
 def chance(found: float, ways: np.ndarray) -> float:

@@ -109,7 +109,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = {"law_ways", "_by_chance", "_tried", "difference"}
+        computed = {"law_ways", "_by_chance", "_tried", "_strongest", "difference"}
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -171,11 +171,16 @@ class Search:
         Amplitudes run later were chosen by what the recordings show. Were they to count, the real way of dealing the
         episodes out would be searched more closely than all others.
         """
-        own = self._strongest_of(effect)
+        own = self._strongest.get(effect)
         return 1.0 if own is None else self._by_chance.chance(self._found(own), own.freedom)
 
-    def _strongest_of(self, effect: str) -> Products | None:
-        return max((p for h, p in self._tried if h.effect == effect), key=self._found, default=None)
+    @cached_property
+    def _strongest(self) -> dict[str, Products]:
+        """Of the hypotheses of every law, the one that is found most strongly."""
+        found: dict[str, Products] = {}
+        for hypothesis, products in sorted(self._tried, key=lambda pair: -self._found(pair[1])):
+            found.setdefault(hypothesis.effect, products)
+        return found
 
     @cached_property
     def _tried(self) -> list[tuple[Hypothesis, Products]]:
@@ -196,7 +201,7 @@ class Search:
 
     def critical(self, p: float, effect: str) -> float:
         """Strength of a law that has so small a chance."""
-        own = self._strongest_of(effect)
+        own = self._strongest.get(effect)
         return np.inf if own is None else self._by_chance.critical(p, own.freedom)
 
     def scores(self) -> list[Score]:
