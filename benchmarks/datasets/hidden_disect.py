@@ -2,7 +2,8 @@
 
 The commands of a user, from raw recordings to the verdict: images of six cameras are rendered, Gaussians fitted and
 followed; the engine is fitted to the object's recordings in which nothing is changed, and each set is diagnosed
-against these (other motions) and against a set that repeats its motions. ANSWERS.json is opened only at the end.
+against these (other motions) and against a set that repeats its motions; two are diagnosed without the law that was
+changed, too. ANSWERS.json is opened only at the end.
 Resumes after an interruption; writes docs/results/hidden_disect_cameras.json, whose other sets stay.
 """
 
@@ -11,12 +12,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from benchmarks.workspace import Typed
 from plop.artifacts.atomic_file import write_json
 from plop.artifacts.store import Store
+from plop.physics.effects.library import library
 from plop.pipeline.execute import versions
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "hidden_disect_cameras.json"
@@ -33,6 +37,8 @@ SETS = {
     "cnull": ("disect_hidden_2/cylinder_null", (CYLINDER,)),
 }
 """Name -> folder, and the references: the null of the prism repeats the motions of three sets."""
+LEFT_OUT = {"set1": "swelling", "set3": "table_friction"}
+"""Laws without which a set is diagnosed again: what was changed is then outside the library."""
 RANKED = 4
 """Effects of each ranking that are kept."""
 DIGITS = 4
@@ -73,18 +79,20 @@ class Sets(Typed):
         self.filmed(self.data / "disect", body, "--environment", body, "--episodes", BASES[body])
         self.plop("identify", "--recordings", body, "--split", "all", "--name", f"{body}-engine")
 
-    def diagnosed(self, name: str, folder: str, reference: str) -> dict[str, Any]:
-        """Diagnose one set."""
+    def diagnosed(self, name: str, folder: str, reference: str, left_out: str = "") -> dict[str, Any]:
+        """Diagnose one set, with a law left out of the library if one is given."""
         body = reference if reference in BASES else PRISM
         self.base(body)
         if reference == REPEATED:
             self.filmed(self.data / SETS[REPEATED][0], REPEATED)
         self.filmed(self.data / folder, name)
-        verdict = f"v-{name}-{reference}"
-        words = ("--reference", reference, "--recordings", name, "--name", verdict)
+        verdict = f"v-{name}-{reference}" + (f"-without-{left_out}" if left_out else "")
+        words = ["--reference", reference, "--recordings", name, "--name", verdict]
+        if left_out:
+            words += ["--effects", ",".join(law for law in library() if law != left_out)]
         self.plop("diagnose", "--model", f"{body}-engine", *words)
         motions = "repeated motions" if reference == REPEATED else "other motions"
-        return {"set": name, "reference": motions, **collected(self.store, verdict)}
+        return {"set": name, "left_out": left_out, "reference": motions, **collected(self.store, verdict)}
 
 
 def main() -> None:
@@ -100,9 +108,9 @@ def main() -> None:
     loop, found = Sets(options.work, options.data), []
     for name in options.sets.split(","):
         folder, references = SETS[name]
-        for reference in references:
-            found.append(loop.diagnosed(name, folder, reference))
-            sys.stdout.write(f"{name} {reference}: {found[-1]['verdict']} {found[-1]['named']}\n")
+        for reference, left_out in product(references, ["", LEFT_OUT[name]] if name in LEFT_OUT else [""]):
+            found.append(loop.diagnosed(name, folder, reference, left_out))
+            sys.stdout.write(f"{name} {reference} {left_out}: {found[-1]['verdict']} {found[-1]['named']}\n")
             sys.stdout.flush()
     kept = json.loads(options.out.read_text())["sets"] if options.out.is_file() else []
     answers = json.loads((options.data / "disect_hidden" / "ANSWERS.json").read_text())
@@ -117,8 +125,8 @@ def main() -> None:
 
 def merged(kept: list[dict[str, Any]], found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Replace what was diagnosed anew; the rest stays."""
-    new = {(each["set"], each["reference"]) for each in found}
-    return [each for each in kept if (each["set"], each["reference"]) not in new] + found
+    key = itemgetter("set", "left_out", "reference")
+    return [each for each in kept if key(each) not in set(map(key, found))] + found
 
 
 def answer_of(answers: dict[str, Any], name: str) -> str:

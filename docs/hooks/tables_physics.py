@@ -7,7 +7,8 @@ from typing import Any
 from markdown_parts import rows
 from result_files import Table, percent, rate, read
 
-BENCH = "missing_physics_0.2.0"
+BENCH, NOW = "missing_physics_0.2.0", "missing_physics_66"
+"""By versions that are older but judged more sets, and by those that verdicts now follow."""
 NAMES = {
     "null_false_alarm": "nothing hidden: an alarm",
     "dealt_false_alarm": "the same, episodes dealt out in other ways",
@@ -31,23 +32,31 @@ METHODS = {"bic": "forward selection by BIC", "sparse": "sparse regression", "co
 
 
 def _rates() -> str:
-    """One column for each world that has rows."""
-    found = read(BENCH)
+    """One column for all sets of each file, and of the larger one for each world that has rows."""
+    now, found = read(NOW), read(BENCH)
     worlds = {name: each for name, each in found["by_world"].items() if _count(each)}
-    columns = {"all": found["rates"], **worlds, "without reference": found["by_scenario"]["no reference"]}
-    lines = []
-    for key, what in NAMES.items():
-        if key not in found["rates"]:  # counted only since the file was made
-            continue
-        shown = {True: ", **shown**", False: ""}[bool(found["rates"][key].get("shown"))]
-        goal = found["goals"].get(key, "")
-        lines.append(
-            [what, goal, rate(found["rates"][key]) + shown, *(rate(c[key]) for c in list(columns.values())[1:])]
-        )
+    columns = {
+        _judges(now): now["rates"],
+        _judges(found): found["rates"],
+        **worlds,
+        "without reference": found["by_scenario"]["no reference"],
+    }
+    lines = [
+        [what, now["goals"].get(key, ""), *(_shown(c[key]) if key in c else "" for c in columns.values())]
+        for key, what in NAMES.items()
+    ]
     for key, what in MEDIANS.items():
         cells = [f"{percent(c[key]['median'])} (n = {c[key]['n']})" if c[key]["n"] else "" for c in columns.values()]
         lines.append([what, "", *cells])
     return rows(["what", "goal", *columns], lines)
+
+
+def _judges(found: dict[str, Any]) -> str:
+    return f"by {' and '.join(map(str, found['judged_by']))}"
+
+
+def _shown(found: dict[str, Any]) -> str:
+    return rate(found) + (", **shown**" if found.get("shown") else "")
 
 
 def _count(rates: dict[str, Any]) -> int:
@@ -70,24 +79,25 @@ def _sets() -> str:
     lines = [
         [
             f"{run['world']} {run['seed']}",
+            run["judged_by"],
             run["group"],
             run["law"] or "-",
             "repeated" if run["repeated"] else "unlike",
             f"{run['snr']:.1f}",
             " ".join([verdict["kind"], ", ".join(verdict["named"])]).strip(),
         ]
-        for run in read(BENCH)["runs"]
+        for run in [*read(NOW)["runs"], *read(BENCH)["runs"]]
         for verdict in [run["said"]["reference"]["verdict"]]
     ]
-    return rows(["base", "set", "hidden", "motions", "SNR", "verdict"], lines)
+    return rows(["base", "by", "set", "hidden", "motions", "SNR", "verdict"], lines)
 
 
 def _hidden() -> str:
     lines = [
-        [found["set"], found["answer"], found["reference"], found["diagnose_version"], *_named(found)]
+        [*(found[key] for key in ("set", "answer", "left_out", "reference", "diagnose_version")), *_named(found)]
         for found in read("hidden_disect_cameras")["sets"]
     ]
-    return rows(["set", "changed", "reference", "version", "verdict", "found"], lines)
+    return rows(["set", "changed", "left out", "reference", "version", "verdict", "found"], lines)
 
 
 def _named(found: dict[str, Any]) -> list[str]:
@@ -103,9 +113,9 @@ def _named(found: dict[str, Any]) -> list[str]:
 
 
 TABLES: dict[str, Table] = {
-    "rates": (_rates, (BENCH,)),
+    "rates": (_rates, (NOW, BENCH)),
     "methods": (_methods, (BENCH,)),
-    "sets": (_sets, (BENCH,)),
+    "sets": (_sets, (NOW, BENCH)),
     "hidden": (_hidden, ("hidden_disect_cameras",)),
 }
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""

@@ -95,8 +95,9 @@ def test_a_set_is_diagnosed_against_a_reference_that_is_not_itself(tmp_path, typ
 
 
 def test_a_set_that_is_diagnosed_anew_replaces_its_old_row():
-    old = [{"set": "a", "reference": "r", "v": 1}, {"set": "a", "reference": "s", "v": 1}]
-    assert merged(old, [{"set": "a", "reference": "r", "v": 2}]) == [old[1], {"set": "a", "reference": "r", "v": 2}]
+    old = [{"set": "a", "left_out": left, "reference": r, "v": 1} for r, left in (("r", ""), ("s", ""), ("r", "law"))]
+    new = {**old[0], "v": 2}
+    assert merged(old, [new]) == [*old[1:], new]
 
 
 def test_answers_are_words():

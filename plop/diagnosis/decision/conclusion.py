@@ -165,7 +165,8 @@ def _named(
     others = [s.hypothesis.effect for s in rivals if s.hypothesis.effect != first.name]
     rest = search.beside(first.score)
     chosen, gain = [first], first.gain
-    closed, left = closed_by(search, rest), first.score.without - first.score.removed
+    without, removed = first.score.explained
+    closed, left = closed_by(search, rest), without - removed
     second = None if others or not stands_out(rest, rule) else _second(rest, first, rule)
     if second is not None:
         first, second, rest = _together(search, first, second, rule)
@@ -203,8 +204,8 @@ def _second(rest: Search, first: Finding, rule: DecisionRule) -> Finding | None:
         second = _strongest_physics(rest, rule)
     if second is None:
         return None
-    least = rule.response_error**2 * float(first.score.removed.sum())
-    return second if float(second.score.removed.sum()) > least else None
+    least = rule.response_error**2 * float(first.score.explained[1].sum())
+    return second if float(second.score.explained[1].sum()) > least else None
 
 
 def _strongest_physics(search: Search, rule: DecisionRule) -> Finding | None:

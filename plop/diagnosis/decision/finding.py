@@ -95,7 +95,7 @@ def finding_of(score: Score, as_good: Sequence[Score], rule: DecisionRule = RULE
     for name, value in columns[0].shapes:
         also = sorted({dict(other.hypothesis.candidate.columns[0].shapes)[name] for other in as_good} - {value})
         parameters[name] = Estimate(value, unit=units.get(name, ""), alternatives=tuple(also), fitted=False)
-    share, error = _share(score.removed, score.without)
+    share, error = _share(*score.explained)
     return Finding(
         score.hypothesis.effect,
         score.hypothesis.candidate.kind,
@@ -162,7 +162,7 @@ def gains_worse(best: np.ndarray, other: np.ndarray, rule: DecisionRule = RULE) 
     return bool(apart.mean() > student.ppf(1 - rule.alike, len(apart) - 1) * error + 1e-9)
 
 
-def _share(removed: np.ndarray, without: np.ndarray) -> tuple[float, float]:
+def _share(without: np.ndarray, removed: np.ndarray) -> tuple[float, float]:
     """Share of the squared error that goes away, and its standard error (ratio estimator over episodes)."""
     total, count = float(without.sum()), len(without)
     share = float(removed.sum()) / max(total, 1e-300)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,12 +29,18 @@ class Score:
     """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
     """Gain of log density of each episode to explain, held out, [H] [nats]."""
-    without: np.ndarray
-    """Squared error of each without it, the base refitted beside it, [H], in units of its expectation."""
-    removed: np.ndarray
-    """How much of that goes away, held out, [H]."""
     size_m: float
     """RMS displacement that the law makes [m]."""
+    explain: Callable[[], tuple[np.ndarray, np.ndarray]]
+    """Computes `explained`: few of all scores are asked for it."""
+
+    @cached_property
+    def explained(self) -> tuple[np.ndarray, np.ndarray]:
+        """Squared error of each episode to explain, in units of its expectation, [H] each.
+
+        Without the law, the base refitted beside it; and how much of that goes away, held out.
+        """
+        return self.explain()
 
     @property
     def gain(self) -> float:

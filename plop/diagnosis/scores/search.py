@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -223,24 +223,21 @@ class Search:
         alike = products.contrast(self.here)
         amount, typical = max(alike.amount, 0.0), products.typical(alike, self.here, RULE.response_error)
         gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
-        without, removed = self._removed(hypothesis, amounts)
         found = float(roots(gains).sum())
         if p is None:
             p = chance_without_reference(found) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
-        return Score(hypothesis, products, amount, typical, p, gains, without, removed, size_m)
+        return Score(
+            hypothesis, products, amount, typical, p, gains, size_m, partial(self._explained, hypothesis, amounts)
+        )
 
     def size_m(self, hypothesis: Hypothesis) -> float:
         """RMS displacement that a hypothesis makes in the episodes to explain [m]."""
         response = self.tables[0].response(hypothesis)
         return float(np.sqrt(np.mean([(changes**2).sum(-1).mean() for changes in response])))
 
-    def _removed(self, hypothesis: Hypothesis, amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Take a law off the episodes to explain, the base refitted beside it.
-
-        Returns:
-            Squared error of each with that base and without the law, and how much of it the law takes away, [H] each.
-        """
+    def _explained(self, hypothesis: Hypothesis, amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Take a law off the episodes to explain, the base refitted beside it; see `Score.explained`."""
         each, response = np.flatnonzero(self.here).tolist(), self.response(hypothesis)
         changes = [np.zeros_like(r) for r in response]
         for k, amount in zip(each, amounts, strict=True):
