@@ -35,11 +35,11 @@ def _rates() -> str:
     """One column for all sets of each file, and of the larger one for each world that has rows."""
     now, found = read(NOW), read(BENCH)
     worlds = {name: each for name, each in found["by_world"].items() if _count(each)}
+    parts = {**worlds, "without reference": found["by_scenario"]["no reference"]}
     columns = {
         _judges(now): now["rates"],
         _judges(found): found["rates"],
-        **worlds,
-        "without reference": found["by_scenario"]["no reference"],
+        **{f"{name}, {_judges(found)}": part for name, part in parts.items()},
     }
     lines = [
         [what, now["goals"].get(key, ""), *(_shown(c[key]) if key in c else "" for c in columns.values())]
