@@ -84,6 +84,16 @@ def power(found: Planned, law: str):
     return next(each for each in found.laws if each.effect == law)
 
 
+def test_draws_have_the_covariance_of_the_evidence_though_responses_resemble_each_other(monkeypatch):
+    monkeypatch.setattr("plop.planning.design.DRAWS", 40_000)
+    root = np.random.default_rng(3).normal(size=(6, 4))
+    design = object.__new__(Design)
+    design.gram, design._seed = (root @ root.T).reshape(2, 3, 2, 3), 0
+    drawn = design.draws.reshape(-1, 6)
+    np.testing.assert_allclose(np.cov(drawn.T), root @ root.T, atol=0.03 * np.trace(root @ root.T) / 6)
+    assert np.linalg.matrix_rank(drawn) == 4
+
+
 def test_an_amplitude_that_is_said_to_be_seen_is_named_and_a_small_part_of_it_is_not():
     world = Lasting()
     limit = abs(power(planned(world, Wish(most=1)), "stiffness").amplitude)
