@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from plop.diagnosis.scores.search import Search
 
 _PRECISION = 1e-6
+"""Relative, of a multiple that is just seen: far below what draws of noise change it by."""
 
 
 @dataclass(frozen=True)

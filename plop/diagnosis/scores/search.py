@@ -109,7 +109,7 @@ class Search:
 
     def _copy(self) -> Search:
         other = object.__new__(Search)
-        computed = {"law_ways", "_by_chance", "_tried", "_strongest", "difference"}
+        computed = {"law_ways", "_by_chance", "_tried", "_strongest", "_chances", "difference"}
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in computed})
         return other
 
@@ -171,8 +171,12 @@ class Search:
         Amplitudes run later were chosen by what the recordings show. Were they to count, the real way of dealing the
         episodes out would be searched more closely than all others.
         """
-        own = self._strongest.get(effect)
-        return 1.0 if own is None else self._by_chance.chance(self._found(own), own.freedom)
+        return self._chances.get(effect, 1.0)
+
+    @cached_property
+    def _chances(self) -> dict[str, float]:
+        own = self._strongest.items()
+        return {law: self._by_chance.chance(self._found(products), products.freedom) for law, products in own}
 
     @cached_property
     def _strongest(self) -> dict[str, Products]:
