@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
-from plop.diagnosis.evidence.contrast import FREEDOM, Products, roots
+from plop.diagnosis.evidence.contrast import FREEDOM, Products, own_amounts, roots
 from plop.diagnosis.evidence.discrepancy import SPREAD, Field, inducing_features, path_distances
 from plop.diagnosis.evidence.evidence import PATH_STEPS, Evidence
 from plop.diagnosis.evidence.noise import Scales, repeats_of
@@ -151,12 +151,14 @@ def density(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray, given:
     return float(multivariate_normal(mean, covariance).logpdf(values) - known)
 
 
-def test_own_amounts_lie_between_the_common_one_and_what_each_episode_shows():
-    here, gram, shown = np.array([True, True, True, False, False]), 1e3 * np.eye(EPISODES), np.array([1, 2, 3, 0.0, 0])
-    one = Products(gram, gram @ shown)
-    np.testing.assert_allclose(one.own_amounts(here, 1e3), shown, atol=1e-6)
-    np.testing.assert_allclose(one.own_amounts(here, 1e-4), np.where(here, 2.0, 0.0), atol=1e-3)
-    assert not Products(gram, -gram @ shown).own_amounts(here, 0.25).any()
+def test_own_amounts_are_what_an_episode_shows_beyond_what_all_show():
+    here, told = np.array([True, True, True, False, False]), 1e6 * np.eye(EPISODES)
+    gram = np.einsum("ef,k,l->ekfl", told, [1.0, 2.0], [1.0, 2.0])  # two settings of a law that is in proportion
+    onto = np.outer(told @ [2, 3, 4, 1, 1], [1.0, 2.0])
+    np.testing.assert_allclose(own_amounts(gram, onto, here) @ [1, 2], [1, 2, 3, 0, 0], atol=1e-4)
+    everywhere = own_amounts(gram, onto, np.ones(EPISODES, bool))
+    np.testing.assert_allclose(everywhere @ [1, 2], [2, 3, 4, 1, 1], atol=1e-4)  # no reference: there is nothing beyond
+    assert np.abs(own_amounts(1e-9 * gram, 1e-9 * onto, here)).max() < 0.02  # of what tells nothing, nothing is taken
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -125,27 +125,36 @@ class Products:
         """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks and is tested."""
         return np.asarray(roots(self.held_out(labels)[0]).sum(1))
 
-    def own_amounts(self, here: np.ndarray, off: float) -> np.ndarray:
-        """Fit a to each episode to explain by itself, an engine's response being off from motion to motion.
-
-        Args:
-            here: Which episodes are to be explained, bool [E].
-            off: Standard deviation of an episode's amount, as a share of the common one.
-
-        Returns:
-            Amounts, [E]; 0 in the reference, and where the common one is not positive.
-        """
-        (design, hessian), found = self._normal(here), np.zeros(len(here))
-        common, *rest = np.linalg.solve(hessian, design.T @ self.onto) if _regular(hessian) else (0.0,)
-        if common > 0:
-            prior = 1 / (off * common) ** 2
-            onto = (self.onto - sum(rest) * self.gram.sum(1))[here] + prior * common
-            found[here] = np.linalg.solve(self.gram[np.ix_(here, here)] + prior * np.eye(int(here.sum())), onto)
-        return found
-
     def with_amount(self, change: float, here: np.ndarray) -> Products:
         """Give what the evidence would say with so much more of the law in the episodes to explain."""
         return Products(self.gram, self.onto + change * self.gram @ here.astype(float))
+
+
+def own_amounts(gram: np.ndarray, onto: np.ndarray, here: np.ndarray) -> np.ndarray:
+    """Fit how much each episode to explain shows of several responses by itself, beyond what all episodes show.
+
+    The responses are those of one law in all its settings: what a law does is in proportion to none of them where it is
+    strong, or where the engine errs from motion to motion. They resemble each other, and there are as many amounts as
+    episodes, so that all have a normal prior with the amplitude at which a response was computed as its scale (ridge
+    regression).
+
+    Args:
+        gram: Products of K responses, [E, K, E, K].
+        onto: Products with the residuals, [E, K].
+        here: Which episodes are to be explained, bool [E].
+
+    Returns:
+        Amounts, [E, K]; 0 in the reference.
+    """
+    (count, wide), each = onto.shape, np.flatnonzero(here)
+    # [E, X]: the amounts of every episode to explain, then, where there is a reference, what is in all of them
+    common = np.zeros((count, 0)) if here.all() else np.ones((count, 1))
+    design = np.kron(np.concatenate([np.eye(count)[:, each], common], 1), np.eye(wide))
+    normal = design.T @ gram.reshape(count * wide, count * wide) @ design
+    fitted = np.linalg.solve(normal + np.eye(len(normal)), design.T @ onto.reshape(-1))
+    found = np.zeros((count, wide))
+    found[each] = fitted[: len(each) * wide].reshape(-1, wide)
+    return found
 
 
 @dataclass(frozen=True)

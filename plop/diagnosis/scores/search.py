@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import Products, roots
+from plop.diagnosis.evidence.contrast import Products, own_amounts, roots
 from plop.diagnosis.evidence.discrepancy import SPREAD, Field, Spread
 from plop.diagnosis.evidence.evidence import Evidence
 from plop.diagnosis.responses.hypotheses import Candidate, Hypothesis, hypotheses_of, run_key
@@ -151,13 +151,15 @@ class Search:
     def _by_chance(self) -> ByChance:
         """Strength that the search over the first hypotheses finds for each way of dealing out.
 
-        What the strongest of them does is taken off, as much as each episode shows of it, as if all episodes that tell
-        of it had been free.
+        What the law of the strongest does is taken off in all its settings, as much as each episode shows of it beyond
+        what all show, as if all episodes that tell of it had been free.
         """
         best, products = max(self._tried, key=lambda pair: self._found(pair[1]))
-        changes = zip(self._residuals, self.response(best), strict=True)
-        amounts = products.own_amounts(self.here, RULE.response_error)
-        left = [residual - amount * change for (residual, change), amount in zip(changes, amounts, strict=True)]
+        responses = [self.response(h) for h in self.first if h.effect == best.effect]
+        columns = [np.stack([each.reshape(-1) for each in episode], 1) for episode in zip(*responses, strict=True)]
+        amounts = own_amounts(*self.field.multiplied(columns, self._residuals), self.here)
+        changes = zip(self._residuals, columns, amounts, strict=True)
+        left = [residual - (column @ amount).reshape(residual.shape) for residual, column, amount in changes]
         without = strongest(self.field.products([self.response(h) for h in self.first], left), self.law_ways)
         scale = np.sqrt((products.freedom + 2) / products.freedom)
         return ByChance(scale * without, len(self.first), int(self.here.sum()))
