@@ -87,7 +87,7 @@ class Design:
         few = self.ways[np.unique(np.linspace(0, len(self.ways) - 1, WAYS).round().astype(int))]
         laws = range(self.gram.shape[1])
         found = [strongest([self.products(draw, h) for h in laws], few) for draw in range(DRAWS)]
-        return [ByChance(ways, len(laws), int(self.here.sum())) for ways in found]
+        return [ByChance(ways, len(laws), len(self.here)) for ways in found]
 
     def critical(self, hypothesis: int, rule: DecisionRule) -> np.ndarray:
         """Strength of a hypothesis that chance exceeds as rarely as it may, in each draw, [DRAWS]."""

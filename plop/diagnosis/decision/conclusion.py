@@ -172,8 +172,8 @@ def _named(
         first, second, rest = _together(search, first, second, rule)
         chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()[search.here]
         gain = 1 - float(left.sum() / search.sizes()[search.here].sum())
-    share = closed or 0.0  # a share that cannot be measured is none that could be claimed
-    part = stands_out(rest, rule) and share < rule.whole
+    share = closed or 0.0  # a share that cannot be measured is none that could be claimed where something is left
+    part = (closed is not None or stands_out(rest, rule)) and share < rule.whole
     if part and share < rule.nothing:
         return [], None
     facts = replace(

@@ -128,11 +128,12 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, curve: Curve = Curve(
 
 def reasons_of(score: Score, rule: DecisionRule = RULE) -> tuple[Reason, ...]:
     """Say which conditions for being named fail."""
-    helps = score.strength > 0
+    shown = roots(score.gains)
+    helps = float(shown.sum()) > 0
     failed = {
         Reason.CHANCE: score.p > rule.alarm,
         Reason.NO_HELP: not helps,
-        Reason.ONE_EPISODE: helps and score.strength <= float(roots(score.gains).max()),
+        Reason.ONE_EPISODE: helps and shown.sum() <= shown.max(),
         Reason.AT_BOUND: helps and score.amount >= score.hypothesis.most * (1 - 1e-9),
     }
     return tuple(reason for reason, holds in failed.items() if holds)

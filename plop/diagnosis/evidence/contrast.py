@@ -92,7 +92,7 @@ class Products:
         return design, design.T @ self.gram @ design
 
     def held_out(self, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Predict each episode to explain with the amounts that all others show.
+        """Predict each episode, of the reference, too, with the amounts that all others show.
 
         The hypothesis stands against the same without a, so that what is in the reference, too, is no gain.
 
@@ -100,8 +100,8 @@ class Products:
             labels: Which episodes are to be explained, 0 or 1, [N, E]; N ways of dealing them out.
 
         Returns:
-            Gain of log density [nats], and the a that the others show, 0 where it is negative; [N, E] each, 0 in the
-            reference.
+            Gain of log density [nats], and the a that the others show in an episode to explain, 0 where it is negative;
+            [N, E] each.
         """
         z, alone = labels, bool((labels > 0).all())
         row, pulled, own = self.gram.sum(1), labels @ self.gram, np.diag(self.gram)
@@ -119,10 +119,13 @@ class Products:
         # log density of the amount in an episode, all others given, over that without a
         left = [self.onto - (s - sa * each) / ss * row - each * pulled for each in (0.0 * amount, amount)]
         gains = 0.5 * (left[0] ** 2 - left[1] ** 2) / own
-        return gains * z, amount * z
+        return gains, amount * z
 
     def strength(self, labels: np.ndarray) -> np.ndarray:
-        """Sum of the roots of the gains, for N ways of dealing the episodes out, [N]: what ranks and is tested."""
+        """Sum of the roots of the gains of all episodes, for N ways of dealing them out, [N]: what ranks and is tested.
+
+        Those of the reference count as well: without a, what the others show of the law is expected in it, too.
+        """
         return np.asarray(roots(self.held_out(labels)[0]).sum(1))
 
     def with_amount(self, change: float, here: np.ndarray) -> Products:

@@ -111,7 +111,7 @@ class ByChance:
     tried: int
     """Hypotheses."""
     episodes: int
-    """Recordings to explain."""
+    """Of recordings and reference."""
 
     def chance(self, strength: float, freedom: float) -> float:
         """Give the chance of a strength, of which the scale is known with some degrees of freedom.

@@ -162,7 +162,7 @@ class Search:
         left = [residual - (column @ amount).reshape(residual.shape) for residual, column, amount in changes]
         without = strongest(self.field.products([self.response(h) for h in self.first], left), self.law_ways)
         scale = np.sqrt((products.freedom + 2) / products.freedom)
-        return ByChance(scale * without, len(self.first), int(self.here.sum()))
+        return ByChance(scale * without, len(self.first), len(self.here))
 
     def _found(self, products: Products) -> float:
         return float(products.strength(self.here[None].astype(float))[0])
@@ -228,14 +228,13 @@ class Search:
     def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
         alike = products.contrast(self.here)
         amount, typical = max(alike.amount, 0.0), products.typical(alike, self.here, RULE.response_error)
-        gains, amounts = (values[0, self.here] for values in products.held_out(self.here[None].astype(float)))
-        found = float(roots(gains).sum())
+        every, amounts = (values[0] for values in products.held_out(self.here[None].astype(float)))
+        gains, strength = every[self.here], float(roots(every).sum())
         if p is None:
-            p = chance_without_reference(found) if self.here.all() else self.chance_of(hypothesis.effect)
+            p = chance_without_reference(strength) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
-        return Score(
-            hypothesis, products, amount, typical, p, gains, size_m, partial(self._explained, hypothesis, amounts)
-        )
+        explained = partial(self._explained, hypothesis, amounts[self.here])
+        return Score(hypothesis, products, amount, typical, p, gains, strength, size_m, explained)
 
     def size_m(self, hypothesis: Hypothesis) -> float:
         """RMS displacement that a hypothesis makes in the episodes to explain [m]."""
