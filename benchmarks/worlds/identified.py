@@ -11,6 +11,7 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from scipy.optimize import minimize_scalar
 
 from benchmarks.facts import machine
 from benchmarks.missing_physics.makers import WORLDS
+from benchmarks.worlds.scene import CELLS_M
 from plop.artifacts.atomic_file import write_json
 from plop.comparison.discretisations import spacing_for
 from plop.diagnosis.responses.runs import Runs
@@ -34,11 +36,13 @@ from stages.identify.stage import FIRST_GUESS, STAGE, IdentifyConfig
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "identified.json"
 EPISODES = 6
+KEYS = "world", "seed", "cells_m"
 
 
-def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
+def row(world: str, seed: int, cells_m: float, jobs: int) -> dict[str, Any]:
     """Fit one base and compare it with motions that it has not seen."""
     maker = WORLDS[world](seed)
+    maker.world = replace(maker.world, cells_m=cells_m)
     fitted = [maker.episode(k, {}) for k in range(EPISODES)]
     start = EngineBase(FIRST_GUESS, spacing_for(fitted, PARTICLES), True)
     began = time.perf_counter()
@@ -48,6 +52,7 @@ def row(world: str, seed: int, jobs: int) -> dict[str, Any]:
     return {
         "world": world,
         "seed": seed,
+        "cells_m": cells_m,
         "identify_version": STAGE.version,
         "declared": maker.declared,
         "estimates": {name: estimate.to_json() for name, estimate in found.estimates.items()},
@@ -106,14 +111,15 @@ def main() -> None:
     parser.add_argument("--worlds", default="mujoco,drake", help="some of mujoco, drake")
     parser.add_argument("--first-seed", type=int, default=7940)
     parser.add_argument("--bases", type=int, default=3, help="bases in each world")
+    parser.add_argument("--cells-mm", type=float, default=1000 * CELLS_M, help="edge of the cells of the world's mesh")
     parser.add_argument("--jobs", type=int, default=-1, help="processes; -1: one for each core")
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
     rows = json.loads(options.out.read_text())["rows"] if options.out.is_file() else []
     for k in range(options.bases):
         for world in options.worlds.split(","):
-            new = row(world, options.first_seed + k, options.jobs)
-            rows = [each for each in rows if (each["world"], each["seed"]) != (new["world"], new["seed"])] + [new]
+            new = row(world, options.first_seed + k, options.cells_mm / 1000, options.jobs)
+            rows = [each for each in rows if any(each[key] != new[key] for key in KEYS)] + [new]
             facts = {
                 "command": "python -m benchmarks.worlds.identified",
                 "versions": versions(),
