@@ -23,7 +23,7 @@ from plop.planning.motions import Change, Motion
 from plop.planning.power import LawPower, powers
 from plop.planning.questions import SILENT, Question, answerable, found_by, pairs_of, typical_ones, with_all_laws
 from plop.planning.result import MotionChoice, Separation
-from plop.planning.separation import Pair, least_information, settled_chance
+from plop.planning.separation import Gains, Pair, least_information, settled_chance
 
 TWICE = 2
 """Recordings of a motion by which motions are compared: an episode is predicted from the others of its kind."""
@@ -169,12 +169,13 @@ def _with_separation(
     return replace(found, separation=separation, best=chosen, choices=choices)
 
 
-def _found(diagnosis: Diagnosis | None, asked: Question, hypotheses: Sequence[Hypothesis]) -> dict[int, np.ndarray]:
+def _found(diagnosis: Diagnosis | None, asked: Question, hypotheses: Sequence[Hypothesis]) -> dict[int, Gains]:
     """Give the gains that a diagnosis found for the laws of hypotheses, by number; none of one law's settings."""
     if diagnosis is None or len({hypothesis.effect for hypothesis in asked.hypotheses}) == 1:
         return {}
     rows = {k: diagnosis.row(hypothesis.effect) for k, hypothesis in enumerate(hypotheses)}
-    return {k: np.array(row.gains) for k, row in rows.items() if row is not None}
+    count = len(diagnosis.episodes)
+    return {k: (np.array(row.gains[:count]), np.array(row.gains[count:])) for k, row in rows.items() if row is not None}
 
 
 def _numbered(pairs: Sequence[Pair]) -> list[Pair]:

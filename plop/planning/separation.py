@@ -23,6 +23,9 @@ from plop.diagnosis.evidence.contrast import roots
 from plop.diagnosis.rule import RULE, DecisionRule
 from plop.planning.design import DRAWS, Design
 
+Gains = tuple[np.ndarray, np.ndarray]
+"""Gain of each recording, and of each of the reference [nats]."""
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -64,10 +67,7 @@ def least_information(design: Design, pairs: Sequence[Pair], rule: DecisionRule 
 
 
 def settled_chance(
-    designed: Callable[[int], Design],
-    pairs: Sequence[Pair],
-    found: Mapping[int, np.ndarray] = {},
-    rule: DecisionRule = RULE,
+    designed: Callable[[int], Design], pairs: Sequence[Pair], found: Mapping[int, Gains] = {}, rule: DecisionRule = RULE
 ) -> float:
     """Give the chance that a diagnosis calls all rivals worse than the law that is there.
 
@@ -77,12 +77,12 @@ def settled_chance(
     Args:
         designed: Gives the recordings in which the law of a column is hidden.
         pairs: Laws and rivals.
-        found: By column, gains of the recordings that have been diagnosed, [H] [nats]: only those after them are drawn.
+        found: By column, gains of the recordings that have been diagnosed: only those after them are drawn.
         rule: Margins.
     """
     chances, truths = [], list(dict.fromkeys(pair.truth for pair in pairs))
     if known := found.keys() & set(truths):
-        truths = [max(known, key=lambda k: float(roots(found[k]).sum()))]
+        truths = [max(known, key=lambda k: float(roots(np.concatenate(found[k])).sum()))]
     for truth in truths:
         design = designed(truth)
         labels, factors = design.here[None].astype(float), design.factors(rule)
@@ -90,19 +90,22 @@ def settled_chance(
         settled = 0
         for draw in range(DRAWS):
             amount = float(factors[draw])
-            drawn = {
-                k: design.products(draw, k, truth, amount).held_out(labels)[0][0, design.here] for k in (truth, *rivals)
-            }
-            compared = (_recorded(drawn, found, (truth, rival)) for rival in rivals)
+            drawn = {k: design.products(draw, k, truth, amount).held_out(labels)[0][0] for k in (truth, *rivals)}
+            compared = (_recorded(drawn, design.here, found, (truth, rival)) for rival in rivals)
             settled += drawn[truth].sum() > 0 and all(gains_worse(own, other, rule) for own, other in compared)
         chances.append(settled / DRAWS)
     return min(chances)
 
 
 def _recorded(
-    drawn: Mapping[int, np.ndarray], found: Mapping[int, np.ndarray], columns: Sequence[int]
+    drawn: Mapping[int, np.ndarray], here: np.ndarray, found: Mapping[int, Gains], columns: Sequence[int]
 ) -> list[np.ndarray]:
     """Put what was found before what is drawn, where it is known of all."""
     if not set(columns) <= found.keys():
         return [drawn[k] for k in columns]
-    return [np.concatenate([found[k], drawn[k][len(found[k]) :]]) for k in columns]
+
+    def put_together(k: int) -> np.ndarray:
+        sets = zip(found[k], (drawn[k][here], drawn[k][~here]), strict=True)
+        return np.concatenate([np.concatenate([old, new[len(old) :]]) for old, new in sets])
+
+    return [put_together(k) for k in columns]

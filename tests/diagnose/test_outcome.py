@@ -28,7 +28,7 @@ def finding(name: str, low: float, high: float, gain: float = 0.5, **more: Estim
     [hypothesis, *_] = hypotheses_of([candidate])
     none = np.zeros(4)
     known, gains = Contrast(1.0, 0.1, 3), none + gain
-    score = Score(hypothesis, Products(np.eye(4), none), 1.0, known, 0.005, gains, 2.0, 1e-3, lambda: (none + 1, gains))
+    score = Score(hypothesis, Products(np.eye(4), none), 1.0, known, 0.005, gains, 4, 1e-3, lambda: (none + 1, gains))
     return Finding(name, kind.kind, {first.name: value, **more}, score, gain, 0.1, ())
 
 

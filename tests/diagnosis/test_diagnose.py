@@ -305,7 +305,7 @@ def test_a_law_that_comes_near_to_a_verdict_is_told_with_the_motions_to_record_a
     found = Fields().diagnosed({"swelling": 0.06}, LAWS)
     nothing = replace(found.verdict, kind=VerdictKind.NOTHING_DETECTABLE)
     near = [replace(f, score=replace(f.score, p=0.03)) for f in found.findings]
-    told, gains = next_step(replace(found, verdict=nothing, findings=near)), np.sqrt(near[0].score.gains)
+    told, gains = next_step(replace(found, verdict=nothing, findings=near)), np.sqrt(near[0].score.recorded)
     assert told.startswith("swelling comes near to a verdict") and "3 % of searches" in told
     names = [evidence.name for evidence in found.search.evidence[:6]]
     assert [name in told for name in names] == list(2 * gains >= gains.max())

@@ -18,7 +18,7 @@ from plop.planning.design import DRAWS, Design
 from plop.planning.motions import Change
 from plop.planning.plan import Planned, Wish, plan
 from plop.planning.protocol import plan_of
-from plop.planning.separation import Pair, information
+from plop.planning.separation import Pair, information, settled_chance
 from stages.diagnose.outcome import diagnosis_of
 from tests.support.coarse_episodes import BASE, coarse_episode
 from tests.support.diagnoses import diagnosis, ranked, verdict
@@ -231,3 +231,18 @@ def test_draws_have_the_covariance_of_the_products_and_information_is_the_least_
     best = minimize(left, [0.5, 0.5], bounds=[(0, None), (None, None)]).fun
     alone = minimize(lambda s: float((z - s) @ a @ (z - s)) / scale, [0.0]).fun
     assert information(design, pair) == pytest.approx(0.5 * scale * (best - 0.0625 * alone), abs=1e-3 * scale)
+
+
+def test_recordings_that_have_been_diagnosed_and_their_reference_are_as_they_were_found():
+    found = planned(Lasting(), Wish(most=1))
+    design = Design(found.motions, found.motions)
+    pair = Pair(0, len(found.motions[0].responses) - 1)
+    here, there = np.ones(design.here.sum()), np.ones((~design.here).sum())
+    strong, weak = (100 * here, 100 * there), (here, there)
+    mixed = (here, 100 * there)  # that the reference has nothing of it speaks for the rival as much
+
+    def chance(truth, rival):
+        return settled_chance(lambda k: design, [pair], {pair.truth: truth, pair.rival: rival})
+
+    assert chance(strong, weak) > 0.9 and chance(strong, strong) == chance(mixed, mixed) == 0
+    assert chance(strong, mixed) > 0.9 > chance(mixed, strong) == 0

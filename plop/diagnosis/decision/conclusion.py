@@ -35,7 +35,7 @@ class Conclusion:
     dropped: dict[str, str]
     """Episodes and laws left out, with the reason."""
     gains: dict[str, np.ndarray]
-    """Law -> gain of each episode to explain [nats], by which laws are compared: with weights found without any law."""
+    """Law -> gain of each episode [nats], by which laws are compared: with weights found without any law."""
 
 
 def conclude(search: Search, sensors: Sequence[str] = (), rule: DecisionRule = RULE, whole: bool = True) -> Conclusion:

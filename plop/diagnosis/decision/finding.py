@@ -128,7 +128,7 @@ def amplitudes_of(score: Score, rule: DecisionRule = RULE, curve: Curve = Curve(
 
 def reasons_of(score: Score, rule: DecisionRule = RULE) -> tuple[Reason, ...]:
     """Say which conditions for being named fail."""
-    shown = roots(score.gains)
+    shown = roots(score.recorded)
     helps = float(shown.sum()) > 0
     failed = {
         Reason.CHANCE: score.p > rule.alarm,
@@ -145,14 +145,14 @@ def worse(best: Score, other: Score, rule: DecisionRule = RULE) -> bool:
 
 
 def gains_worse(best: np.ndarray, other: np.ndarray, rule: DecisionRule = RULE) -> bool:
-    """Tell whether gains of the episodes are worse than others.
+    """Tell whether gains of episodes, of the reference, too, are worse than others.
 
     They are where the sum is less by more than chance between episodes, and by more than a response that is right in
     shape loses by being too strong or too weak. Compared are signed roots of the gains, so that the one episode that
     shows most does not decide alone (t test over episodes, one-sided).
 
     Args:
-        best: Gain of each episode to explain by the best law, [H] [nats].
+        best: Gain of each episode by the best law, [E] [nats].
         other: By another one.
         rule: Margins.
     """

@@ -71,7 +71,7 @@ def _near(found: Conclusion) -> str:
     first = next((f for f in found.findings if f.kind != "decoy"), None)
     if first is None or first.score.p > RULE.alike:
         return ""
-    gains = roots(first.score.gains)
+    gains = roots(first.score.recorded)
     names = [e.name for e, gain in zip(found.search.evidence, gains, strict=False) if 2 * gain >= gains.max()]
     return (
         f"{first.name} comes near to a verdict: where nothing is hidden as much is found in "

@@ -31,7 +31,7 @@ class Ranked:
     strength: float
     """Sum over episodes of the root of the gain of log density, held out [nats^0.5]: what ranks."""
     gains: tuple[float, ...]
-    """Gain of log density in each episode to explain, fitted to all others [nats]: by these laws are compared."""
+    """Gain of log density in each episode, then in each of the reference, given all others [nats]: compares laws."""
     p: float
     """Chance that the whole search finds as much where nothing is hidden."""
     size_mm: float
@@ -80,7 +80,7 @@ class Diagnosis(ResultFile):
 
     FILE: ClassVar[str] = "diagnosis.json"
     COMMAND: ClassVar[str] = "diagnose"
-    SCHEMA: ClassVar[int] = 6
+    SCHEMA: ClassVar[int] = 7
 
     verdict: Verdict
     ranking: tuple[Ranked, ...]

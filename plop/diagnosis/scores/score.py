@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from plop.diagnosis.evidence.contrast import Contrast, Products
+from plop.diagnosis.evidence.contrast import Contrast, Products, roots
 from plop.diagnosis.responses.hypotheses import Hypothesis
 
 _AS_GOOD = 0.02
@@ -28,9 +28,9 @@ class Score:
     p: float
     """Chance that the search finds a law as strong as this one where nothing is hidden; see `Search.chance_of`."""
     gains: np.ndarray
-    """Gain of log density of each episode to explain, held out, [H] [nats]."""
-    strength: float
-    """Sum of the roots of the gains, those of the reference, too: what ranks."""
+    """Gain of log density of each episode, held out, those to explain first, then the reference, [E] [nats]."""
+    recordings: int
+    """How many are to be explained, H."""
     size_m: float
     """RMS displacement that the law makes [m]."""
     explain: Callable[[], tuple[np.ndarray, np.ndarray]]
@@ -45,9 +45,14 @@ class Score:
         return self.explain()
 
     @property
-    def gain(self) -> float:
-        """Gain over all episodes [nats]."""
-        return float(self.gains.sum())
+    def recorded(self) -> np.ndarray:
+        """Gains of the episodes to explain, [H] [nats]."""
+        return self.gains[: self.recordings]
+
+    @property
+    def strength(self) -> float:
+        """Sum of the roots of the gains: what ranks."""
+        return float(roots(self.gains).sum())
 
     @property
     def values(self) -> tuple[float, ...]:

@@ -228,13 +228,13 @@ class Search:
     def _score(self, hypothesis: Hypothesis, products: Products, p: float | None = None) -> Score:
         alike = products.contrast(self.here)
         amount, typical = max(alike.amount, 0.0), products.typical(alike, self.here, RULE.response_error)
-        every, amounts = (values[0] for values in products.held_out(self.here[None].astype(float)))
-        gains, strength = every[self.here], float(roots(every).sum())
+        gains, amounts = (values[0] for values in products.held_out(self.here[None].astype(float)))
         if p is None:
+            strength = float(roots(gains).sum())
             p = chance_without_reference(strength) if self.here.all() else self.chance_of(hypothesis.effect)
         size_m = amount * self.size_m(hypothesis)
         explained = partial(self._explained, hypothesis, amounts[self.here])
-        return Score(hypothesis, products, amount, typical, p, gains, strength, size_m, explained)
+        return Score(hypothesis, products, amount, typical, p, gains, int(self.here.sum()), size_m, explained)
 
     def size_m(self, hypothesis: Hypothesis) -> float:
         """RMS displacement that a hypothesis makes in the episodes to explain [m]."""
