@@ -112,8 +112,10 @@ def _identified() -> str:
         ratio = found["youngs_modulus_pa"] / declared["youngs_modulus_pa"]
         rubs = [f"{found[name]:.2f} ({declared[name]:.2f})" for name in ("table_friction", "tool_friction")]
         errors = [error_mm(each[part]) for part in ("fitted", "unseen")]
-        lines.append([each["world"], each["seed"], *errors, f"{ratio:.2f}", *rubs, f"{each['seconds']:.0f}"])
+        mesh = f"{1000 * each['cells_m']:.1f}"
+        lines.append([each["world"], each["seed"], mesh, *errors, f"{ratio:.2f}", *rubs, f"{each['seconds']:.0f}"])
     head = [
+        "mesh [mm]",
         "error, fitted motions [mm]",
         "unseen motions [mm]",
         "stiffness over declared",
