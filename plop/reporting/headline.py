@@ -44,12 +44,8 @@ def _partly(label: str, found: Diagnosis) -> str:
     joined = " or ".join(map(_plain, named)) if alternatives else " and ".join(map(_plain, named))
     alike = ", which these motions cannot distinguish" if alternatives else ""
     explain = "they explain" if len(named) > 1 and not alternatives else "it explains"
-    if named and named[0].kind == "base":
-        rest = "what explains the rest was not found"
-    elif any(p.at_bound for row in named for p in row.parameters.values()):
-        rest = "there may be more of it than was tried"
-    else:
-        rest = "much of the error remains unexplained"
+    bounded = named and named[0].kind != "base" and any(p.at_bound for row in named for p in row.parameters.values())
+    rest = "there may be more of it than was tried" if bounded else "what explains the rest was not found"
     counted = named[:1] if alternatives else named
     return (
         f"part of what is wrong with {label} is {joined}{alike}: {explain} {_share(found)}, "

@@ -172,10 +172,10 @@ def _named(
         first, second, rest = _together(search, first, second, rule)
         chosen, closed, left = [first, second], closed_by(search, rest), rest.sizes()[search.here]
         gain = 1 - float(left.sum() / search.sizes()[search.here].sum())
-    share = closed or 0.0  # a share that cannot be measured is none that could be claimed where something is left
-    part = (closed is not None or stands_out(rest, rule)) and share < rule.whole
-    if part and share < rule.nothing:
+    share, differs = closed or 0.0, stands_out(rest, rule)  # what cannot be measured cannot be claimed
+    if differs and share < rule.nothing:
         return [], None
+    part = (differs or closed is not None) and share < rule.whole
     facts = replace(
         facts,
         error=float(search.sizes()[search.here].mean()),
