@@ -7,8 +7,9 @@ from typing import Any
 from markdown_parts import rows
 from result_files import Table, percent, rate, read
 
-BENCH, NOW = "missing_physics_0.2.0", "missing_physics_66"
-"""By versions that are older but judged more sets, and by those that verdicts now follow."""
+FILES = ("missing_physics_67", "missing_physics_66", "missing_physics_0.2.0")
+"""By the version that verdicts now follow, then older ones; the last judged most sets."""
+BENCH = FILES[-1]
 NAMES = {
     "null_false_alarm": "nothing hidden: an alarm",
     "dealt_false_alarm": "the same, episodes dealt out in other ways",
@@ -32,17 +33,16 @@ METHODS = {"bic": "forward selection by BIC", "sparse": "sparse regression", "co
 
 
 def _rates() -> str:
-    """One column for all sets of each file, and of the larger one for each world that has rows."""
-    now, found = read(NOW), read(BENCH)
+    """One column for all sets of each file, and of the largest one for each world that has rows."""
+    every, found = [read(name) for name in FILES], read(BENCH)
     worlds = {name: each for name, each in found["by_world"].items() if _count(each)}
     parts = {**worlds, "without reference": found["by_scenario"]["no reference"]}
     columns = {
-        _judges(now): now["rates"],
-        _judges(found): found["rates"],
+        **{_judges(each): each["rates"] for each in every},
         **{f"{name}, {_judges(found)}": part for name, part in parts.items()},
     }
     lines = [
-        [what, now["goals"].get(key, ""), *(_shown(c[key]) if key in c else "" for c in columns.values())]
+        [what, every[0]["goals"].get(key, ""), *(_shown(c[key]) if key in c else "" for c in columns.values())]
         for key, what in NAMES.items()
     ]
     for key, what in MEDIANS.items():
@@ -86,7 +86,8 @@ def _sets() -> str:
             f"{run['snr']:.1f}",
             " ".join([verdict["kind"], ", ".join(verdict["named"])]).strip(),
         ]
-        for run in [*read(NOW)["runs"], *read(BENCH)["runs"]]
+        for name in FILES
+        for run in read(name)["runs"]
         for verdict in [run["said"]["reference"]["verdict"]]
     ]
     return rows(["base", "by", "set", "hidden", "motions", "SNR", "verdict"], lines)
@@ -113,9 +114,9 @@ def _named(found: dict[str, Any]) -> list[str]:
 
 
 TABLES: dict[str, Table] = {
-    "rates": (_rates, (NOW, BENCH)),
+    "rates": (_rates, FILES),
     "methods": (_methods, (BENCH,)),
-    "sets": (_sets, (NOW, BENCH)),
+    "sets": (_sets, FILES),
     "hidden": (_hidden, ("hidden_disect_cameras",)),
 }
 """Name in `[[table NAME]]` -> what makes the table, and the files that it shows."""
