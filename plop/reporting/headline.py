@@ -44,7 +44,7 @@ def _partly(label: str, found: Diagnosis) -> str:
     joined = " or ".join(map(_plain, named)) if alternatives else " and ".join(map(_plain, named))
     alike = ", which these motions cannot distinguish" if alternatives else ""
     explain = "they explain" if len(named) > 1 and not alternatives else "it explains"
-    bounded = named and named[0].kind != "base" and any(p.at_bound for row in named for p in row.parameters.values())
+    bounded = any(p.at_bound for row in named for p in row.parameters.values())
     rest = "there may be more of it than was tried" if bounded else "what explains the rest was not found"
     counted = named[:1] if alternatives else named
     return (
