@@ -114,7 +114,7 @@ class Foreign:
             tool_friction=float(r.uniform(0.3, 0.7)),
             damping_per_s=float(r.uniform(1, 6)),
             taper=float(r.uniform(0, 0.2)),
-            cells_m=CELLS_M,
+            cells_m=CELLS_M[simulator],
             time_step_s=TIME_STEP_S[simulator],
         )
 

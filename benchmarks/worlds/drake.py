@@ -14,7 +14,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks.worlds.needs import needed
-from benchmarks.worlds.scene import SETTLE_S, Motion, TetrahedralMesh, World, as_sequence, tetrahedral_mesh, tool_motion
+from benchmarks.worlds.scene import (
+    SETTLE_S,
+    Motion,
+    Simulated,
+    TetrahedralMesh,
+    World,
+    as_sequence,
+    tetrahedral_mesh,
+    tool_motion,
+)
 from plop.physics.engine.tool_motion import ToolMotion
 from plop.physics.scenes.names import one_of
 from plop.recordings.readers.mesh.sequence import MeshSequence
@@ -44,30 +53,32 @@ def record(world: World, motion: Motion, name: str | None = None) -> MeshSequenc
     """
     one_of(world.law, tuple(LAWS), "elastic law of Drake", where="world.law")
     tool, mesh = tool_motion(world, motion), tetrahedral_mesh(world)
-    nodes = _simulated(world, mesh, tool)
-    return as_sequence(world, motion, tool, mesh, nodes, "Drake", name or f"{world.name}_{motion.kind}")
+    simulated = _simulated(world, mesh, tool)
+    return as_sequence(world, motion, tool, mesh, simulated, "Drake", name or f"{world.name}_{motion.kind}")
 
 
-def _simulated(world: World, mesh: TetrahedralMesh, tool: ToolMotion) -> np.ndarray:
-    """Places of all nodes at the tool's times, [T, N, 3] [m]."""
+def _simulated(world: World, mesh: TetrahedralMesh, tool: ToolMotion) -> Simulated:
     analysis = needed("pydrake.systems.analysis")
     with tempfile.TemporaryDirectory() as folder:
         diagram, plant, body, moved = _built(world, mesh, tool, Path(folder))
         simulator = analysis.Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    fem = plant.deformable_model()
-    frames = []
+    fem, contact = plant.deformable_model(), plant.get_generalized_contact_forces_output_port(moved)
+    frames, forces = [], []
     for k, frame_s in enumerate(tool.times):
         start_s = -SETTLE_S if k == 0 else float(tool.times[k - 1])
         count = max(1, round((frame_s - start_s) / world.time_step_s))
         step = (frame_s - start_s) / count
-        for step_s in start_s + step * np.arange(count):
+        pushed = np.zeros((count, 3))
+        for number, step_s in enumerate(start_s + step * np.arange(count)):
             pose, velocity, _ = tool.at(np.array([step_s]))
             plant.SetPositions(context, moved, pose[0, :3, 3])
             plant.SetVelocities(context, moved, velocity[0])
             simulator.AdvanceTo(simulator.get_context().get_time() + world.time_step_s)
+            pushed[number] = -contact.Eval(context)
         frames.append(fem.GetPositions(context, body).T.copy())
-    return np.stack(frames)
+        forces.append(pushed.mean(0))
+    return Simulated(np.stack(frames), np.stack(forces))
 
 
 def _built(world: World, mesh: TetrahedralMesh, tool: ToolMotion, folder: Path) -> tuple[Any, Any, Any, Any]:

@@ -1,8 +1,9 @@
 """How well `identify` makes the engine follow foreign worlds: `python -m benchmarks.worlds.identified`.
 
 Each base is a block of its own, fitted to six recordings with the defaults of the command, and compared with six more,
-of other motions, on followed points. Writes docs/results/identified.json; its other rows stay. `--bases 0` only says
-what the rows that are there tell of the engine's own errors (`Parameter.model_error`).
+of other motions, on followed points, and by the force of the tool, which no fit sees. Writes
+docs/results/identified.json; its other rows stay. `--bases 0` only says what the rows that are there tell of the
+engine's own errors (`Parameter.model_error`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +21,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from benchmarks.facts import machine
-from benchmarks.missing_physics.makers import WORLDS
+from benchmarks.missing_physics.makers import WORLDS, followed
 from benchmarks.worlds.scene import CELLS_M
 from plop.artifacts.atomic_file import write_json
 from plop.comparison.discretisations import spacing_for
+from plop.comparison.engine_run import start_particles
 from plop.diagnosis.responses.runs import Runs
 from plop.diagnosis.responses.table import Measured, Table
 from plop.finite import json_ready
@@ -30,7 +33,9 @@ from plop.identification.identify import NAMES, PARTICLES, identify
 from plop.parameters import NORMAL_95
 from plop.physics.adapters.filled import EngineBase
 from plop.physics.calibration.material_parameters import PARAMETERS
+from plop.physics.engine.solver import simulate
 from plop.pipeline.execute import versions
+from plop.recordings.readers.mesh.sequence import MeshSequence
 from plop.tracking.episode import Episode
 from stages.identify.stage import FIRST_GUESS, STAGE, IdentifyConfig
 
@@ -43,7 +48,8 @@ def row(world: str, seed: int, cells_m: float, jobs: int) -> dict[str, Any]:
     """Fit one base and compare it with motions that it has not seen."""
     maker = WORLDS[world](seed)
     maker.world = replace(maker.world, cells_m=cells_m)
-    fitted = [maker.episode(k, {}) for k in range(EPISODES)]
+    sequences = [maker.sequence(k, {}) for k in range(EPISODES)]
+    fitted = [followed(sequence, k) for k, sequence in enumerate(sequences)]
     start = EngineBase(FIRST_GUESS, spacing_for(fitted, PARTICLES), True)
     began = time.perf_counter()
     base, found = identify(fitted, start, NAMES, iterations=IdentifyConfig().iterations, jobs=jobs)
@@ -59,6 +65,7 @@ def row(world: str, seed: int, cells_m: float, jobs: int) -> dict[str, Any]:
         "model_errors": {name: PARAMETERS[name].model_error for name in NAMES},
         "fitted": misses(fitted, base, jobs),
         "unseen": misses(unseen, base, jobs),
+        "forces": forces(sequences, fitted, base),
         "seconds": round(seconds, 1),
         "engine_runs": found.rollouts,
     }
@@ -72,6 +79,23 @@ def misses(episodes: list[Episode], base: EngineBase, jobs: int) -> dict[str, An
     noise = [1000 * float(np.sqrt(3 * (e.noise_m**2).mean())) for e in evidence]
     parts = {"rms_mm": rms, "moved_mm": moved, "noise_mm": noise}
     return {**{name: float(np.sqrt(np.mean(np.square(part)))) for name, part in parts.items()}, "episodes_mm": rms}
+
+
+def forces(sequences: Sequence[MeshSequence], episodes: Sequence[Episode], base: EngineBase) -> dict[str, float]:
+    """Compare the force of the tool: median of presses, engine over world, and the largest lateral share in drags."""
+    presses, drags = [], []
+    for sequence, episode in zip(sequences, episodes, strict=True):
+        config = replace(base.config, table_z_m=episode.table_z_m)
+        run = simulate(start_particles(base, episode), base.material, episode.tool, episode.times, config)
+        both = np.stack([np.array(sequence.facts["tool_force_n"]), run.tool_force])
+        down = np.maximum(-both[..., 2], 1e-9)
+        pressed = down[0] > 0.8 * down[0].max()
+        if sequence.facts["motion"]["kind"] == "press":
+            presses.append(float(np.median(down[1, pressed] / down[0, pressed])))
+        if sequence.facts["motion"]["kind"] == "drag":
+            drags.append((np.linalg.norm(both[..., :2], axis=-1) / down)[:, pressed].max(1))
+    world, engine = np.mean(drags, 0)
+    return {"press_ratio": float(np.median(presses)), "drag_share": float(world), "engine_drag_share": float(engine)}
 
 
 def model_errors(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
@@ -111,14 +135,15 @@ def main() -> None:
     parser.add_argument("--worlds", default="mujoco,drake", help="some of mujoco, drake")
     parser.add_argument("--first-seed", type=int, default=7940)
     parser.add_argument("--bases", type=int, default=3, help="bases in each world")
-    parser.add_argument("--cells-mm", type=float, default=1000 * CELLS_M, help="edge of the cells of the world's mesh")
+    parser.add_argument("--cells-mm", type=float, help="edge of the cells of the world's mesh; else the benchmark's")
     parser.add_argument("--jobs", type=int, default=-1, help="processes; -1: one for each core")
     parser.add_argument("--out", type=Path, default=RESULT)
     options = parser.parse_args()
     rows = json.loads(options.out.read_text())["rows"] if options.out.is_file() else []
     for k in range(options.bases):
         for world in options.worlds.split(","):
-            new = row(world, options.first_seed + k, options.cells_mm / 1000, options.jobs)
+            cells_m = CELLS_M[world] if options.cells_mm is None else options.cells_mm / 1000
+            new = row(world, options.first_seed + k, cells_m, options.jobs)
             rows = [each for each in rows if any(each[key] != new[key] for key in KEYS)] + [new]
             facts = {
                 "command": "python -m benchmarks.worlds.identified",

@@ -92,10 +92,10 @@ def main() -> None:
     for tilt_deg, friction in ((9.0, 0.5), (20.0, 0.2)):
         found = on_a_tilt(record, World(table_friction=friction, cells_m=0.010), tilt_deg)
         out(f"tilt {tilt_deg:g} deg, friction {friction}: {1000 * found.speed_m_s:.1f} mm/s, {found.friction:.3f}\n")
-    world = World(cells_m=CELLS_M, time_step_s=TIME_STEP_S[simulator])
+    world = World(cells_m=CELLS_M[simulator], time_step_s=TIME_STEP_S[simulator])
     for kind in ("press", "push", "drag"):
         apart, moved = refined(record, world, Motion(kind, "cylinder", depth_m=0.004), 0.005)
-        out(f"{kind}, cells {1000 * CELLS_M:.1f} and 5 mm: apart {1000 * apart:.2f} of {1000 * moved:.2f} mm\n")
+        out(f"{kind}, cells {1000 * world.cells_m:.1f} and 5 mm: apart {1000 * apart:.2f} of {1000 * moved:.2f} mm\n")
     for cells_m in (0.010, 0.0067, 0.005):
         out(f"press, cells {1000 * cells_m:.1f} mm: far over near {spread(record, World(cells_m=cells_m)):.3f}\n")
 

@@ -15,6 +15,7 @@ from benchmarks.worlds.needs import needed
 from benchmarks.worlds.scene import (
     SETTLE_S,
     Motion,
+    Simulated,
     TetrahedralMesh,
     World,
     as_sequence,
@@ -35,28 +36,30 @@ def record(world: World, motion: Motion, name: str | None = None) -> MeshSequenc
         PlopError: MuJoCo is not installed.
     """
     tool, mesh = tool_motion(world, motion), tetrahedral_mesh(world)
-    nodes = _simulated(world, mesh, tool)
-    return as_sequence(world, motion, tool, mesh, nodes, "MuJoCo", name or f"{world.name}_{motion.kind}")
+    simulated = _simulated(world, mesh, tool)
+    return as_sequence(world, motion, tool, mesh, simulated, "MuJoCo", name or f"{world.name}_{motion.kind}")
 
 
-def _simulated(world: World, mesh: TetrahedralMesh, tool: ToolMotion) -> np.ndarray:
-    """Places of all nodes at the tool's times, [T, N, 3] [m]."""
+def _simulated(world: World, mesh: TetrahedralMesh, tool: ToolMotion) -> Simulated:
     mujoco = needed("mujoco")
     model = _model(mujoco, world, mesh, tool)
     data = mujoco.MjData(model)
-    frames = []
+    frames, forces = [], []
     for k, frame_s in enumerate(tool.times):
         start_s = -SETTLE_S if k == 0 else float(tool.times[k - 1])
         count = max(1, int(np.ceil((frame_s - start_s) / model.opt.timestep - 1e-6)))
         model.opt.timestep = (frame_s - start_s) / count
         poses, velocities, _ = tool.at(start_s + model.opt.timestep * np.arange(count))
-        for pose, velocity in zip(poses, velocities, strict=True):
+        pushed = np.zeros((count, 3))
+        for step, (pose, velocity) in enumerate(zip(poses, velocities, strict=True)):
             data.qpos[:3], data.qvel[:3] = pose[:3, 3], velocity
             mujoco.mj_step(model, data)
+            pushed[step] = -data.qfrc_constraint[:3]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_flex(model, data)
         frames.append(data.flexvert_xpos.copy())
-    return np.stack(frames)
+        forces.append(pushed.mean(0))
+    return Simulated(np.stack(frames), np.stack(forces))
 
 
 def _model(mujoco: Any, world: World, mesh: TetrahedralMesh, tool: ToolMotion) -> Any:

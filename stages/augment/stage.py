@@ -238,7 +238,7 @@ def _has_fitted(diagnosis: Artifact, effect: str) -> bool:
 
 STAGE = Stage(
     name="augment",
-    version=8,
+    version=9,
     help="Add an effect to a model; reversible.",
     config=AugmentConfig,
     inputs={

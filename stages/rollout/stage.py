@@ -137,7 +137,7 @@ def _check_environment(model_folder: Path, environment: str) -> None:
 
 STAGE = Stage(
     name="rollout",
-    version=16,
+    version=17,
     help="Predict unseen episodes from their first frame and actions.",
     config=RolloutConfig,
     inputs={

@@ -167,7 +167,7 @@ def _find_raw(name: str, path: Path) -> Path:
 
 STAGE = Stage(
     name="simulate",
-    version=7,
+    version=8,
     help="Simulate a scene (TOML) of a soft object and a tool, with or without hidden effects, into recordings.",
     config=SimulateConfig,
     inputs={

@@ -266,7 +266,7 @@ def _make_up(
 
 STAGE = Stage(
     name="train",
-    version=15,
+    version=16,
     help="Learn the dynamics from the training episodes.",
     config=TrainConfig,
     inputs={

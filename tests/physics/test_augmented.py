@@ -23,7 +23,7 @@ from plop.physics.effects.library import effect_type
 from tests.support.coarse_episodes import BASE, actions, coarse_episode, gaussians, paths, rollout
 
 FRAMES = 4
-TILT, SOFTER = effect_type("tilt")(gx_m_s2=3.0), effect_type("stiffness")(d_ln_e=-0.6)
+TILT, SOFTER = effect_type("tilt")(gx_m_s2=3.0), effect_type("stiffness")(d_ln_e=-0.7)
 
 
 def run(model: DynamicsModel) -> np.ndarray:

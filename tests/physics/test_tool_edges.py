@@ -46,7 +46,7 @@ def test_a_round_wall_has_no_gaps_between_its_facets():
         assert gap(punch, (*place, 0.01), reach) < reach
 
 
-def test_at_an_edge_the_face_pushes_that_looks_against_the_surface():
+def test_at_an_edge_the_tool_pushes_against_the_surface_as_far_as_its_faces_allow():
     punch = ToolShape.from_mesh(*box_mesh((0.024, 0.024, 0.020)))
     place = (np.array([0.0115, 0.0, 0.002]) - punch.center) @ punch.axes
 
@@ -57,7 +57,12 @@ def test_at_an_edge_the_face_pushes_that_looks_against_the_surface():
 
     assert pushed((0, 0, 1), 0.005) == pytest.approx([0, 0, -1], abs=1e-5), "a top before the side wall goes under"
     assert pushed((-1, 0, 0), 0.005) == pytest.approx([1, 0, 0], abs=1e-5), "a side is pushed aside"
-    assert pushed((-1, 0, 1), 0.005) == pytest.approx([1, 0, 0], abs=1e-5), "of equals, the nearest face"
+    tilted = np.array([-0.6, 0, 0.8])
+    assert pushed((*tilted,), 0.005) == pytest.approx(-tilted, abs=1e-5), "between two faces, straight against it"
+    part = np.array([0.6, 0, -0.48]) / 0.768375
+    assert pushed((-0.6, 0.64, 0.48), 0.005) == pytest.approx(part, abs=1e-5), "the part that they allow"
+    assert pushed((0.6, 0, 0.8), 0.005) == pytest.approx([0, 0, -1], abs=1e-5), "no face looks that way"
+    assert pushed((0, 0, 0), 0.005) == pytest.approx([1, 0, 0], abs=1e-5), "within the material, the nearest face"
     assert pushed((0, 0, 1), 0.0005) == pytest.approx([1, 0, 0], abs=1e-5), "what is deep below counts no more"
 
 

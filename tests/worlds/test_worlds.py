@@ -55,7 +55,7 @@ def test_a_mesh_prefers_no_side():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_tool_starts_clear_of_the_object(kind):
-    world, motion = WORLDS["block"], Motion(kind, yaw_rad=0.3)
+    world, motion = WORLDS["block"], Motion(kind, x_m=0.006, y_m=-0.004, yaw_rad=0.3)
     tool = tool_motion(world, motion)
     corners = tool.vertices @ tool.world_from_tool[0, :3, :3].T + tool.world_from_tool[0, :3, 3]
     along = np.array([np.cos(0.3), np.sin(0.3), 0])
@@ -117,6 +117,8 @@ def test_a_press_becomes_a_recording(name, tmp_path):
     check_mesh_sequence(sequence, name)
     again = read_mesh_sequence(write_mesh_sequence(tmp_path, sequence))
     assert again.facts["world"]["youngs_modulus_pa"] == world.youngs_modulus_pa
+    force = np.array(again.facts["tool_force_n"])
+    assert force.shape == (len(sequence.times), 3) and np.abs(force[0]).max() < 1e-6 < 0.5 < -force[:, 2].min()
     sunk = sequence.vertices[0, :, 2].max() - sequence.vertices[:, :, 2]
     under = np.linalg.norm(sequence.rest - [0, 0, 0.04], axis=1).argmin()
     assert 0.004 < sunk[:, under].max() < 0.008

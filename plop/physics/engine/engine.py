@@ -84,7 +84,10 @@ class Engine:
         self.volume = volume[own]
         self.radius = _given(particles.radii, 0.5 * np.cbrt(volume))[own]
         self.held = _given(particles.held, np.zeros((count, 3)))[own]
-        self.outward = outward_normals(self.x, self.f, self.volume)
+        if particles.outward is None:
+            self.outward = outward_normals(self.x, self.f, self.volume)
+        else:
+            self.outward = np.asarray(particles.outward, np.float32)[own]
 
     def _memories(self, particles: Particles) -> dict[str, np.ndarray]:
         """What effects remember of each particle: as given, else their first values."""
@@ -250,10 +253,11 @@ class Engine:
         """Copy the whole state in the caller's order; a run can go on from it."""
         cut = self._whole("cut")
         sides = np.where(cut | self._whole("fixed"), 1 - 2 * self._whole("side"), 0)
-        volume, radius, held = (self._scattered(values) for values in (self.volume, self.radius, self.held))
+        own = self.volume, self.radius, self.held, self.outward
+        volume, radius, held, outward = (self._scattered(values) for values in own)
         memory = {key: self._scattered(value) for key, value in self.memory.items()}
         x, v, f, c = (self._whole(name) for name in "xvfc")
-        return Particles(x, volume, v, f, sides, radius, c, cut, memory, held)
+        return Particles(x, volume, v, f, sides, radius, c, cut, memory, held, outward)
 
     def _whole(self, name: str) -> np.ndarray:
         """One array of particles and tracers, in the caller's order."""

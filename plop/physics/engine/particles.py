@@ -38,6 +38,8 @@ class Particles:
     held: np.ndarray | None = None
     """Way along the tool's surface since it touched a particle, as far as its friction holds, [N, 3] [m]; zero when
     absent."""
+    outward: np.ndarray | None = None
+    """Outward normal of the undeformed surface, 0 within the material, [N, 3]; `outward_normals` when absent."""
 
     def __post_init__(self) -> None:
         positions, volumes = np.asarray(self.positions), np.asarray(self.volumes)
@@ -66,7 +68,7 @@ class Particles:
                 found=f"{np.ptp(positions, axis=0).max():g}",
                 fix="Are these millimetres?",
             )
-        for name in ("velocities", "F", "sides", "radii", "affine", "passed", "held"):
+        for name in ("velocities", "F", "sides", "radii", "affine", "passed", "held", "outward"):
             value = getattr(self, name)
             if value is not None and (len(value) != len(positions) or not np.isfinite(value).all()):
                 raise PlopError(

@@ -26,8 +26,8 @@ STIFFNESS = np.float32(4)
 """Contact pressure over penetration, in (P-wave modulus / cell): a pressure of 0.2 E sinks in by 0.05 cells."""
 _DAMPING = np.float32(0.3)
 """Damping of the contact, share of the critical one."""
-_CLEARLY = np.float32(0.01)
-"""By so much more must a face look against the surface than the nearest one, or rounding decides [-]."""
+_PARALLEL = np.float32(0.999)
+"""Cosine from which on two faces are one, or rounding decides [-]."""
 
 
 @njit(fastmath=True, forceinline=True)
@@ -120,13 +120,19 @@ def turned(f, p, outward):
 
 
 @njit(fastmath=True, forceinline=True)
-def facing(faces, d, y, z, near, nd, ny, nz):
-    """Give the normal of the solid's face that looks most against a surface of outward normal n.
+def depth_of(faces, k, d, y, z, height):
+    """How much deeper than the nearest face, which is at `height`, a face of a solid is [m]."""
+    return height - (faces[k, 0] * d + faces[k, 1] * y + faces[k, 2] * z - faces[k, 3])
 
-    At an edge the solid's own normal may be that of either face, and only the touched surface has one direction. With
-    the face that is least far away, an edge that is dragged over a surface would push the particles before it like a
-    plough, where a smooth punch only slides. Pressure along the normal of the soft surface, which grows
-    with the depth in the tool, derives from a potential: it takes no work round a closed way (Elandt et al. 2019).
+
+@njit(fastmath=True, forceinline=True)
+def facing(faces, d, y, z, near, nd, ny, nz):
+    """Give the direction in which a solid pushes a surface of outward normal n.
+
+    At an edge the solid has no normal of its own, only the surface has: the push goes along -n, as far as the faces
+    that meet there allow it, which is its projection on the cone of their normals (Elandt et al. 2019: pressure along
+    the normal of the soft surface). With the nearest face's normal a dragged punch would plough; with any face's, it
+    would not feel that the surface behind it rises and pushes it on.
 
     Takes:
         faces, d, y, z: See `tool_gap`.
@@ -134,14 +140,28 @@ def facing(faces, d, y, z, near, nd, ny, nz):
         nd, ny, nz: n, in the tool's frame; 0 within the material, where the nearest face pushes.
     """
     height, face = solid_height(faces, d, y, z, _FAR)
-    best = faces[face, 0] * nd + faces[face, 1] * ny + faces[face, 2] * nz - _CLEARLY
+    against = _ZERO
     for k in range(faces.shape[0]):
-        if faces[k, 0] * d + faces[k, 1] * y + faces[k, 2] * z - faces[k, 3] < height - near:
-            continue
-        along = faces[k, 0] * nd + faces[k, 1] * ny + faces[k, 2] * nz
-        if along < best:
-            best, face = along, k
-    return faces[face, 0], faces[face, 1], faces[face, 2]
+        if depth_of(faces, k, d, y, z, height) < near:
+            along = -(faces[k, 0] * nd + faces[k, 1] * ny + faces[k, 2] * nz)
+            if along > against:
+                against, face = along, k
+    ax, ay, az = faces[face, 0], faces[face, 1], faces[face, 2]
+    if against == _ZERO:
+        return ax, ay, az
+    most, other, share, second = against * against, face, against, _ZERO
+    for k in range(faces.shape[0]):
+        if depth_of(faces, k, d, y, z, height) < near:
+            along = -(faces[k, 0] * nd + faces[k, 1] * ny + faces[k, 2] * nz)
+            alike = ax * faces[k, 0] + ay * faces[k, 1] + az * faces[k, 2]
+            if along > alike * against and alike < _PARALLEL:
+                one = (against - alike * along) / (_ONE - alike * alike)
+                two = (along - alike * against) / (_ONE - alike * alike)
+                if one * against + two * along > most:
+                    most, other, share, second = one * against + two * along, k, one, two
+    share, second = share / math.sqrt(most), second / math.sqrt(most)
+    bx, by, bz = faces[other, 0], faces[other, 1], faces[other, 2]
+    return share * ax + second * bx, share * ay + second * by, share * az + second * bz
 
 
 @kernel(parallel=True)
