@@ -58,15 +58,16 @@ def on_a_tilt(record: Recorder, world: World, tilt_deg: float) -> Slide:
     return slide(sequence.times[used], sequence.vertices[used].mean(1)[:, 0], np.deg2rad(tilt_deg), 2.0)
 
 
-def spread(record: Recorder, world: World) -> float:
-    """Press, and give how far the far top sinks as a share of what lies under the tool [-]."""
+def pressed(record: Recorder, world: World) -> tuple[float, float]:
+    """Press, and give how far the far top sinks as a share of what lies under the tool [-], and the force [N]."""
     sequence = record(world, Motion("press", "cylinder", depth_m=0.004))
     away = np.linalg.norm(sequence.rest[:, :2], axis=1)
     top = sequence.rest[:, 2] > world.shape.height_m - 1e-6
     sunk = (sequence.vertices - sequence.vertices[0])[..., 2]
     deepest = sunk[:, top].sum(1).argmin()
     far, near = top & (away > 0.4 * min(world.shape.size_m[:2])), top & (away < 0.2 * min(world.shape.size_m[:2]))
-    return float(sunk[deepest, far].mean() / sunk[deepest, near].mean())
+    force_n = float(np.abs(np.array(sequence.facts["tool_force_n"])[:, 2]).max())
+    return float(sunk[deepest, far].mean() / sunk[deepest, near].mean()), force_n
 
 
 def refined(record: Recorder, world: World, motion: Motion, finer_m: float) -> tuple[float, float]:
@@ -96,8 +97,9 @@ def main() -> None:
     for kind in ("press", "push", "drag"):
         apart, moved = refined(record, world, Motion(kind, "cylinder", depth_m=0.004), 0.005)
         out(f"{kind}, cells {1000 * world.cells_m:.1f} and 5 mm: apart {1000 * apart:.2f} of {1000 * moved:.2f} mm\n")
-    for cells_m in (0.010, 0.0067, 0.005):
-        out(f"press, cells {1000 * cells_m:.1f} mm: far over near {spread(record, World(cells_m=cells_m)):.3f}\n")
+    for cells_m in (0.010, 0.0075, 0.0055, 0.005):
+        share, force_n = pressed(record, replace(world, cells_m=cells_m))
+        out(f"press, cells {1000 * cells_m:.1f} mm: far over near {share:.3f}, {force_n:.2f} N\n")
 
 
 if __name__ == "__main__":

@@ -112,8 +112,9 @@ def _identified() -> str:
         ratio = found["youngs_modulus_pa"] / declared["youngs_modulus_pa"]
         rubs = [f"{found[name]:.2f} ({declared[name]:.2f})" for name in ("table_friction", "tool_friction")]
         errors = [error_mm(each[part]) for part in ("fitted", "unseen")]
-        mesh = f"{1000 * each['cells_m']:.1f}"
-        lines.append([each["world"], each["seed"], mesh, *errors, f"{ratio:.2f}", *rubs, f"{each['seconds']:.0f}"])
+        mesh, force = f"{1000 * each['cells_m']:.1f}", each["forces"]
+        pushes = [f"{force['press_ratio']:.2f}", f"{force['engine_drag_share']:.2f} ({force['drag_share']:.2f})"]
+        lines.append([each["world"], each["seed"], mesh, *errors, f"{ratio:.2f}", *rubs, *pushes, round(each["seconds"])])
     head = [
         "mesh [mm]",
         "error, fitted motions [mm]",
@@ -121,6 +122,8 @@ def _identified() -> str:
         "stiffness over declared",
         "table friction",
         "tool friction",
+        "force of a press over the world's",
+        "lateral share of a drag's force",
     ]
     return rows(["world", "seed", *head, "time [s]"], lines)
 
