@@ -114,7 +114,9 @@ def _identified() -> str:
         errors = [error_mm(each[part]) for part in ("fitted", "unseen")]
         mesh, force = f"{1000 * each['cells_m']:.1f}", each["forces"]
         pushes = [f"{force['press_ratio']:.2f}", f"{force['engine_drag_share']:.2f} ({force['drag_share']:.2f})"]
-        lines.append([each["world"], each["seed"], mesh, *errors, f"{ratio:.2f}", *rubs, *pushes, round(each["seconds"])])
+        lines.append(
+            [each["world"], each["seed"], mesh, *errors, f"{ratio:.2f}", *rubs, *pushes, round(each["seconds"])]
+        )
     head = [
         "mesh [mm]",
         "error, fitted motions [mm]",

@@ -75,7 +75,12 @@ def pressed_and_dragged(friction: float, punch: str, spacing_m: float) -> np.nda
 def test_a_smooth_punch_slides_over_a_block_and_does_not_plough(punch: str, spacing_m: float):
     smooth, rough = (pressed_and_dragged(friction, punch, spacing_m) for friction in (0.0, 0.3))
     assert abs(smooth[:, 0].sum() / smooth[:, 2].sum()) < 0.01, "the same way to both sides of the middle takes no work"
-    assert np.linalg.norm(rough[:, :2], axis=1).sum() / -rough[:, 2].sum() < 0.3 * 1.05
+    aside, down = np.linalg.norm(rough[:, :2], axis=1), -rough[:, 2]
+    assert aside.sum() / down.sum() < 0.3 * 1.05
+    if (punch, spacing_m) != ("box", 0.0065):
+        assert (aside / down).max() < 0.3 * 1.05
+    # particles come under an edge one after the other: with normals of faces only there would be no force at all
+    assert (np.linalg.norm(smooth[:, :2], axis=1) / -smooth[:, 2]).max() < 0.06
 
 
 @pytest.mark.parametrize("punch", PUNCHES)

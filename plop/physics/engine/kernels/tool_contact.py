@@ -130,9 +130,9 @@ def facing(faces, d, y, z, near, nd, ny, nz):
     """Give the direction in which a solid pushes a surface of outward normal n.
 
     At an edge the solid has no normal of its own, only the surface has: the push goes along -n, as far as the faces
-    that meet there allow it, which is its projection on the cone of their normals (Elandt et al. 2019: pressure along
-    the normal of the soft surface). With the nearest face's normal a dragged punch would plough; with any face's, it
-    would not feel that the surface behind it rises and pushes it on.
+    that meet there allow it, which is its projection on the cone of their normals, of the best two at a corner (Elandt
+    et al. 2019: pressure along the normal of the soft surface). With the nearest face's normal a dragged punch would
+    plough; with any face's, it would not feel that the surface behind it rises and pushes it on.
 
     Takes:
         faces, d, y, z: See `tool_gap`.
